@@ -1,7 +1,8 @@
 """jbclog: a production-line logger and process recorder for soldering stations.
 
-``jbclog.open_run("runs/...")`` opens a recorded run as pandas DataFrames, ``jbclog.open_runs("runs")`` many of them.
-Importing this package loads nothing of that; names come when they are first used.
+``jbclog.open_run("runs/...")`` opens a recorded run as pandas DataFrames,
+``jbclog.open_runs("runs")`` many of them. Importing this package loads nothing of that; names come
+when they are first used.
 """
 
 from importlib import import_module
@@ -27,7 +28,17 @@ _HOMES = {
 }
 """Public names and the modules that define them."""
 
-__all__ = ["JbclogError", "LinkError", "RecordError", "Run", "Runs", "UsageError", "__version__", "open_run", "open_runs"]
+__all__ = [
+    "JbclogError",
+    "LinkError",
+    "RecordError",
+    "Run",
+    "Runs",
+    "UsageError",
+    "__version__",
+    "open_run",
+    "open_runs",
+]
 
 
 def __getattr__(name: str) -> object:

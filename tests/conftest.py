@@ -1,6 +1,8 @@
-"""For all tests: with JBCLOG_NO_SKIP in the environment a skipped test is a failed one, so that CI lets none slip by.
+"""For all tests: with JBCLOG_NO_SKIP in the environment a skipped test is a failed one, so that CI
+lets none slip by.
 
-A campaign says what it tried: ``counted(runs=50, wrong_values=0)`` in its tests, added up by file at the end of the session.
+A campaign says what it tried: ``counted(runs=50, wrong_values=0)`` in its tests, added up by file
+at the end of the session.
 """
 
 from __future__ import annotations
@@ -27,18 +29,23 @@ from support import once
 settings.register_profile("unhurried", deadline=None)  # a busy machine must not fail a property
 settings.load_profile("unhurried")
 
-sys.dont_write_bytecode = False  # each worker, and each of hundreds of processes that tests start, would compile all anew
+# each worker, and each of hundreds of processes that tests start, would compile all anew
+sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-os.environ["JBCLOG_NO_METRICS"] = "1"  # hundreds of runs, each with a process of pandas after it; tests of that switch it on
+# hundreds of runs, each with a process of pandas after it; tests of that switch it on
+os.environ["JBCLOG_NO_METRICS"] = "1"
 os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="jbclog-tests-cache-")
-os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="jbclog-tests-")  # leases that tests leave open are not the user's
+# leases that tests leave open are not the user's
+os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="jbclog-tests-")
 
 
 def ignore_here_only(number: signal.Signals) -> None:
-    """Go on ignoring a signal that `nohup` or a script's ``&`` had ignored before we began, but do not pass that on.
+    """Go on ignoring a signal that `nohup` or a script's ``&`` had ignored before we began, but do
+    not pass that on.
 
-    A program that is started inherits what is ignored and not what is handled, and the tests start programs that must hear them.
+    A program that is started inherits what is ignored and not what is handled, and the tests start
+    programs that must hear them.
     """
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, lambda _number, _frame: None)
@@ -74,12 +81,17 @@ def _failed_if_skipped(report: Any) -> Any:
     return report
 
 
-# Hundreds of tests call the command line within their process: its parser, which costs 50 ms to make, is made once.
+# Hundreds of tests call the command line within their process: its parser, which costs 50 ms to
+# make, is made once.
 typer.testing._get_command = functools.cache(typer.testing._get_command)  # type: ignore[attr-defined]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--row", metavar="TEXT", help="of a test over all rows of a table, only the rows with TEXT in their name")
+    parser.addoption(
+        "--row",
+        metavar="TEXT",
+        help="of a test over all rows of a table, only the rows with TEXT in their name",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -106,17 +118,31 @@ def pytest_collection(session: pytest.Session) -> Generator[None, object, object
 
 
 def _begin_elsewhere(config: pytest.Config) -> None:
-    """Have each worker begin with other files: in a new clone it then finds compiled what the others began with."""
-    if hasattr(config, "workerinput") and [Path(each).resolve() for each in config.args] == [UNIT.parent]:
-        files = sorted(path for path in UNIT.parent.rglob("test_*.py") if not pytest_ignore_collect(path, config))
-        first = len(files) * int(config.workerinput["workerid"].removeprefix("gw")) // config.workerinput["workercount"]
+    """Have each worker begin with other files: in a new clone it then finds compiled what the
+    others began with.
+    """
+    if hasattr(config, "workerinput") and [Path(each).resolve() for each in config.args] == [
+        UNIT.parent
+    ]:
+        files = sorted(
+            path
+            for path in UNIT.parent.rglob("test_*.py")
+            if not pytest_ignore_collect(path, config)
+        )
+        first = (
+            len(files)
+            * int(config.workerinput["workerid"].removeprefix("gw"))
+            // config.workerinput["workercount"]
+        )
         config.args = [*map(str, files[first:]), *map(str, files[:first])]
 
 
 def pytest_collection_finish() -> None:
-    """Identify the tip of a recorded run, draw it and set its paper once, however many reports, metrics and joints are made of it.
+    """Identify the tip of a recorded run, draw it and set its paper once, however many reports,
+    metrics and joints are made of it.
 
-    Keep the collector from walking through ten thousand collected tests again and again: a twentieth of the suite's time."""
+    Keep the collector from walking through ten thousand collected tests again and again: a
+    twentieth of the suite's time."""
     once.install()
     gc.freeze()
     gc.set_threshold(10_000, 20, 20)
@@ -124,11 +150,27 @@ def pytest_collection_finish() -> None:
 
 FAST = ("app", "cli", "config", "core", "maintenance", "protocol", "session", "sim", "transport")
 """Packages whose tests are fast."""
-NOT_FAST = {  # files that take more than a second: large inputs, many runs, processes, a browser, figures, slices of campaigns
+# files that take more than a second: large inputs, many runs, processes, a browser, figures, slices
+# of campaigns
+NOT_FAST = {
     *("test_foreign_kinds.py", "test_foreign_opened.py", "test_jobs_file.py", "test_hands.py"),
     *("test_streams.py", "test_wrong_usage.py", "test_audit_fleet.py", "test_exchanges.py"),
-    *("test_every_command.py", "test_reader_properties.py", "test_scan.py", "test_export.py", "test_mdf.py", "test_qdas.py"),
-    *("publish/*.py", "export/*.py", "watch/test_page.py", "maintenance/test_page.py", "test_terminal.py", "test_cpu_limit.py"),
+    *(
+        "test_every_command.py",
+        "test_reader_properties.py",
+        "test_scan.py",
+        "test_export.py",
+        "test_mdf.py",
+        "test_qdas.py",
+    ),
+    *(
+        "publish/*.py",
+        "export/*.py",
+        "watch/test_page.py",
+        "maintenance/test_page.py",
+        "test_terminal.py",
+        "test_cpu_limit.py",
+    ),
     *("test_metrics_cache.py", "test_run_index.py", "test_index_file.py"),
 }
 UNIT = Path(__file__).parent / "unit"
@@ -136,7 +178,11 @@ UNIT = Path(__file__).parent / "unit"
 
 @functools.cache
 def is_fast(path: Path) -> bool:
-    return path.is_relative_to(UNIT) and path.relative_to(UNIT).parts[0] in FAST and not any(map(path.match, NOT_FAST))
+    return (
+        path.is_relative_to(UNIT)
+        and path.relative_to(UNIT).parts[0] in FAST
+        and not any(map(path.match, NOT_FAST))
+    )
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -151,15 +197,28 @@ WAITING = "serial"
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Spread the files that wait among those that compute, so that the workers do both at any time; alike in each worker."""
+    """Spread the files that wait among those that compute, so that the workers do both at any time;
+    alike in each worker.
+    """
     for item in items:
-        if is_fast(item.path) and not any(map(item.get_closest_marker, ("campaign", "bench", "soak"))):
+        if is_fast(item.path) and not any(
+            map(item.get_closest_marker, ("campaign", "bench", "soak"))
+        ):
             item.add_marker(pytest.mark.fast)
     files = sorted({item.path for item in items})
     waiting = [path for path in files if path.parent.name == WAITING]
     computing = [path for path in files if path.parent.name != WAITING]
-    place = {path: number / len(group) for group in (waiting, computing) for number, path in enumerate(group)}
-    items.sort(key=lambda item: (place[item.path] * (0.8 if item.path.parent.name == WAITING else 1.0), item.path))
+    place = {
+        path: number / len(group)
+        for group in (waiting, computing)
+        for number, path in enumerate(group)
+    }
+    items.sort(
+        key=lambda item: (
+            place[item.path] * (0.8 if item.path.parent.name == WAITING else 1.0),
+            item.path,
+        )
+    )
 
 
 COUNTED = "counted "
@@ -179,9 +238,13 @@ def counted(record_property: Callable[[str, object], None]) -> Callable[..., Non
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     """What was counted, a line a file."""
     sums: dict[str, Counter[str]] = defaultdict(Counter)
-    for report in (one for outcome in ("passed", "failed") for one in terminalreporter.stats.get(outcome, [])):
+    for report in (
+        one for outcome in ("passed", "failed") for one in terminalreporter.stats.get(outcome, [])
+    ):
         for name, number in report.user_properties:
             if name.startswith(COUNTED):
                 sums[report.nodeid.split("::")[0]][name.removeprefix(COUNTED)] += number
     for path, numbers in sums.items():
-        terminalreporter.write_line(f"{path}: " + ", ".join(f"{number} {name}" for name, number in numbers.items()))
+        terminalreporter.write_line(
+            f"{path}: " + ", ".join(f"{number} {name}" for name, number in numbers.items())
+        )

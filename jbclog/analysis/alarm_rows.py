@@ -1,4 +1,6 @@
-"""The input of the alarm detectors from a run's tables: one pass over the samples, and the alarm events of each port."""
+"""The input of the alarm detectors from a run's tables: one pass over the samples, and the alarm
+events of each port.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +22,24 @@ from jbclog.core.rows import EventRow, Severity
 Place = tuple[str, int]
 """Station and port."""
 
-COLUMNS: Final = ["time", "tick", "station", "port", "temperature_c", "status", "set_c", "alarm_high", "alarm_low"]
+COLUMNS: Final = [
+    "time",
+    "tick",
+    "station",
+    "port",
+    "temperature_c",
+    "status",
+    "set_c",
+    "alarm_high",
+    "alarm_low",
+]
 CLOCK_STEP: Final = "clock.step"
 
 
 @dataclass(slots=True)
 class RunEvents:
-    """What a run's events and settings say of its alarms: of each port its alarm events and changes; the steps of the clock.
+    """What a run's events and settings say of its alarms: of each port its alarm events and
+    changes; the steps of the clock.
 
     `changes` are oldest first; their times are less the steps before them.
     """
@@ -57,10 +70,17 @@ def read_events(run: RunTables) -> RunEvents:
 def _event_rows(frame: pd.DataFrame) -> Iterator[EventRow]:
     """Yield the events that concern alarms, oldest first."""
     kinds = frame["kind"]
-    rows = frame[kinds.str.startswith("alarm.") | kinds.isin(["setting.changed", "tool.changed", CLOCK_STEP])]
+    rows = frame[
+        kinds.str.startswith("alarm.") | kinds.isin(["setting.changed", "tool.changed", CLOCK_STEP])
+    ]
     times, earliest = _micros(rows["time"]), _micros(rows["earliest"])
-    columns = (rows[name] for name in ("kind", "severity", "text", "station", "port", "value", "limit", "raw"))
-    for time, early, kind, severity, text, station, port, value, limit, raw in zip(times, earliest, *columns, strict=True):
+    columns = (
+        rows[name]
+        for name in ("kind", "severity", "text", "station", "port", "value", "limit", "raw")
+    )
+    for time, early, kind, severity, text, station, port, value, limit, raw in zip(
+        times, earliest, *columns, strict=True
+    ):
         yield EventRow(
             cast(int, time),
             kind,
@@ -80,18 +100,29 @@ def _text_or_none(text: object) -> str | None:
 
 
 def _initial_settings(frame: pd.DataFrame) -> dict[Place, list[Change]]:
-    """Return the watched settings of each port, as read back before sampling began; later changes are events."""
+    """Return the watched settings of each port, as read back before sampling began; later changes
+    are events.
+    """
     found: dict[Place, list[Change]] = {}
-    rows = frame[frame["setting"].isin([*WATCHED]) & frame["port"].notna() & frame["readback"].notna()]
-    for station, port, name, text in zip(*(rows[name] for name in ("station", "port", "setting", "readback")), strict=True):
-        found.setdefault((str(station), int(port)), []).append(Change(BEFORE_ALL, str(name), str(text)))
+    rows = frame[
+        frame["setting"].isin([*WATCHED]) & frame["port"].notna() & frame["readback"].notna()
+    ]
+    for station, port, name, text in zip(
+        *(rows[name] for name in ("station", "port", "setting", "readback")), strict=True
+    ):
+        found.setdefault((str(station), int(port)), []).append(
+            Change(BEFORE_ALL, str(name), str(text))
+        )
     return found
 
 
 def _micros(times: pd.Series) -> list[int | None]:
     """Return times in UTC microseconds since 1970; None for a missing one."""
     numbers = times.astype("datetime64[us, UTC]").astype("int64").tolist()
-    return [None if is_missing else number for number, is_missing in zip(numbers, times.isna(), strict=True)]
+    return [
+        None if is_missing else number
+        for number, is_missing in zip(numbers, times.isna(), strict=True)
+    ]
 
 
 class PortRows(NamedTuple):
@@ -103,14 +134,20 @@ class PortRows(NamedTuple):
 
 
 class PortSplitter:
-    """Splits the samples by station and port, piece by piece in their order, and finds the clock steps between the rows.
+    """Splits the samples by station and port, piece by piece in their order, and finds the clock
+    steps between the rows.
 
-    `flags_of`: the ports whose flags are needed. `t0_utc`: the run's start in s since 1970. `periods`: seconds between the ticks of
-    each station, None without a grid; they show which steps came before a port's first row.
+    `flags_of`: the ports whose flags are needed. `t0_utc`: the run's start in s since 1970.
+    `periods`: seconds between the ticks of each station, None without a grid; they show which steps
+    came before a port's first row.
     """
 
     def __init__(
-        self, steps: Sequence[Step], flags_of: frozenset[Place], t0_utc: float | None, periods: Mapping[str, float | None]
+        self,
+        steps: Sequence[Step],
+        flags_of: frozenset[Place],
+        t0_utc: float | None,
+        periods: Mapping[str, float | None],
     ) -> None:
         self._steps = steps
         self._t0_utc = t0_utc
@@ -123,13 +160,18 @@ class PortSplitter:
     def split(self, piece: pa.Table) -> Iterator[PortRows]:
         """Yield the rows of each port that has any in this piece."""
         for place, own in by_port(piece):
-            yield PortRows(place, self._rows(place, own), _flags(own) if place in self._flags_of else [])
+            yield PortRows(
+                place, self._rows(place, own), _flags(own) if place in self._flags_of else []
+            )
 
     def _rows(self, place: Place, own: pa.Table) -> Rows:
         times = own["time"].cast(pa.int64()).to_numpy()
-        temperature, status, setpoint = (values(own[name]) for name in ("temperature_c", "status", "set_c"))
+        temperature, status, setpoint = (
+            values(own[name]) for name in ("temperature_c", "status", "set_c")
+        )
         steps = self._steps_between(place, times, own["tick"][0].as_py()) if self._steps else {}
-        return Rows(times.tolist(), own["tick"].to_numpy().tolist(), temperature, status, setpoint, steps)  # type: ignore[arg-type]
+        ticks = own["tick"].to_numpy().tolist()
+        return Rows(times.tolist(), ticks, temperature, status, setpoint, steps)  # type: ignore[arg-type]
 
     def _steps_between(self, place: Place, times: NDArray[np.int64], tick: int) -> dict[int, int]:
         """Return row -> by how many µs the clock was stepped just before it."""
@@ -138,13 +180,18 @@ class PortSplitter:
             number = self._steps_before(place[0], float(seconds[0]), tick)
             self._unstepped[place] = Unstepped(self._steps[number:])
             self._before_us[place] = round(sum(step.size_s for step in self._steps[:number]) * 1e6)
-        stepped = np.rint((seconds - self._unstepped[place].of(seconds)) * 1e6).astype(np.int64) + self._before_us[place]
+        stepped = (
+            np.rint((seconds - self._unstepped[place].of(seconds)) * 1e6).astype(np.int64)
+            + self._before_us[place]
+        )
         sizes = np.diff(stepped, prepend=self._stepped_us.get(place, 0))
         self._stepped_us[place] = int(stepped[-1])
         return {int(row): int(sizes[row]) for row in np.flatnonzero(np.abs(sizes) > 1000)}
 
     def _steps_before(self, station: str, first_s: float, tick: int) -> int:
-        """Return how many steps came before the first row of a port: the number that brings it closest to its grid."""
+        """Return how many steps came before the first row of a port: the number that brings it
+        closest to its grid.
+        """
         period_s = self._periods.get(station)
         if period_s is None or self._t0_utc is None:
             return 0
@@ -172,6 +219,8 @@ def values(column: pa.ChunkedArray) -> list[object]:
         return cast(list[object], array.to_numpy(zero_copy_only=False).tolist())
     found: list[object] = [None] * len(array)
     valid = np.flatnonzero(array.is_valid().to_numpy(zero_copy_only=False))
-    for row, value in zip(valid.tolist(), array.drop_null().to_numpy(zero_copy_only=False).tolist(), strict=True):
+    for row, value in zip(
+        valid.tolist(), array.drop_null().to_numpy(zero_copy_only=False).tolist(), strict=True
+    ):
         found[row] = value
     return found

@@ -16,7 +16,9 @@ MOST: Final = 10
 
 
 def lines(one: Charted | Counted | Ranked) -> Iterator[str]:
-    """Yield number and mean of the values, each chart with its signals, fixed limits, and capability."""
+    """Yield number and mean of the values, each chart with its signals, fixed limits, and
+    capability.
+    """
     if isinstance(one, Ranked):
         yield from _ranked(one)
     elif isinstance(one, Counted):
@@ -27,9 +29,13 @@ def lines(one: Charted | Counted | Ranked) -> Iterator[str]:
 
 def _charted(one: Charted) -> Iterator[str]:
     series = one.series
-    head = f"{series.station} port {series.port}  {series.metric}  {len(series.values)} {series.each}s"
+    head = (
+        f"{series.station} port {series.port}  {series.metric}  {len(series.values)} {series.each}s"
+    )
     missing = f", {series.missing} more without a value" if series.missing else ""
-    yield f"{head}{missing}" + (f", mean {series.values.mean():.4g} {series.unit}" if len(series.values) else "")
+    yield f"{head}{missing}" + (
+        f", mean {series.values.mean():.4g} {series.unit}" if len(series.values) else ""
+    )
     yield from (f"  {note}" for note in one.notes)
     if isinstance(one.charts, spc.Refused):
         yield f"  chart: none. {one.charts.text}"
@@ -40,7 +46,9 @@ def _charted(one: Charted) -> Iterator[str]:
         if rate is not None:
             yield f"  tests {', '.join(map(str, one.charts[0].tests))}: {rate.text}"
         if (points := spc.RUN_LENGTHS.get(one.charts[0].name)) is not None:
-            yield f"  on a stable process the first false alarm after {points:.0f} points on average"
+            yield (
+                f"  on a stable process the first false alarm after {points:.0f} points on average"
+            )
     if one.fixed is not None:
         yield from _chart(one.fixed, series.names, series.unit, "fixed limits")
     if one.capability is not None:
@@ -49,10 +57,15 @@ def _charted(one: Charted) -> Iterator[str]:
 
 def _chart(chart: spc.Chart, names: list[str], unit: str, name: str | None = None) -> Iterator[str]:
     shape = "" if chart.distribution == "normal" else f" ({chart.distribution})"
-    signals = f"{len(chart.signals)} signal{'s' * (len(chart.signals) > 1)}" if chart.signals else "no signal"
+    signals = (
+        f"{len(chart.signals)} signal{'s' * (len(chart.signals) > 1)}"
+        if chart.signals
+        else "no signal"
+    )
     limits = f"limits {chart.lower[-1]:.4g} to {chart.upper[-1]:.4g}"
     yield f"  {name or chart.name}: centre {chart.centre:.4g}, {limits} {unit}{shape}; {signals}"
-    offset = len(names) - len(chart.points)  # a moving range belongs to the later one of its two values
+    # a moving range belongs to the later one of its two values
+    offset = len(names) - len(chart.points)
     for signal in chart.signals[:MOST]:
         yield f"    {names[signal.last + offset]}: {_why(chart, signal)}"
     if len(chart.signals) > MOST:
@@ -60,12 +73,19 @@ def _chart(chart: spc.Chart, names: list[str], unit: str, name: str | None = Non
 
 
 def _why(chart: spc.Chart, signal: spc.Signal) -> str:
-    return f"test {signal.test}: {signal.text}" if chart.name in ("individuals", "subgroup means") else "beyond the limit"
+    return (
+        f"test {signal.test}: {signal.text}"
+        if chart.name in ("individuals", "subgroup means")
+        else "beyond the limit"
+    )
 
 
 def _counted(one: Counted) -> Iterator[str]:
     unit = "of the judged runs" if one.kind == "p" else "an hour"
-    yield f"{one.metric}: {one.counts.sum():.0f} in {one.sizes.sum():.3g} {'runs' if one.kind == 'p' else 'h'}"
+    yield (
+        f"{one.metric}: {one.counts.sum():.0f} in {one.sizes.sum():.3g}"
+        f" {'runs' if one.kind == 'p' else 'h'}"
+    )
     if isinstance(one.chart, spc.Refused):
         yield f"  chart: none. {one.chart.text}"
     else:
@@ -82,9 +102,17 @@ def facts(one: Charted | Counted | Ranked) -> dict[str, object]:
     """Return a chart as values for JSON."""
     if isinstance(one, Ranked):
         names = ("name", "count", "percent", "percent_up_to_here")
-        return {"metric": one.metric, "total": one.total, "rows": [dict(zip(names, row, strict=True)) for row in one.rows]}
+        return {
+            "metric": one.metric,
+            "total": one.total,
+            "rows": [dict(zip(names, row, strict=True)) for row in one.rows],
+        }
     if isinstance(one, Counted):
-        chart = {"refused": asdict(one.chart)} if isinstance(one.chart, spc.Refused) else _facts(one.chart, one.names)
+        chart = (
+            {"refused": asdict(one.chart)}
+            if isinstance(one.chart, spc.Refused)
+            else _facts(one.chart, one.names)
+        )
         counted = {"names": one.names, "counts": one.counts.tolist(), "sizes": one.sizes.tolist()}
         return {"metric": one.metric, "kind": one.kind, **counted, "chart": chart}
     series = one.series
@@ -108,7 +136,13 @@ def facts(one: Charted | Counted | Ranked) -> dict[str, object]:
         "values": series.values.tolist(),
         "charts": own,
         "fixed": None if one.fixed is None else _facts(one.fixed, series.names),
-        "capability": None if index is None else {"refused": asdict(index)} if isinstance(index, spc.Refused) else asdict(index),
+        "capability": (
+            None
+            if index is None
+            else {"refused": asdict(index)}
+            if isinstance(index, spc.Refused)
+            else asdict(index)
+        ),
         "notes": one.notes,
     }
 

@@ -1,8 +1,10 @@
-"""Compares two runs: metadata, recipe, settings, metrics, alarms, and whether their idle temperatures are equivalent.
+"""Compares two runs: metadata, recipe, settings, metrics, alarms, and whether their idle
+temperatures are equivalent.
 
-Stations are matched by name, ports by number. Metrics are those of `Run.metrics`; a difference is the second minus the first, and
-is not known if one of them is not. Idle means are compared by two one-sided tests (`spc.equivalence_of`), with the bounds of each
-(`verdict/bounds.py`), within a stated margin; a mean without a bound is not compared.
+Stations are matched by name, ports by number. Metrics are those of `Run.metrics`; a difference is
+the second minus the first, and is not known if one of them is not. Idle means are compared by two
+one-sided tests (`spc.equivalence_of`), with the bounds of each (`verdict/bounds.py`), within a
+stated margin; a mean without a bound is not compared.
 """
 
 from __future__ import annotations
@@ -55,7 +57,9 @@ class SameIdle:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """What differs between two runs. The tables have columns `first` and `second`; `recipe` has the lines of a unified diff."""
+    """What differs between two runs. The tables have columns `first` and `second`; `recipe` has the
+    lines of a unified diff.
+    """
 
     first: Run
     second: Run
@@ -70,13 +74,18 @@ class Comparison:
 
 
 def compare(first: Run, second: Run, margin_c: float = MARGIN_C) -> Comparison:
-    """Return the comparison of two sealed runs; `margin_c` in °C is the largest difference of idle means that is equivalent.
+    """Return the comparison of two sealed runs; `margin_c` in °C is the largest difference of idle
+    means that is equivalent.
 
-    Raises `RecordError` for a run that is not sealed, `UsageError` for a margin that is not above 0.
+    Raises `RecordError` for a run that is not sealed, `UsageError` for a margin that is not above
+    0.
     """
     for run in (first, second):
         if run.manifest.state != "sealed":
-            raise RecordError(f"{run.folder} is not sealed; compare it when it has ended (`jbclog recover` ends a crashed run)")
+            raise RecordError(
+                f"{run.folder} is not sealed; compare it when it has ended (`jbclog recover` ends a"
+                " crashed run)"
+            )
     one, two = first.manifest, second.manifest
     return Comparison(
         first,
@@ -96,9 +105,16 @@ def _other_rates(one: Manifest, two: Manifest) -> Iterator[str]:
     """Yield a sentence for each station with another sampling rate in the second run."""
     for first in one.stations:
         second = two.station(first.name)
-        if second is None or None in (first.first_tick, second.first_tick) or is_same_rate(first.period_s, second.period_s):
+        if (
+            second is None
+            or None in (first.first_tick, second.first_tick)
+            or is_same_rate(first.period_s, second.period_s)
+        ):
             continue
-        rates = f"{first.name}: sampled at {rate_text(first.period_s)} and at {rate_text(second.period_s)}"
+        rates = (
+            f"{first.name}: sampled at {rate_text(first.period_s)} and at"
+            f" {rate_text(second.period_s)}"
+        )
         yield f"{rates}; {WHAT_A_RATE_CHANGES}"
 
 
@@ -117,11 +133,22 @@ def _facts(one: Manifest, two: Manifest) -> Iterator[Fact]:
     ]
     for name in sorted({facts.name for facts in (*one.stations, *two.stations)}):
         a, b = one.station(name), two.station(name)
-        pairs += [(f"station {name}", "recorded" if a else "not recorded", "recorded" if b else "not recorded")]
+        pairs += [
+            (
+                f"station {name}",
+                "recorded" if a else "not recorded",
+                "recorded" if b else "not recorded",
+            )
+        ]
         if a and b:
-            rates = [None if side.first_tick is None else rate_text(side.period_s) for side in (a, b)]
+            rates = [
+                None if side.first_tick is None else rate_text(side.period_s) for side in (a, b)
+            ]
             pairs += [(f"{name} rate", rates[0], rates[1])]
-            pairs += [(f"{name} {what}", getattr(a, what), getattr(b, what)) for what in ("model", "software", "ports", "tools")]
+            pairs += [
+                (f"{name} {what}", getattr(a, what), getattr(b, what))
+                for what in ("model", "software", "ports", "tools")
+            ]
     return (Fact(what, _text(a), _text(b)) for what, a, b in pairs if (a or None) != (b or None))
 
 
@@ -144,7 +171,9 @@ def _recipe_difference(first: Run, second: Run) -> list[str]:
         pairs = [(name, name) for name in names]
     for one, two in pairs:
         before, after = texts[0].get(one, "").splitlines(), texts[1].get(two, "").splitlines()
-        lines += unified_diff(before, after, f"{first.name}/{one}", f"{second.name}/{two}", lineterm="", n=1)
+        lines += unified_diff(
+            before, after, f"{first.name}/{one}", f"{second.name}/{two}", lineterm="", n=1
+        )
     return lines
 
 
@@ -152,7 +181,9 @@ def _recipe_texts(run: Run) -> dict[str, str]:
     found = {}
     for recipe in run.manifest.recipes:
         try:
-            found[recipe.file] = read_foreign(recipe_copy(run.folder, recipe.file), Kind.SETTINGS).decode(errors="replace")
+            found[recipe.file] = read_foreign(
+                recipe_copy(run.folder, recipe.file), Kind.SETTINGS
+            ).decode(errors="replace")
         except OSError:
             found[recipe.file] = "(its copy cannot be read)"
     return found
@@ -175,13 +206,20 @@ def _last_settings(run: Run) -> pd.DataFrame:
 def _metrics(first: Run, second: Run) -> pd.DataFrame:
     """Return every metric of every port, and the difference where both values are known."""
     one, two = (run.metrics()[[*KEY, "metric", "unit", "value"]] for run in (first, second))
-    order = {name: place for place, name in enumerate(dict.fromkeys([*one["metric"], *two["metric"]]))}
+    order = {
+        name: place for place, name in enumerate(dict.fromkeys([*one["metric"], *two["metric"]]))
+    }
     table = _side_by_side(one, two, [*KEY, "metric", "unit"])
-    before, after = (table[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in ("first", "second"))
+    before, after = (
+        table[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in ("first", "second")
+    )
     sizes = np.fmax(np.abs(before), np.abs(after))
-    table["difference"] = [exact(float(left), float(size)) for left, size in zip(after - before, sizes, strict=True)]
+    table["difference"] = [
+        exact(float(left), float(size)) for left, size in zip(after - before, sizes, strict=True)
+    ]
     return table.sort_values(
-        [*KEY, "metric"], key=lambda column: column.map(order) if column.name == "metric" else column
+        [*KEY, "metric"],
+        key=lambda column: column.map(order) if column.name == "metric" else column,
     ).reset_index(drop=True)
 
 
@@ -192,7 +230,9 @@ def _alarms(first: Run, second: Run) -> pd.DataFrame:
 
 
 def _counted(run: Run) -> pd.DataFrame:
-    """Return the number of episodes by port, side and detector, with typed columns also if there are none."""
+    """Return the number of episodes by port, side and detector, with typed columns also if there
+    are none.
+    """
     episodes = [one for incident in run.alarm_findings().incidents for one in incident.episodes]
     counts = Counter((one.station, one.port, str(one.side), str(one.detector)) for one in episodes)
     rows = [(*key, count) for key, count in counts.items()]
@@ -201,18 +241,28 @@ def _counted(run: Run) -> pd.DataFrame:
 
 
 def _side_by_side(one: pd.DataFrame, two: pd.DataFrame, on: list[str]) -> pd.DataFrame:
-    texts = dict.fromkeys((name for name in on if name != "port"), object)  # pandas cannot join empty columns of Arrow strings
-    left, right = one.rename(columns={"value": "first"}).astype(texts), two.rename(columns={"value": "second"}).astype(texts)
-    return left.merge(right, on=on, how="outer").sort_values(on, kind="stable").reset_index(drop=True)
+    # pandas cannot join empty columns of Arrow strings
+    texts = dict.fromkeys((name for name in on if name != "port"), object)
+    left, right = (
+        one.rename(columns={"value": "first"}).astype(texts),
+        two.rename(columns={"value": "second"}).astype(texts),
+    )
+    return (
+        left.merge(right, on=on, how="outer").sort_values(on, kind="stable").reset_index(drop=True)
+    )
 
 
 def _idle(first: Run, second: Run, margin_c: float) -> Iterator[SameIdle]:
     one, two = (_measures(run) for run in (first, second))
     for station, port in sorted(one.keys() & two.keys()):
-        yield SameIdle(station, port, _same_idle(one[station, port].idle, two[station, port].idle, margin_c))
+        yield SameIdle(
+            station, port, _same_idle(one[station, port].idle, two[station, port].idle, margin_c)
+        )
 
 
-def _same_idle(first: IdleError, second: IdleError, margin_c: float) -> spc.Equivalence | spc.Refused:
+def _same_idle(
+    first: IdleError, second: IdleError, margin_c: float
+) -> spc.Equivalence | spc.Refused:
     """Return the test of two idle errors by their bounds, or why one of them has none."""
     means = []
     for idle, which in ((first, "first"), (second, "second")):
@@ -224,5 +274,9 @@ def _same_idle(first: IdleError, second: IdleError, margin_c: float) -> spc.Equi
 
 
 def _measures(run: Run) -> Measures:
-    with_temperature = {one.name: one for one in run.manifest.stations if not one.signals or "temperature_c" in one.signals}
+    with_temperature = {
+        one.name: one
+        for one in run.manifest.stations
+        if not one.signals or "temperature_c" in one.signals
+    }
     return measure(run.folder, with_temperature, groups=run.groups)

@@ -17,12 +17,19 @@ def lines(found: Comparison) -> Iterator[str]:
     yield f"second  {found.second.place}"
     yield from (f"warning: {text}" for text in found.warnings)
     yield from (f"{one.what}: {one.first} | {one.second}" for one in found.facts)
-    yield from ["", "The recipes differ:", *found.recipe] if found.recipe else ["", "The recipes are the same."]
+    yield from (
+        ["", "The recipes differ:", *found.recipe]
+        if found.recipe
+        else ["", "The recipes are the same."]
+    )
     if len(found.settings):
         yield from ("", "Settings as read back, first | second:")
         for row in found.settings.to_dict("records"):
             place = f"{row['station']} port {row['port']}" if row["port"] else row["station"]
-            yield f"  {place}  {row['setting']}: {_or_none(row['first'])} | {_or_none(row['second'])} {row['unit']}"
+            yield (
+                f"  {place}  {row['setting']}: {_or_none(row['first'])} | {_or_none(row['second'])}"
+                f" {row['unit']}"
+            )
     yield from ("", "Metrics, first | second (difference):")
     yield from _metric_lines(found)
     yield from ("", "Alarm episodes, first | second:")
@@ -39,14 +46,20 @@ def _metric_lines(found: Comparison) -> Iterator[str]:
             yield f"  {row.station} port {row.port}"
         if not (_is_none(row.first) and _is_none(row.second)):
             difference = "" if _is_none(row.difference) else f"  ({_figure(row.difference)})"
-            yield f"    {row.metric:28} {_figure(row.first):>10} | {_figure(row.second):<10} {row.unit}{difference}"
+            yield (
+                f"    {row.metric:28} {_figure(row.first):>10} | {_figure(row.second):<10}"
+                f" {row.unit}{difference}"
+            )
 
 
 def _alarm_lines(found: Comparison) -> Iterator[str]:
     if not len(found.alarms):
         yield "  none in either"
     for row in found.alarms.itertuples():
-        yield f"  {row.station} port {row.port}  {row.side}, detector {row.detector}: {row.first} | {row.second}"
+        yield (
+            f"  {row.station} port {row.port}  {row.side}, detector {row.detector}: {row.first} |"
+            f" {row.second}"
+        )
 
 
 def idle_text(one: SameIdle) -> str:
@@ -54,7 +67,10 @@ def idle_text(one: SameIdle) -> str:
     if isinstance(one.result, Refused):
         return f"not known. {one.result.text}"
     test = one.result
-    return f"{test.verdict}: {test.difference:+.2f} °C, 90 % interval {test.low:+.2f} to {test.high:+.2f} °C (p = {test.p:.2g})"
+    return (
+        f"{test.verdict}: {test.difference:+.2f} °C, 90 % interval {test.low:+.2f} to"
+        f" {test.high:+.2f} °C (p = {test.p:.2g})"
+    )
 
 
 def _figure(value: object) -> str:
@@ -73,11 +89,19 @@ def _is_none(value: object) -> bool:
 def facts(found: Comparison) -> dict[str, object]:
     """Return the comparison as values for JSON."""
     tables = {name: getattr(found, name) for name in ("settings", "metrics", "alarms")}
-    rows = {name: [_plain(row) for row in table.to_dict("records")] for name, table in tables.items()}
+    rows = {
+        name: [_plain(row) for row in table.to_dict("records")] for name, table in tables.items()
+    }
     idle = [{"station": one.station, "port": one.port, **_result(one)} for one in found.idle]
     head = {"first": found.first.place, "second": found.second.place, "margin_c": found.margin_c}
     head["warnings"] = found.warnings
-    return {**head, "facts": [asdict(one) for one in found.facts], "recipe": found.recipe, **rows, "idle": idle}
+    return {
+        **head,
+        "facts": [asdict(one) for one in found.facts],
+        "recipe": found.recipe,
+        **rows,
+        "idle": idle,
+    }
 
 
 def _plain(row: Mapping[Hashable, object]) -> dict[str, object]:

@@ -1,7 +1,7 @@
 """Fixed control limits from a phase I study, in a file that charts cite by its hash.
 
-The file is JSON: the charted metric; centre and limits of each port, with their distribution and number of values; and the hashes
-of the runs that they come from. The same runs give the same bytes.
+The file is JSON: the charted metric; centre and limits of each port, with their distribution and
+number of values; and the hashes of the runs that they come from. The same runs give the same bytes.
 """
 
 from __future__ import annotations
@@ -42,11 +42,13 @@ class Limits:
     sources: list[Source]
 
     def of(self, series: Series) -> Fixed | None:
-        """Return the limits of a series, or None. Raises `UsageError` if the file is of another metric."""
+        """Return the limits of a series, or None. Raises `UsageError` if the file is of another
+        metric.
+        """
         if (self.metric, self.each) != (series.metric, series.each):
             raise UsageError(
-                f"the limits are of {self.metric} by {self.each}, the chart is of {series.metric} by {series.each}; "
-                "learn limits of that metric"
+                f"the limits are of {self.metric} by {self.each}, the chart is of {series.metric}"
+                f" by {series.each}; learn limits of that metric"
             )
         return next((one for one in self.limits if (one.station, one.port) == series.place), None)
 
@@ -55,26 +57,38 @@ _build_limits: Final = builder(Limits)
 
 
 def learn(series: Series) -> Fixed | spc.Refused:
-    """Return the limits of a series if it is stable and a distribution fits it, else why there are none."""
-    chart = too_many_late(series.late, len(series.values)) or spc.phase_one(series.values, resolution=series.resolution)
+    """Return the limits of a series if it is stable and a distribution fits it, else why there are
+    none.
+    """
+    chart = too_many_late(series.late, len(series.values)) or spc.phase_one(
+        series.values, resolution=series.resolution
+    )
     if isinstance(chart, spc.Refused):
         return chart
     edges = float(chart.lower[0]), float(chart.upper[0])
-    return Fixed(series.station, series.port, chart.centre, *edges, chart.distribution, len(series.values))
+    return Fixed(
+        series.station, series.port, chart.centre, *edges, chart.distribution, len(series.values)
+    )
 
 
 def as_bytes(limits: Limits) -> bytes:
     """Return the content of the file."""
-    return (json.dumps(asdict(limits), indent=1, sort_keys=True, ensure_ascii=False) + "\n").encode()
+    return (
+        json.dumps(asdict(limits), indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+    ).encode()
 
 
-def limits_of(metric: str, unit: str, each: str, found: Iterable[Fixed], sources: Iterable[Source]) -> Limits:
+def limits_of(
+    metric: str, unit: str, each: str, found: Iterable[Fixed], sources: Iterable[Source]
+) -> Limits:
     """Return limits in the current format."""
     return Limits(FORMAT, metric, unit, each, list(found), list(sources))
 
 
 def read_limits(path: Path) -> tuple[Limits, str]:
-    """Return the limits and the SHA-256 of their file. Raises `RecordError` if it cannot be read or has another format."""
+    """Return the limits and the SHA-256 of their file. Raises `RecordError` if it cannot be read or
+    has another format.
+    """
     try:
         data = read_foreign(path, Kind.SETTINGS)
     except OSError as error:
@@ -82,7 +96,13 @@ def read_limits(path: Path) -> tuple[Limits, str]:
     try:
         limits = _build_limits(json.loads(data))
     except (ValueError, RecursionError) as error:
-        raise RecordError(f"{path} is not a file of control limits; `jbclog limits learn` writes one") from error
-    if limits.format != FORMAT or any(not one.lower < one.centre < one.upper for one in limits.limits):
-        raise RecordError(f"{path} is not a file of control limits of this version ({FORMAT}); learn them again")
+        raise RecordError(
+            f"{path} is not a file of control limits; `jbclog limits learn` writes one"
+        ) from error
+    if limits.format != FORMAT or any(
+        not one.lower < one.centre < one.upper for one in limits.limits
+    ):
+        raise RecordError(
+            f"{path} is not a file of control limits of this version ({FORMAT}); learn them again"
+        )
     return limits, hashlib.sha256(data).hexdigest()

@@ -12,7 +12,18 @@ from jbclog.record.manifest import Manifest
 
 MOST_RUNS: Final = 20
 MOST_CHARACTERS: Final = 80  # of a cell
-HEADS: Final = ("started", "line", "recipes", "operator", "order", "product", "units", "verdict", "state", "run")
+HEADS: Final = (
+    "started",
+    "line",
+    "recipes",
+    "operator",
+    "order",
+    "product",
+    "units",
+    "verdict",
+    "state",
+    "run",
+)
 
 
 def run_html(name: str, manifest: Manifest) -> str:
@@ -30,8 +41,13 @@ def run_html(name: str, manifest: Manifest) -> str:
         ("product", metadata.product),
         ("units", _several(manifest.serials())),
     ]
-    stations = [(one.name, one.model, ", ".join(map(str, one.ports)), one.outcome) for one in manifest.stations]
-    rows = "".join(f"<tr><th>{text(fact)}</th><td>{text(value)}</td></tr>" for fact, value in facts if value)
+    stations = [
+        (one.name, one.model, ", ".join(map(str, one.ports)), one.outcome)
+        for one in manifest.stations
+    ]
+    rows = "".join(
+        f"<tr><th>{text(fact)}</th><td>{text(value)}</td></tr>" for fact, value in facts if value
+    )
     below = table(("station", "model", "ports", "outcome"), stations) if stations else ""
     return f"<div><b>{text(name)}</b><table>{rows}</table>{below}</div>"
 
@@ -53,10 +69,14 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def text(value: object) -> str:
-    """Return a value as escaped text, cut to `MOST_CHARACTERS`, with `�` for what is not printable."""
+    """Return a value as escaped text, cut to `MOST_CHARACTERS`, with `�` for what is not
+    printable.
+    """
     raw = "" if value is None else str(value)
     printable = "".join(sign if sign.isprintable() else "�" for sign in raw[: MOST_CHARACTERS + 1])
-    return escape(printable if len(raw) <= MOST_CHARACTERS else printable[: MOST_CHARACTERS - 1] + "…")
+    return escape(
+        printable if len(raw) <= MOST_CHARACTERS else printable[: MOST_CHARACTERS - 1] + "…"
+    )
 
 
 def shortened(time: str | None) -> str | None:
@@ -66,7 +86,16 @@ def shortened(time: str | None) -> str | None:
 
 def _row(one: Found) -> tuple[object, ...]:
     what = (shortened(one.started), one.line, ", ".join(one.recipes))
-    return (*what, one.operator, one.order, one.product, _several(one.units), one.verdict, one.shown_state, one.folder.name)
+    return (
+        *what,
+        one.operator,
+        one.order,
+        one.product,
+        _several(one.units),
+        one.verdict,
+        one.shown_state,
+        one.folder.name,
+    )
 
 
 def _several(texts: Sequence[str]) -> str:

@@ -15,7 +15,8 @@ from jbclog.analysis.store.place import is_in_store, is_store, place_of
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:
-    """Return the run in the folder `path`: sealed, still being recorded, or cut off by a crash. Raises `RecordError`.
+    """Return the run in the folder `path`: sealed, still being recorded, or cut off by a crash.
+    Raises `RecordError`.
 
     ``STORE/RUN`` is a run of a store (`jbclog publish`), read at its newest version.
     """
@@ -37,11 +38,13 @@ def open_runs(
     tags: Mapping[str, str] | None = None,
     **texts: str | None,
 ) -> Runs:
-    """Return the runs below `folder`, or in the store `folder` (also ``s3://BUCKET/PATH``), that match all conditions.
+    """Return the runs below `folder`, or in the store `folder` (also ``s3://BUCKET/PATH``), that
+    match all conditions.
 
-    `texts` are `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`, `station`, `recipe` (``NAME`` or
-    ``NAME@REVISION``), `verdict`, `state`; each matches as a whole, ``*`` stands for any characters. A run starts at `since` or
-    later and before `until`, UTC without a zone. Raises `UsageError` for an unknown condition, `RecordError` without the folder.
+    `texts` are `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`,
+    `station`, `recipe` (``NAME`` or ``NAME@REVISION``), `verdict`, `state`; each matches as a
+    whole, ``*`` stands for any characters. A run starts at `since` or later and before `until`, UTC
+    without a zone. Raises `UsageError` for an unknown condition, `RecordError` without the folder.
     """
     if not is_store(folder):
         return runs_below(folder, since=since, until=until, tags=tags, **texts)

@@ -28,9 +28,17 @@ COLOURS: Final = (TEMPERATURE, ALARM)  # of the first and the second run
 COLUMNS: Final = ["time", "tick", "temperature_c"]
 MOST_NAMES: Final = 12
 MOST_BARS: Final = 12
-LIMIT: Final[Look] = {"color": ALARM, "linewidth": 1.1, "linestyle": (0, (4.4, 1.7))}  # a stated limit
-EDGE: Final[Look] = {"color": QUIET, "linewidth": 0.8, "linestyle": (0, (2, 2))}  # a limit computed from the values
-RING: Final[Look] = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "markeredgecolor": ALARM, "zorder": 4}
+# a stated limit
+LIMIT: Final[Look] = {"color": ALARM, "linewidth": 1.1, "linestyle": (0, (4.4, 1.7))}
+# a limit computed from the values
+EDGE: Final[Look] = {"color": QUIET, "linewidth": 0.8, "linestyle": (0, (2, 2))}
+RING: Final[Look] = {
+    "linestyle": "none",
+    "marker": "o",
+    "markerfacecolor": "none",
+    "markeredgecolor": ALARM,
+    "zorder": 4,
+}
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
@@ -39,13 +47,16 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
 
 
 def overlay(found: Comparison) -> Figure:
-    """Return a figure with a panel for each common port: mean and min–max of both runs, over seconds since the first tick.
+    """Return a figure with a panel for each common port: mean and min–max of both runs, over
+    seconds since the first tick.
 
     Raises `UsageError` if the runs have no port with a temperature in common.
     """
     places = [(one.station, one.port) for one in found.idle]
     if not places:
-        raise UsageError(f"{found.first.name} and {found.second.name} have no port with a temperature in common")
+        raise UsageError(
+            f"{found.first.name} and {found.second.name} have no port with a temperature in common"
+        )
     with styled():
         figure, panels = _panels(len(places))
         for axes, (station, port) in zip(panels, places, strict=True):
@@ -62,11 +73,18 @@ def _line(axes: Axes, run: Run, station: str, port: int, colour: str) -> None:
     rows = run.samples(station, port, columns=COLUMNS)
     if not len(rows):
         return
-    seconds, celsius = _seconds(run, station, rows), rows["temperature_c"].to_numpy(dtype=np.float64, na_value=np.nan)
+    seconds, celsius = (
+        _seconds(run, station, rows),
+        rows["temperature_c"].to_numpy(dtype=np.float64, na_value=np.nan),
+    )
     step = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
-    curve = envelope(seconds, np.asarray(celsius, dtype=np.float64), WIDE.stretches, JOINED_PERIODS * step)
+    curve = envelope(
+        seconds, np.asarray(celsius, dtype=np.float64), WIDE.stretches, JOINED_PERIODS * step
+    )
     if not curve.whole:
-        axes.fill_between(curve.seconds, curve.low, curve.high, color=colour, alpha=0.3, linewidth=0)
+        axes.fill_between(
+            curve.seconds, curve.low, curve.high, color=colour, alpha=0.3, linewidth=0
+        )
     axes.plot(curve.seconds, curve.mean, color=colour, label=run.name)
 
 
@@ -78,8 +96,11 @@ def _seconds(run: Run, station: str, rows: pd.DataFrame) -> Floats:
     return np.asarray((rows["time"] - rows["time"].iloc[0]).dt.total_seconds(), dtype=np.float64)
 
 
-def trend_figure(trends: Sequence[Trend], lower: float | None = None, upper: float | None = None) -> Figure:
-    """Return a figure with a panel for each trend: points, control limits, stated limits, signals ringed.
+def trend_figure(
+    trends: Sequence[Trend], lower: float | None = None, upper: float | None = None
+) -> Figure:
+    """Return a figure with a panel for each trend: points, control limits, stated limits, signals
+    ringed.
 
     Raises `UsageError` without trends.
     """
@@ -93,18 +114,39 @@ def trend_figure(trends: Sequence[Trend], lower: float | None = None, upper: flo
 
 
 def _trend(axes: Axes, trend: Trend, lower: float | None, upper: float | None) -> None:
-    at = np.array([place for place, point in enumerate(trend.points) if point.value is not None], dtype=np.float64)
+    at = np.array(
+        [place for place, point in enumerate(trend.points) if point.value is not None],
+        dtype=np.float64,
+    )
     for limit in (lower, upper):
         if limit is not None:
             axes.axhline(limit, **LIMIT)
-            axes.text(1.005, limit, "limit", transform=axes.get_yaxis_transform(), color=ALARM, va="center")
+            axes.text(
+                1.005,
+                limit,
+                "limit",
+                transform=axes.get_yaxis_transform(),
+                color=ALARM,
+                va="center",
+            )
     chart = None if isinstance(trend.chart, spc.Refused) else trend.chart[0]
     _points(axes, at, trend.values, chart)
-    note = f"No control limits. {trend.chart.text}" if isinstance(trend.chart, spc.Refused) else _note(trend.chart[0])
+    note = (
+        f"No control limits. {trend.chart.text}"
+        if isinstance(trend.chart, spc.Refused)
+        else _note(trend.chart[0])
+    )
     axes.set_title(f"{trend.station} port {trend.port}: {title_of(trend.metric)} in {trend.unit}")
     axes.text(0.0, -0.24, note, transform=axes.transAxes, color=QUIET, va="top", wrap=True)
     missing = [place for place, point in enumerate(trend.points) if point.value is None]
-    axes.plot(missing, np.full(len(missing), 0.02), "x", color=QUIET, markersize=4, transform=axes.get_xaxis_transform())
+    axes.plot(
+        missing,
+        np.full(len(missing), 0.02),
+        "x",
+        color=QUIET,
+        markersize=4,
+        transform=axes.get_xaxis_transform(),
+    )
     _names(axes, trend)
 
 
@@ -119,12 +161,16 @@ def _names(axes: Axes, trend: Trend) -> None:
     count = len(trend.points)
     places = range(0, count, max(1, -(-count // MOST_NAMES)))
     starts = [trend.points[place].started for place in places]
-    axes.set_xticks(places, ["" if start is None else f"{start:%m-%d}\n{start:%H:%M}" for start in starts])
+    axes.set_xticks(
+        places, ["" if start is None else f"{start:%m-%d}\n{start:%H:%M}" for start in starts]
+    )
     axes.set_xlim(-0.5, count - 0.5)
 
 
 def _points(axes: Axes, at: Floats, values: Floats, chart: spc.Chart | None) -> None:
-    """Draw values in their order; with a chart its centre, its limits and rings around its signals."""
+    """Draw values in their order; with a chart its centre, its limits and rings around its
+    signals.
+    """
     axes.margins(x=0.01, y=0.08)
     axes.plot(at, values, color=TEMPERATURE, marker="o", markersize=2.5, linewidth=0.7)
     if chart is None:
@@ -145,8 +191,12 @@ def chart_figure(found: Sequence[Charted | Counted | Ranked]) -> Figure:
     if not found:
         raise UsageError("there are no values of this metric; nothing to show")
     with styled():
-        figure = Figure(figsize=(WIDE.width_in, PARETO_IN * len(found)), layout="constrained", dpi=DPI)
-        for part, one in zip(figure.subfigures(len(found), 1, squeeze=False)[:, 0], found, strict=True):
+        figure = Figure(
+            figsize=(WIDE.width_in, PARETO_IN * len(found)), layout="constrained", dpi=DPI
+        )
+        for part, one in zip(
+            figure.subfigures(len(found), 1, squeeze=False)[:, 0], found, strict=True
+        ):
             if isinstance(one, Charted):
                 _values(part.subplots(2, 2, width_ratios=(3, 1)), one)
             elif isinstance(one, Counted):
@@ -158,7 +208,12 @@ def chart_figure(found: Sequence[Charted | Counted | Ranked]) -> Figure:
 
 def _counts(axes: Axes, one: Counted) -> None:
     axes.set_title(f"{one.metric} ({one.kind})")
-    _points(axes, _numbers(one.counts), one.counts / one.sizes, None if isinstance(one.chart, spc.Refused) else one.chart)
+    _points(
+        axes,
+        _numbers(one.counts),
+        one.counts / one.sizes,
+        None if isinstance(one.chart, spc.Refused) else one.chart,
+    )
 
 
 def _numbers(values: Floats) -> Floats:
@@ -207,7 +262,9 @@ def _bars(axes: Axes, one: Ranked) -> None:
     axes.set_title(f"{one.metric}, {one.total}")
     axes.grid(visible=False, axis="x")
     shares = axes.twinx()
-    shares.plot(range(len(rows)), [so_far for *_, so_far in rows], color=EXTERNAL, marker="o", markersize=3)
+    shares.plot(
+        range(len(rows)), [so_far for *_, so_far in rows], color=EXTERNAL, marker="o", markersize=3
+    )
     shares.set_ylim(0, 105)
     shares.set_ylabel("cumulative %")
     shares.grid(visible=False)

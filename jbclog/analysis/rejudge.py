@@ -1,7 +1,7 @@
 """Judges a sealed run again from its record, and compares the result with its sealed verdict.
 
-The comparison uses the version of the rules that gave the verdict (`verdict/versions.py`). Rules that this jbclog cannot apply as
-that version did are listed and never count against the verdict.
+The comparison uses the version of the rules that gave the verdict (`verdict/versions.py`). Rules
+that this jbclog cannot apply as that version did are listed and never count against the verdict.
 """
 
 from __future__ import annotations
@@ -13,7 +13,17 @@ from pathlib import Path
 
 from jbclog import __version__
 from jbclog.analysis.joints.evidence import joint_evidence
-from jbclog.analysis.verdict import RULES, Evidence, Judgement, Result, Rule, Targets, Verdict, asks_for_joints, judge
+from jbclog.analysis.verdict import (
+    RULES,
+    Evidence,
+    Judgement,
+    Result,
+    Rule,
+    Targets,
+    Verdict,
+    asks_for_joints,
+    judge,
+)
 from jbclog.analysis.verdict.samples import Measuring, measure
 from jbclog.analysis.verdict.versions import is_known, not_kept
 from jbclog.config.load_recipe import load_recipe
@@ -30,22 +40,37 @@ Place = tuple[str, str | None, int | None]
 
 @dataclass(frozen=True, slots=True)
 class VerdictCheck:
-    """The comparison of a sealed verdict with its record: a sentence for each difference, and for what could not be compared."""
+    """The comparison of a sealed verdict with its record: a sentence for each difference, and for
+    what could not be compared.
+    """
 
     differing: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
 def judge_again(
-    folder: Path, manifest: Manifest, by: int | None = None, *, counts_lacking: bool = True, measuring: Measuring = measure
+    folder: Path,
+    manifest: Manifest,
+    by: int | None = None,
+    *,
+    counts_lacking: bool = True,
+    measuring: Measuring = measure,
 ) -> Judgement:
-    """Judge a sealed run by the copies of its recipes and version `by` of the rules, by default its own.
+    """Judge a sealed run by the copies of its recipes and version `by` of the rules, by default its
+    own.
 
-    An unreadable copy is missing evidence. `counts_lacking` as in `Evidence`, `measuring` as in `judge`.
+    An unreadable copy is missing evidence. `counts_lacking` as in `Evidence`, `measuring` as in
+    `judge`.
     """
     recipes, unread = _recipes(folder, manifest)
-    acceptance = {name: None if recipe is None else recipe.acceptance for name, recipe in recipes.items()}
-    targets = {name: Targets(recipe.heated_ports(), recipe.run.status) for name, recipe in recipes.items() if recipe is not None}
+    acceptance = {
+        name: None if recipe is None else recipe.acceptance for name, recipe in recipes.items()
+    }
+    targets = {
+        name: Targets(recipe.heated_ports(), recipe.run.status)
+        for name, recipe in recipes.items()
+        if recipe is not None
+    }
     lost = None if manifest.lost is None else manifest.lost.text
     asking = [facts for facts in manifest.stations if asks_for_joints(acceptance.get(facts.name))]
     joints, checks = joint_evidence(folder, asking, manifest.t0_utc), manifest.verifications
@@ -65,13 +90,18 @@ def judge_again(
     if not unread:
         return judgement
     text = "The copy of its recipe cannot be read, so its limits are not known."
-    rules = [Rule("recipe", facts.name, None, "readable", None, "", Result.MISSING, text) for facts in unread]
+    rules = [
+        Rule("recipe", facts.name, None, "readable", None, "", Result.MISSING, text)
+        for facts in unread
+    ]
     verdict = Verdict.REJECT if judgement.verdict is Verdict.REJECT else Verdict.INCONCLUSIVE
     return Judgement(verdict, (*rules, *judgement.rules))
 
 
 def own_version(manifest: Manifest) -> int:
-    """Return the version of the rules that judged the run, or the latest if this jbclog does not know it."""
+    """Return the version of the rules that judged the run, or the latest if this jbclog does not
+    know it.
+    """
     return manifest.rules if is_known(manifest.rules) else RULES
 
 
@@ -81,31 +111,56 @@ def is_cut_off(manifest: Manifest) -> bool:
 
 
 def check_verdict(folder: Path, manifest: Manifest) -> VerdictCheck:
-    """Compare a run's sealed verdict with the one that its record gives by the same version of the rules."""
+    """Compare a run's sealed verdict with the one that its record gives by the same version of the
+    rules.
+    """
     if manifest.verdict is None or is_cut_off(manifest):
         return VerdictCheck()
     why = _why_not(folder, manifest)
     if why is not None:
-        return VerdictCheck(notes=[f"verdict: judged by rules {manifest.rules}, not recomputable here: {why}"])
+        return VerdictCheck(
+            notes=[f"verdict: judged by rules {manifest.rules}, not recomputable here: {why}"]
+        )
     differing = _differing(manifest, judge_again(folder, manifest))
-    if differing and manifest.rules == 1 and not _differing(manifest, judge_again(folder, manifest, counts_lacking=False)):
+    if (
+        differing
+        and manifest.rules == 1
+        and not _differing(manifest, judge_again(folder, manifest, counts_lacking=False))
+    ):
         differing = []
     version = manifest.host.get("jbclog", "not known")
     by = "" if version == __version__ else f"; it was judged by jbclog {version}"
-    notes = [f"verdict, {name}: judged by rules {manifest.rules}, not recomputable here" for name in _left(manifest)]
-    return VerdictCheck([f"verdict{name}: was {was}, its record gives {gives}{by}" for name, was, gives in differing], notes)
+    notes = [
+        f"verdict, {name}: judged by rules {manifest.rules}, not recomputable here"
+        for name in _left(manifest)
+    ]
+    return VerdictCheck(
+        [
+            f"verdict{name}: was {was}, its record gives {gives}{by}"
+            for name, was, gives in differing
+        ],
+        notes,
+    )
 
 
 def _left(manifest: Manifest) -> list[str]:
     """Return the rules of the sealed verdict that this jbclog cannot apply as they were then."""
-    return sorted({name for name, *_ in _results(manifest.verdict_rules)} & not_kept(manifest.rules))
+    return sorted(
+        {name for name, *_ in _results(manifest.verdict_rules)} & not_kept(manifest.rules)
+    )
 
 
-def _differing(manifest: Manifest, judgement: Judgement) -> list[tuple[str, str | None, str | None]]:
+def _differing(
+    manifest: Manifest, judgement: Judgement
+) -> list[tuple[str, str | None, str | None]]:
     """Return the rules whose result differs, each with the sealed and the new result."""
     before, now = _results(manifest.verdict_rules), _results(judgement.rules_as_dicts())
     gone = not_kept(manifest.rules)
-    found = [(_named(place), before.get(place), now.get(place)) for place in {**before, **now} if place[0] not in gone]
+    found = [
+        (_named(place), before.get(place), now.get(place))
+        for place in {**before, **now}
+        if place[0] not in gone
+    ]
     if not _left(manifest):
         found.insert(0, ("", manifest.verdict, judgement.verdict))
     return [one for one in found if one[1] != one[2]]
@@ -115,19 +170,27 @@ def _why_not(folder: Path, manifest: Manifest) -> str | None:
     """Return why the verdict cannot be recomputed; None if it can."""
     if not is_known(manifest.rules):
         return f"this jbclog knows rules 1 to {RULES}"
-    unread = [facts for facts in _recipes(folder, manifest)[1] if _is_as_sealed(folder, manifest, facts)]
+    unread = [
+        facts for facts in _recipes(folder, manifest)[1] if _is_as_sealed(folder, manifest, facts)
+    ]
     if unread:
         return f"this jbclog cannot read the recipe of {', '.join(facts.name for facts in unread)}"
     return None
 
 
-def _recipes(folder: Path, manifest: Manifest) -> tuple[dict[str, Recipe | None], list[StationFacts]]:
+def _recipes(
+    folder: Path, manifest: Manifest
+) -> tuple[dict[str, Recipe | None], list[StationFacts]]:
     """Return each station's recipe, and the stations whose recipe cannot be read."""
     recipes: dict[str, Recipe | None] = {}
     unread: list[StationFacts] = []
     for facts in manifest.stations:
         try:
-            recipes[facts.name] = None if facts.recipe is None else load_recipe(recipe_copy(folder, facts.recipe), links=False)
+            recipes[facts.name] = (
+                None
+                if facts.recipe is None
+                else load_recipe(recipe_copy(folder, facts.recipe), links=False)
+            )
         except (Problems, UsageError, OSError):
             unread.append(facts)
     return recipes, unread
@@ -140,15 +203,21 @@ def _is_as_sealed(folder: Path, manifest: Manifest, facts: StationFacts) -> bool
         found = hashlib.sha256(read_foreign(path, Kind.SETTINGS)).hexdigest()
     except OSError:
         return False
-    return any(found == recipe.sha256 and path.name == Path(recipe.file).name for recipe in manifest.recipes)
+    return any(
+        found == recipe.sha256 and path.name == Path(recipe.file).name
+        for recipe in manifest.recipes
+    )
 
 
 def _results(rules: Sequence[object]) -> dict[Place, str]:
     """Return the result of each rule."""
     found = [rule for rule in rules if isinstance(rule, dict)]
-    return {(str(rule["name"]), rule["station"], rule["port"]): str(rule["result"]) for rule in found}
+    return {
+        (str(rule["name"]), rule["station"], rule["port"]): str(rule["result"]) for rule in found
+    }
 
 
 def _named(place: Place) -> str:
     name, station, port = place
-    return f", {name}{'' if station is None else f' of {station}'}{'' if port is None else f' port {port}'}"
+    of = "" if station is None else f" of {station}"
+    return f", {name}{of}{'' if port is None else f' port {port}'}"

@@ -1,7 +1,7 @@
 """Alarm episodes of a run, computed from its tables.
 
-The table has a row for each episode of each detector (`TABLE`); `Alarms.incidents` groups them. Also works for a run that is still
-open or was cut off, as far as its record reaches.
+The table has a row for each episode of each detector (`TABLE`); `Alarms.incidents` groups them.
+Also works for a run that is still open or was cut off, as far as its record reaches.
 """
 
 from __future__ import annotations
@@ -69,7 +69,10 @@ TABLE: Final = {
 _ARROW: Final = {"str": TEXT, "int64": INT, "time": TIME, "Float64": FLOAT, "boolean": FLAG}
 _UNITS: Final = {"seconds": "s", "peak_c": "°C", "limit_c": "°C", "delay_s": "s"}
 ALARMS_SCHEMA: Final = pa.schema(
-    [pa.field(name, _ARROW[kind], metadata={"unit": _UNITS[name]} if name in _UNITS else None) for name, kind in TABLE.items()]
+    [
+        pa.field(name, _ARROW[kind], metadata={"unit": _UNITS[name]} if name in _UNITS else None)
+        for name, kind in TABLE.items()
+    ]
 )
 """The same columns as Arrow fields, with units."""
 
@@ -87,8 +90,9 @@ class Acknowledgement:
 class Alarms:
     """The alarms of a run.
 
-    `figures`: of each station by each detector. `live`: a sentence for each difference between the recorder's events and the
-    record. `acknowledged`: name of an episode -> acknowledgement, which applies to its whole incident.
+    `figures`: of each station by each detector. `live`: a sentence for each difference between the
+    recorder's events and the record. `acknowledged`: name of an episode -> acknowledgement, which
+    applies to its whole incident.
     """
 
     incidents: list[Incident]
@@ -99,7 +103,9 @@ class Alarms:
     def acknowledgement(self, incident: Incident) -> Acknowledgement | None:
         """Return the first acknowledgement of any of its episodes, or None."""
         given = (self.acknowledged.get(episode.id) for episode in incident.episodes)
-        return min((one for one in given if one is not None), key=lambda one: one.time, default=None)
+        return min(
+            (one for one in given if one is not None), key=lambda one: one.time, default=None
+        )
 
     def is_waiting(self, incident: Incident) -> bool:
         """Whether it is an alarm, by the station or by our samples, and not acknowledged."""
@@ -108,15 +114,25 @@ class Alarms:
 
     def incident_of(self, episode_id: str) -> Incident | None:
         """Return the incident of an episode; None for an unknown name."""
-        return next((one for one in self.incidents for each in one.episodes if each.id == episode_id), None)
+        return next(
+            (one for one in self.incidents for each in one.episodes if each.id == episode_id), None
+        )
 
     def findings(self) -> list[str]:
-        """Return a sentence for each disagreement of the detectors, and for each acknowledgement without an episode."""
-        disagreements = (f"{one.station} port {one.port}: {one.finding}." for one in self.incidents if one.finding)
+        """Return a sentence for each disagreement of the detectors, and for each acknowledgement
+        without an episode.
+        """
+        disagreements = (
+            f"{one.station} port {one.port}: {one.finding}."
+            for one in self.incidents
+            if one.finding
+        )
         return [*disagreements, *self.live, *self.without_episode()]
 
     def without_episode(self) -> list[str]:
-        """Return a sentence for each acknowledgement of an episode that the record does not give."""
+        """Return a sentence for each acknowledgement of an episode that the record does not
+        give.
+        """
         known = {episode.id for incident in self.incidents for episode in incident.episodes}
         return [
             f"{name}: acknowledged by {given.who}, but the record gives no such episode."
@@ -125,8 +141,14 @@ class Alarms:
         ]
 
     def rows(self) -> list[dict[str, object]]:
-        """Return a row for each episode as plain values for JSON, in the order of their incidents; times in ISO 8601."""
-        return [self._row(incident, episode) for incident in self.incidents for episode in incident.episodes]
+        """Return a row for each episode as plain values for JSON, in the order of their incidents;
+        times in ISO 8601.
+        """
+        return [
+            self._row(incident, episode)
+            for incident in self.incidents
+            for episode in incident.episodes
+        ]
 
     def figure_rows(self) -> list[dict[str, object]]:
         """Return the figures as plain values for JSON; times in ISO 8601."""
@@ -135,7 +157,9 @@ class Alarms:
     def frame(self) -> pd.DataFrame:
         """Return the rows as a DataFrame with the columns of `TABLE`."""
         rows = self.rows()
-        return pd.DataFrame({name: _column(kind, [row[name] for row in rows]) for name, kind in TABLE.items()})
+        return pd.DataFrame(
+            {name: _column(kind, [row[name] for row in rows]) for name, kind in TABLE.items()}
+        )
 
     def table(self) -> pa.Table:
         """Return the rows as an Arrow table with `ALARMS_SCHEMA`."""
@@ -180,7 +204,10 @@ def alarms_of(run: RunTables) -> Alarms:
     episodes = [episode for one in sampled.values() for episode in one.found]
     for place, alarms in events.alarms.items():
         episodes += flag_episodes(alarms, reads.get(place, ()))
-    found, given = incidents(episodes, _lost_flags(events), _with_flags(stations)), acknowledged_in(run)
+    found, given = (
+        incidents(episodes, _lost_flags(events), _with_flags(stations)),
+        acknowledged_in(run),
+    )
     at = _acknowledged_us(found, given)
     kpis: list[Figures] = []
     for name in known:
@@ -189,8 +216,12 @@ def alarms_of(run: RunTables) -> Alarms:
     return Alarms(found, kpis, list(_live_differences(episodes, events, stations)), given)
 
 
-def _acknowledged_us(found: Iterable[Incident], given: Mapping[str, Acknowledgement]) -> dict[str, int]:
-    """Return when the incident of each episode was first acknowledged, by the episode's name; UTC microseconds."""
+def _acknowledged_us(
+    found: Iterable[Incident], given: Mapping[str, Acknowledgement]
+) -> dict[str, int]:
+    """Return when the incident of each episode was first acknowledged, by the episode's name; UTC
+    microseconds.
+    """
     at: dict[str, int] = {}
     for incident in found:
         times = [given[one.id].time for one in incident.episodes if one.id in given]
@@ -207,17 +238,28 @@ Span = tuple[int, int]
 def _sampled(
     run: RunTables, known: Mapping[str, StationFacts], events: RunEvents
 ) -> tuple[dict[Place, SampledEpisodes], dict[Place, list[FlagRead]], dict[str, Span]]:
-    """Return, from one pass over the samples, episodes by samples, the flags of ports that lost some, and the time recorded."""
-    losing = frozenset(place for place, alarms in events.alarms.items() if any(event.kind == FLAGS_LOST for event in alarms))
+    """Return, from one pass over the samples, episodes by samples, the flags of ports that lost
+    some, and the time recorded.
+    """
+    losing = frozenset(
+        place
+        for place, alarms in events.alarms.items()
+        if any(event.kind == FLAGS_LOST for event in alarms)
+    )
     periods = {name: facts.period_s for name, facts in known.items()}
-    splitter, sampled = PortSplitter(events.steps, losing, run.manifest.t0_utc, periods), dict[Place, SampledEpisodes]()
+    splitter, sampled = (
+        PortSplitter(events.steps, losing, run.manifest.t0_utc, periods),
+        dict[Place, SampledEpisodes](),
+    )
     reads, spans = dict[Place, list[FlagRead]](), dict[str, Span]()
     for piece in run.groups("samples", COLUMNS):
         for place, rows, flags in splitter.split(piece):
             if place not in sampled:
                 facts = known.get(place[0])
                 period_s = facts.period_s if facts else None
-                sampled[place] = SampledEpisodes(*place, period_s, events.changes.get(place, ()), rules_of(facts))
+                sampled[place] = SampledEpisodes(
+                    *place, period_s, events.changes.get(place, ()), rules_of(facts)
+                )
             sampled[place].feed(rows)
             reads.setdefault(place, []).extend(flags)
             first, last = spans.get(place[0], (rows.time_us[0], rows.time_us[-1]))
@@ -227,24 +269,45 @@ def _sampled(
 
 def _lost_flags(events: RunEvents) -> dict[Place, list[Unknown]]:
     return {
-        place: [Unknown(earliest_us(event), event.time) for event in alarms if event.kind == FLAGS_LOST]
+        place: [
+            Unknown(earliest_us(event), event.time) for event in alarms if event.kind == FLAGS_LOST
+        ]
         for place, alarms in events.alarms.items()
     }
 
 
 def _with_flags(stations: Iterable[StationFacts]) -> list[str]:
-    """Return the stations that report alarm flags, with those whose signals the record does not list."""
+    """Return the stations that report alarm flags, with those whose signals the record does not
+    list.
+    """
     return [
-        one.name for one in stations if (not one.signals or "alarm_high" in one.signals) and "alarm_high" not in one.not_supported
+        one.name
+        for one in stations
+        if (not one.signals or "alarm_high" in one.signals)
+        and "alarm_high" not in one.not_supported
     ]
 
 
-def _live_differences(episodes: Iterable[Episode], found: RunEvents, stations: Iterable[StationFacts]) -> Iterable[str]:
-    """Yield a sentence for each difference between detector B's events and episodes. Early recorders had no such events."""
+def _live_differences(
+    episodes: Iterable[Episode], found: RunEvents, stations: Iterable[StationFacts]
+) -> Iterable[str]:
+    """Yield a sentence for each difference between detector B's events and episodes. Early
+    recorders had no such events.
+    """
     evaluated = {facts.name for facts in stations if facts.alarm_rules}
-    given = [one for one in episodes if one.detector is Detector.SAMPLES and one.station in evaluated]
-    events = [event for (station, _), alarms in found.alarms.items() if station in evaluated for event in alarms]
-    for kind, names in (("raised", {one.id for one in given}), ("cleared", {one.id for one in given if one.end_us is not None})):
+    given = [
+        one for one in episodes if one.detector is Detector.SAMPLES and one.station in evaluated
+    ]
+    events = [
+        event
+        for (station, _), alarms in found.alarms.items()
+        if station in evaluated
+        for event in alarms
+    ]
+    for kind, names in (
+        ("raised", {one.id for one in given}),
+        ("cleared", {one.id for one in given if one.end_us is not None}),
+    ):
         live = {str(event.raw) for event in events if event.kind == f"{KIND}.{kind}"}
         for name in sorted(names - live):
             yield f"{name}: {kind} by the record, but the recorder logged no such event."
@@ -253,7 +316,9 @@ def _live_differences(episodes: Iterable[Episode], found: RunEvents, stations: I
 
 
 def acknowledged_in(run: RunTables) -> dict[str, Acknowledgement]:
-    """Return the first acknowledgement of each episode, by its name; empty for a run that is not sealed."""
+    """Return the first acknowledgement of each episode, by its name; empty for a run that is not
+    sealed.
+    """
     if run.manifest.state != "sealed":
         return {}
     given: dict[str, Acknowledgement] = {}
@@ -265,7 +330,11 @@ def acknowledged_in(run: RunTables) -> dict[str, Acknowledgement]:
 
 def iso(micros: int | None) -> str | None:
     """Return a UTC time as ISO 8601 with microseconds."""
-    return None if micros is None else pd.Timestamp(micros, unit="us", tz="UTC").strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    return (
+        None
+        if micros is None
+        else pd.Timestamp(micros, unit="us", tz="UTC").strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    )
 
 
 def _moment(text: object) -> datetime | None:
@@ -274,10 +343,17 @@ def _moment(text: object) -> datetime | None:
 
 def _figure_row(one: Figures) -> dict[str, object]:
     floods = [{"begin": iso(begin), "end": iso(end)} for begin, end in one.floods]
-    return {**asdict(one), "detector": str(one.detector), "floods": floods, "top": [asdict(source) for source in one.top]}
+    return {
+        **asdict(one),
+        "detector": str(one.detector),
+        "floods": floods,
+        "top": [asdict(source) for source in one.top],
+    }
 
 
 def _column(kind: str, cells: list[object]) -> pd.Series:
     if kind == "time":
-        return pd.to_datetime(pd.Series(cells, dtype="object"), utc=True, format="ISO8601").astype("datetime64[us, UTC]")
+        return pd.to_datetime(pd.Series(cells, dtype="object"), utc=True, format="ISO8601").astype(
+            "datetime64[us, UTC]"
+        )
     return pd.Series(cells, dtype=kind)

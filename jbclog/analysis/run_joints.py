@@ -1,4 +1,6 @@
-"""The joints of a run as objects, each with its slice of the samples and its unit, and as spans of a figure."""
+"""The joints of a run as objects, each with its slice of the samples and its unit, and as spans of
+a figure.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from jbclog.record.schema import TEXT
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunJoint:
-    """A joint. Its fields are the columns of `Run.joints` (docs/reference/tables.md), and its unit's serial; None: not known."""
+    """A joint. Its fields are the columns of `Run.joints` (docs/reference/tables.md), and its
+    unit's serial; None: not known.
+    """
 
     run: RunTables = field(repr=False, compare=False)
     unit: str | None
@@ -51,28 +55,42 @@ class RunJoint:
     recovered: bool | None
     had_s: float | None
 
-    def samples(self, before_s: float = 0.0, after_s: float = 0.0, columns: Sequence[str] | None = None) -> pd.DataFrame:
-        """Return its port's rows of `Run.samples` from `before_s` before its start to `after_s` after its end, both included.
+    def samples(
+        self, before_s: float = 0.0, after_s: float = 0.0, columns: Sequence[str] | None = None
+    ) -> pd.DataFrame:
+        """Return its port's rows of `Run.samples` from `before_s` before its start to `after_s`
+        after its end, both included.
 
-        Raises `UsageError` for a negative time or an unknown column, `RecordError` for a record that cannot be read.
+        Raises `UsageError` for a negative time or an unknown column, `RecordError` for a record
+        that cannot be read.
         """
         if before_s < 0 or after_s < 0:
-            raise UsageError(f"before_s is {before_s} s, after_s is {after_s} s; both must be 0 or more")
+            raise UsageError(
+                f"before_s is {before_s} s, after_s is {after_s} s; both must be 0 or more"
+            )
         begin = self.start - pd.Timedelta(seconds=before_s)
-        after_end = self.end + pd.Timedelta(seconds=after_s) + pd.Timedelta(microseconds=1)  # `stop` itself is not included
+        # `stop` itself is not included
+        after_end = self.end + pd.Timedelta(seconds=after_s) + pd.Timedelta(microseconds=1)
         return self.run.samples(self.station, self.port, begin, after_end, columns)
 
 
-def each_joint(run: RunTables, station: str | None = None, port: int | None = None) -> list[RunJoint]:
+def each_joint(
+    run: RunTables, station: str | None = None, port: int | None = None
+) -> list[RunJoint]:
     """Return the joints of a run in the order of `joints_of`. Raises `RecordError`."""
     table = joints_of(run, station)
     if port is not None:
         table = table.filter(pc.equal(table["port"], port))
-    return [_joint(run, unit, row) for unit, row in zip(_serials(run, table), table.to_pylist(), strict=True)]
+    return [
+        _joint(run, unit, row)
+        for unit, row in zip(_serials(run, table), table.to_pylist(), strict=True)
+    ]
 
 
 def joints_with_units(run: RunTables) -> pa.Table:
-    """Return the joints of `joints_of` with a first column `unit`: the unit's serial, null where it is not known."""
+    """Return the joints of `joints_of` with a first column `unit`: the unit's serial, null where it
+    is not known.
+    """
     table = joints_of(run)
     return table.add_column(0, pa.field("unit", TEXT), pa.array(_serials(run, table), TEXT))
 
@@ -89,13 +107,21 @@ def _joint(run: RunTables, unit: str | None, row: dict[str, object]) -> RunJoint
 
 def joints_of_port(joints: pa.Table, station: str, port: int) -> pa.Table:
     """Return the joints of one port."""
-    return joints.filter(pc.and_(pc.equal(joints["station"], station), pc.equal(joints["port"], port)))
+    return joints.filter(
+        pc.and_(pc.equal(joints["station"], station), pc.equal(joints["port"], port))
+    )
 
 
 def spans_of(joints: pa.Table) -> list[Span]:
-    """Return the joints of one port in seconds of the run, each with the word for whether the tip was back before the next."""
+    """Return the joints of one port in seconds of the run, each with the word for whether the tip
+    was back before the next.
+    """
     names = ("start_s", "end_s", "recovered")
     return [
-        Span(start, end, JointEnd.BACK if back else JointEnd.CUT_OFF if back is None else JointEnd.LATE)
+        Span(
+            start,
+            end,
+            JointEnd.BACK if back else JointEnd.CUT_OFF if back is None else JointEnd.LATE,
+        )
         for start, end, back in zip(*(joints[name].to_pylist() for name in names), strict=True)
     ]

@@ -1,8 +1,9 @@
 """Joints and metrics of a run: as its report stored them, or computed from its samples.
 
-The tables have a row for each joint (`JOINTS_SCHEMA`) or for each metric of each port (`METRICS`). Also works for a run that is
-still open or was cut off, as far as its record reaches. Ports without a feeder are measured together, window by window, so that a
-long run fits into memory; a port with a feeder is measured as a whole.
+The tables have a row for each joint (`JOINTS_SCHEMA`) or for each metric of each port (`METRICS`).
+Also works for a run that is still open or was cut off, as far as its record reaches. Ports without
+a feeder are measured together, window by window, so that a long run fits into memory; a port with a
+feeder is measured as a whole.
 """
 
 from __future__ import annotations
@@ -27,7 +28,13 @@ from jbclog.analysis.joints.solder_wire import Wire
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
 from jbclog.analysis.run_tables import RunTables, frame, stations_of
-from jbclog.analysis.stored_tables import JOINTS_SCHEMA, MetricRow, metric_table, stored_joints, stored_metrics
+from jbclog.analysis.stored_tables import (
+    JOINTS_SCHEMA,
+    MetricRow,
+    metric_table,
+    stored_joints,
+    stored_metrics,
+)
 from jbclog.analysis.verdict.clock_steps import Step
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder
@@ -41,7 +48,8 @@ Moments = Mapping[float, int]
 """Seconds on a port's grid -> UTC in microseconds."""
 
 ROWS_AT_ONCE: Final = 4096
-ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}  # status words of W-PS (manuals 000, 001, 002)
+# status words of W-PS (manuals 000, 001, 002)
+ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}
 
 
 class MeasuredPort(NamedTuple):
@@ -54,19 +62,25 @@ class MeasuredPort(NamedTuple):
 
     def joint_table(self) -> pa.Table:
         """Return a row for each joint; a few thousand of them are plain rows at once."""
-        rows = (_joint_row(self, number, joint) for number, joint in enumerate(self.measured.joints, 1))
+        rows = (
+            _joint_row(self, number, joint) for number, joint in enumerate(self.measured.joints, 1)
+        )
         some = iter(lambda: list(islice(rows, ROWS_AT_ONCE)), [])
         return _concatenated([pa.Table.from_pylist(these, schema=JOINTS_SCHEMA) for these in some])
 
     def metric_rows(self) -> list[MetricRow]:
         """Return a row for each metric."""
-        return [MetricRow(self.facts.name, self.port, *astuple(one)) for one in self.measured.figures]
+        return [
+            MetricRow(self.facts.name, self.port, *astuple(one)) for one in self.measured.figures
+        ]
 
 
 def metrics_of(run: RunTables, station: str | None = None) -> pd.DataFrame:
-    """Return a row for each metric of each port: value, or the reason in `why`; unit, n, coverage in per cent, resolution.
+    """Return a row for each metric of each port: value, or the reason in `why`; unit, n, coverage
+    in per cent, resolution.
 
-    Reads the stored metrics if they are this run's, and computes them otherwise. Raises `RecordError`.
+    Reads the stored metrics if they are this run's, and computes them otherwise. Raises
+    `RecordError`.
     """
     return metric_table(metric_rows_of(run, station))
 
@@ -75,9 +89,15 @@ def metric_rows_of(run: RunTables, station: str | None = None) -> list[MetricRow
     """Return the rows of `metrics_of`."""
     published = run.published("metrics")
     if published is not None:
-        return [MetricRow(**row) for row in published.to_pylist() if station in (None, row["station"])]
+        return [
+            MetricRow(**row) for row in published.to_pylist() if station in (None, row["station"])
+        ]
     try:
-        stored = stored_metrics(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
+        stored = (
+            stored_metrics(run.folder, manifest_sha256(run.folder))
+            if run.manifest.state == "sealed"
+            else None
+        )
     except RecordError:
         stored = None
     if stored is not None:
@@ -91,11 +111,17 @@ def computed_metrics(run: RunTables, station: str | None = None) -> list[MetricR
 
 
 def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
-    """Return the stored joints if they are this run's; finds them in the samples otherwise. Raises `RecordError`."""
+    """Return the stored joints if they are this run's; finds them in the samples otherwise. Raises
+    `RecordError`.
+    """
     stored = run.published("joints")
     if stored is None:
         try:
-            stored = stored_joints(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
+            stored = (
+                stored_joints(run.folder, manifest_sha256(run.folder))
+                if run.manifest.state == "sealed"
+                else None
+            )
         except RecordError:
             stored = None
     if stored is None:
@@ -113,8 +139,11 @@ def joints_table(run: RunTables, station: str | None = None) -> pa.Table:
     return _concatenated([one.joint_table() for one in _measured(run, station)])
 
 
-def joints_and_metrics(run: RunTables) -> tuple[pa.Table, list[dict[str, object]], list[dict[str, object]]]:
-    """Return `joints_table`, the rows of `metrics_of`, and the joint parameters of each port, from one pass over the samples.
+def joints_and_metrics(
+    run: RunTables,
+) -> tuple[pa.Table, list[dict[str, object]], list[dict[str, object]]]:
+    """Return `joints_table`, the rows of `metrics_of`, and the joint parameters of each port, from
+    one pass over the samples.
 
     The parameters are those of the recipe's `[joints]`, completed by what was learnt from the run.
     """
@@ -125,7 +154,9 @@ def joints_and_metrics(run: RunTables) -> tuple[pa.Table, list[dict[str, object]
         joints.append(one.joint_table())
         metrics += map(asdict, one.metric_rows())
         if one.measured.found is not None:
-            parameters.append({"station": one.facts.name, "port": one.port, **asdict(one.measured.found.settings)})
+            parameters.append(
+                {"station": one.facts.name, "port": one.port, **asdict(one.measured.found.settings)}
+            )
     return _concatenated(joints), metrics, parameters
 
 
@@ -146,13 +177,17 @@ def _measured(run: RunTables, station: str | None) -> Iterator[MeasuredPort]:
         if with_feeder:
             every = run.settings(), run.counters()
             for facts in stations:
-                yield from _as_a_whole(run, facts, *(table[table["station"] == facts.name] for table in every))
+                yield from _as_a_whole(
+                    run, facts, *(table[table["station"] == facts.name] for table in every)
+                )
         else:
             for some in at_once(list(stations), lambda facts: len(facts.ports), MOST_PORTS):
                 yield from _in_windows(run, some)
 
 
-def _as_a_whole(run: RunTables, facts: StationFacts, settings: pd.DataFrame, counters: pd.DataFrame) -> Iterator[MeasuredPort]:
+def _as_a_whole(
+    run: RunTables, facts: StationFacts, settings: pd.DataFrame, counters: pd.DataFrame
+) -> Iterator[MeasuredPort]:
     """Measure the ports of a station with a feeder."""
     for port, series, wire, utc_us in _whole_ports(run, facts, settings, counters):
         measured = measure_port(series, kind_of(facts), wire, _parameters(run, facts))
@@ -160,12 +195,17 @@ def _as_a_whole(run: RunTables, facts: StationFacts, settings: pd.DataFrame, cou
 
 
 def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[MeasuredPort]:
-    """Measure the ports of stations without a feeder, with no more than a window of each port in memory."""
+    """Measure the ports of stations without a feeder, with no more than a window of each port in
+    memory.
+    """
     reader = _reader(run, stations)
     measuring: dict[Key, PortMeasuring] = {}
     every_setting = run.settings()
     for facts in stations:
-        settings, parameters = every_setting[every_setting["station"] == facts.name], _parameters(run, facts)
+        settings, parameters = (
+            every_setting[every_setting["station"] == facts.name],
+            _parameters(run, facts),
+        )
         for port in facts.ports:
             ordered_s = _ordered_s(facts, settings, port, reader.clock((facts.name, port)))
             like = replace(reader.like((facts.name, port)), ordered_s=ordered_s)
@@ -175,20 +215,27 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
     moments = reader.utc_us({key: _edges(one.joints) for key, one in measured.items()})
     for facts in stations:
         for port in facts.ports:
-            yield MeasuredPort(facts, port, measured.pop((facts.name, port)), moments.pop((facts.name, port)))
+            yield MeasuredPort(
+                facts, port, measured.pop((facts.name, port)), moments.pop((facts.name, port))
+            )
 
 
 def _reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
     steps = clock_steps(run) if any(not facts.period_s for facts in stations) else []
     t0_us = round((run.manifest.t0_utc or 0.0) * 1e6)
-    return PortReader(stations, lambda columns: run.groups("samples", columns), steps, t0_us, MOST_ROWS)
+    return PortReader(
+        stations, lambda columns: run.groups("samples", columns), steps, t0_us, MOST_ROWS
+    )
 
 
 def clock_steps(run: RunTables) -> list[Step]:
     """Return the steps of the wall clock; unlike `steps_of`, also for a run that is not sealed."""
     events = run.events()
     steps = events[(events["kind"] == "clock.step") & events["value"].notna()]
-    return [Step(time / 1e6, value) for time, value in zip(steps["time"].astype("int64"), steps["value"], strict=True)]
+    return [
+        Step(time / 1e6, value)
+        for time, value in zip(steps["time"].astype("int64"), steps["value"], strict=True)
+    ]
 
 
 def _edges(joints: Sequence[Joint]) -> list[float]:
@@ -205,17 +252,33 @@ def _moments(seconds: Floats, utc_us: Counts, joints: Sequence[Joint]) -> Moment
 def _whole_ports(
     run: RunTables, facts: StationFacts, settings: pd.DataFrame, counters: pd.DataFrame
 ) -> Iterator[tuple[int, Series, Wire, Counts]]:
-    """Yield each port of a station with a feeder: its number, all its rows, the feeder's counter, and the UTC of the rows."""
+    """Yield each port of a station with a feeder: its number, all its rows, the feeder's counter,
+    and the UTC of the rows.
+    """
     reader = _reader(run, [facts])
     for key, (series, utc_us) in reader.whole().items():
         port, clock, counted = key[1], reader.clock(key), counters[counters["port"] == key[1]]
-        cycles, ordered_s = _cycles(counted, utc_us, series.seconds), _ordered_s(facts, settings, port, clock)
-        yield port, replace(series, ordered_s=ordered_s, cycles=cycles), _wire(counted, settings, clock), utc_us
+        cycles, ordered_s = (
+            _cycles(counted, utc_us, series.seconds),
+            _ordered_s(facts, settings, port, clock),
+        )
+        yield (
+            port,
+            replace(series, ordered_s=ordered_s, cycles=cycles),
+            _wire(counted, settings, clock),
+            utc_us,
+        )
 
 
-def _ordered_s(facts: StationFacts, settings: pd.DataFrame, port: int, clock: Clock) -> float | None:
+def _ordered_s(
+    facts: StationFacts, settings: pd.DataFrame, port: int, clock: Clock
+) -> float | None:
     """Return when the run ordered the tool to work; None if it did not."""
-    orders = settings[(settings["port"] == port) & (settings["setting"] == "status") & (settings["outcome"] == "confirmed")]
+    orders = settings[
+        (settings["port"] == port)
+        & (settings["setting"] == "status")
+        & (settings["outcome"] == "confirmed")
+    ]
     orders = orders[orders["requested"] == ORDER_TO_WORK.get(kind_of(facts))]
     return float(clock.of(_micros(orders))[-1]) if len(orders) else None
 
@@ -223,7 +286,9 @@ def _ordered_s(facts: StationFacts, settings: pd.DataFrame, port: int, clock: Cl
 def _wire(counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire:
     """Return the feeder's counter of lengths, and the length that is set, if it was read."""
     length = _counter(counters, "dispensed_mm")
-    readbacks = settings[(settings["setting"] == "feeder_length") & settings["readback"].notna()]["readback"]
+    readbacks = settings[(settings["setting"] == "feeder_length") & settings["readback"].notna()][
+        "readback"
+    ]
     try:
         set_mm = float(readbacks.iloc[-1]) if len(readbacks) else None
     except ValueError:
@@ -266,7 +331,9 @@ def _joint_row(one: MeasuredPort, number: int, joint: Joint) -> dict[str, object
         "peak_permille": _rounded(draw.peak),
         "heat_permille_s": _rounded(draw.heat),
         "energy_permille_s": _rounded(energy),
-        "energy_j": None if energy is None or rated_w is None else _rounded(energy * rated_w / 1000),
+        "energy_j": (
+            None if energy is None or rated_w is None else _rounded(energy * rated_w / 1000)
+        ),
         "fed": draw.fed,
         "confidence": draw.confidence,
         "why": joint.why,
@@ -283,5 +350,7 @@ def _joint_row(one: MeasuredPort, number: int, joint: Joint) -> dict[str, object
 
 
 def _rounded(value: float | None) -> float | None:
-    """Return a value to three decimals, finer than any resolution of a station; None if it is not known."""
+    """Return a value to three decimals, finer than any resolution of a station; None if it is not
+    known.
+    """
     return None if value is None or abs(value) == inf else round(value, 3)

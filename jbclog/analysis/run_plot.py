@@ -21,25 +21,45 @@ from jbclog.analysis.verdict import judged_signals
 from jbclog.core.errors import UsageError
 from jbclog.core.rows import StationFacts
 
-COLUMNS: Final = ("time", "tick", "station", "port", "quality", "reasons", "temperature_c", "set_c", "power_permille", "status")
+COLUMNS: Final = (
+    "time",
+    "tick",
+    "station",
+    "port",
+    "quality",
+    "reasons",
+    "temperature_c",
+    "set_c",
+    "power_permille",
+    "status",
+)
 HEADING_PT: Final = 17.0
 DPI: Final = 130  # of the picture in a notebook
 
 
 def plot(run: RunTables, station: str | None = None, port: int | None = None) -> Figure:
-    """Return a figure of each port: temperature, power, status, joints, missing data, alarms and errors; days (UTC) on the x axis.
+    """Return a figure of each port: temperature, power, status, joints, missing data, alarms and
+    errors; days (UTC) on the x axis.
 
-    Each panel has one linear scale over its whole range. Raises `UsageError` if there are no samples to show.
+    Each panel has one linear scale over its whole range. Raises `UsageError` if there are no
+    samples to show.
     """
     ports = [(f"{name} port {number}", one) for name, number, one in _traces(run, station, port)]
     if not ports:
-        raise UsageError(f"{run.name} has no samples of station {station or 'any'}, port {port or 'any'}")
+        raise UsageError(
+            f"{run.name} has no samples of station {station or 'any'}, port {port or 'any'}"
+        )
     drawn = [(title, one, lanes_of(one, WIDE)) for title, one in ports]
     heights = [HEADING_PT + height_pt(one, lanes, WIDE) for _, one, lanes in drawn]
     with styled():
         figure, top = new_figure(WIDE.width_pt, sum(heights), DPI), 0.0
         for height, (title, one, lanes) in zip(heights, drawn, strict=True):
-            look: Look = {"fontsize": WIDE.font_pt + 1.5, "weight": "bold", "color": INK, "va": "top"}
+            look: Look = {
+                "fontsize": WIDE.font_pt + 1.5,
+                "weight": "bold",
+                "color": INK,
+                "va": "top",
+            }
             figure.text(3 / WIDE.width_pt, 1 - (top + 4) / sum(heights), title, **look)
             for axes in draw_at(figure, top + HEADING_PT, one, lanes, WIDE, has_knee=False):
                 axes.set_label(title)
@@ -50,15 +70,24 @@ def plot(run: RunTables, station: str | None = None, port: int | None = None) ->
 def _traces(run: RunTables, station: str | None, port: int | None) -> list[tuple[str, int, Trace]]:
     """Return the ports that have samples, in the order of the line file."""
     t0_utc_us = round((run.manifest.t0_utc or 0.0) * 1e6)
-    events, settings, joints = happenings(run.events(), t0_utc_us), run.settings(), joints_of(run, station)
+    events, settings, joints = (
+        happenings(run.events(), t0_utc_us),
+        run.settings(),
+        joints_of(run, station),
+    )
     found = []
     for facts in run.manifest.stations:
         if station not in (None, facts.name):
             continue
         for number, rows in run.samples(facts.name, port, columns=_columns(facts)).groupby("port"):
             of_states, own = "temperature_c" not in judged_signals(facts), int(str(number))
-            one = trace(rows, Grid(t0_utc_us, facts.period_s), of_states=of_states, of_air=has_air(facts))
-            limits, marks = limits_of(settings, facts.name, own, t0_utc_us), marks_of(events, facts.name, own)
+            one = trace(
+                rows, Grid(t0_utc_us, facts.period_s), of_states=of_states, of_air=has_air(facts)
+            )
+            limits, marks = (
+                limits_of(settings, facts.name, own, t0_utc_us),
+                marks_of(events, facts.name, own),
+            )
             spans = spans_of(joints_of_port(joints, facts.name, own))
             found.append((facts.name, own, replace(one, limits=limits, marks=marks, joints=spans)))
     return found

@@ -1,6 +1,8 @@
-"""The manifest and the tables of a run: a selection of rows and columns as DataFrames or Arrow tables, whole or in pieces.
+"""The manifest and the tables of a run: a selection of rows and columns as DataFrames or Arrow
+tables, whole or in pieces.
 
-Also reads a run that is being recorded, or that a crash cut off: Parquet parts first, then the rows that only the live store has.
+Also reads a run that is being recorded, or that a crash cut off: Parquet parts first, then the rows
+that only the live store has.
 """
 
 from __future__ import annotations
@@ -36,21 +38,29 @@ from jbclog.record.store import segments
 from jbclog.record.store_reader import StoreReader
 
 Moment = str | datetime | pd.Timestamp
-"""A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no zone."""
+"""A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no
+zone.
+"""
 
 Times = Sequence[object] | pd.Series | pd.DatetimeIndex
 """UTC moments: Timestamps, datetimes, or strings with a zone."""
 
 HELD_ROWS: Final = 500_000  # of a live store, in memory at once
-MOST_WHOLE: Final = 128 << 20  # bytes of events, settings or counters: half a million events, more than a million counters
+# bytes of events, settings or counters: half a million events, more than a million counters
+MOST_WHOLE: Final = 128 << 20
 MOST_SAID: Final = 2000  # characters of a warning
-LEFT_OUT: Final = "These rows are left out; `jbclog recover` finishes the run and keeps its live store in damaged/."
+LEFT_OUT: Final = (
+    "These rows are left out; `jbclog recover` finishes the run and keeps its live store in"
+    " damaged/."
+)
 MICROSECONDS: Final = struct.Struct("<q")  # a time in the statistics of a Parquet footer
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Some rows and columns of a table. `start` is included, `stop` is not, both UTC; None selects all."""
+    """Some rows and columns of a table. `start` is included, `stop` is not, both UTC; None selects
+    all.
+    """
 
     table: str
     columns: Sequence[str]
@@ -61,8 +71,14 @@ class Selection:
 
     @property
     def needed(self) -> list[str]:
-        """The columns to read, in the table's order: the selected ones, and those by which rows are selected."""
-        conditions = {"station": self.station, "port": self.port, "time": self.start if self.start is not None else self.stop}
+        """The columns to read, in the table's order: the selected ones, and those by which rows are
+        selected.
+        """
+        conditions = {
+            "station": self.station,
+            "port": self.port,
+            "time": self.start if self.start is not None else self.stop,
+        }
         compared = {name for name, value in conditions.items() if value is not None}
         return [name for name in SCHEMAS[self.table].names if name in {*self.columns, *compared}]
 
@@ -79,7 +95,9 @@ class Selection:
         return rows.select(list(self.columns))
 
     def may_have(self, part: Path) -> bool:
-        """Whether a part can hold rows between `start` and `stop`, by its footer. Raises `RecordError` for an unreadable part."""
+        """Whether a part can hold rows between `start` and `stop`, by its footer. Raises
+        `RecordError` for an unreadable part.
+        """
         if self.start is None and self.stop is None:
             return True
         try:
@@ -88,7 +106,9 @@ class Selection:
             raise RecordError(f"{part} is no readable part: {error}") from error
         if first is None or last is None:
             return True
-        return (self.start is None or last >= self.start) and (self.stop is None or first < self.stop)
+        return (self.start is None or last >= self.start) and (
+            self.stop is None or first < self.stop
+        )
 
 
 def select(
@@ -104,7 +124,9 @@ def select(
     unknown = [name for name in columns or () if name not in names]
     if unknown:
         raise UsageError(f"{table} has no column {', '.join(unknown)}; it has {', '.join(names)}")
-    return Selection(table, list(columns) if columns is not None else names, station, port, utc(start), utc(stop))
+    return Selection(
+        table, list(columns) if columns is not None else names, station, port, utc(start), utc(stop)
+    )
 
 
 def utc(moment: Moment | None) -> pd.Timestamp | None:
@@ -116,22 +138,33 @@ def utc(moment: Moment | None) -> pd.Timestamp | None:
 
 
 def frame(table: pa.Table) -> pd.DataFrame:
-    """Return an Arrow table as a DataFrame: Int64 and boolean columns where values can be missing, times in UTC."""
+    """Return an Arrow table as a DataFrame: Int64 and boolean columns where values can be missing,
+    times in UTC.
+    """
     return cast(pd.DataFrame, table.to_pandas())
 
 
 def arrow_time(stamp: pd.Timestamp) -> pa.Scalar:
     """Return a time as Arrow compares it with the tables' times."""
-    return pa.scalar(stamp.as_unit("ns").value // 1000, pa.int64()).cast(pa.timestamp("us", tz="UTC"))
+    return pa.scalar(stamp.as_unit("ns").value // 1000, pa.int64()).cast(
+        pa.timestamp("us", tz="UTC")
+    )
 
 
 def _time_bounds(part: Path) -> tuple[pd.Timestamp | None, pd.Timestamp | None]:
-    """Return the first and last time in a part; None if its footer lacks them. Raises OSError or pa.ArrowException."""
+    """Return the first and last time in a part; None if its footer lacks them. Raises OSError or
+    pa.ArrowException.
+    """
     bounds = bounds_of(part, "time")
     if not bounds or any(one is None or {*map(len, one)} != {MICROSECONDS.size} for one in bounds):
         return None, None
     try:
-        times = [pd.Timestamp(MICROSECONDS.unpack(raw)[0], unit="us", tz=UTC) for one in bounds if one is not None for raw in one]
+        times = [
+            pd.Timestamp(MICROSECONDS.unpack(raw)[0], unit="us", tz=UTC)
+            for one in bounds
+            if one is not None
+            for raw in one
+        ]
     except (ValueError, OverflowError):  # outside of what a Timestamp can hold
         return None, None
     return min(times), max(times)
@@ -159,7 +192,8 @@ class RunTables:
     def manifest(self) -> Manifest:
         """The manifest as it is now; an empty one for a run that a crash cut off before it had any.
 
-        A sealed manifest is kept until its file changes, because every table needs it. Raises `RecordError`.
+        A sealed manifest is kept until its file changes, because every table needs it. Raises
+        `RecordError`.
         """
         identity = self._manifest_identity()
         if self._sealed is None or identity is None or self._sealed[0] != identity:
@@ -176,12 +210,16 @@ class RunTables:
 
     @property
     def stations(self) -> list[StationFacts]:
-        """The stations in the order of the line file, each with what the run found out about it. Raises `RecordError`."""
+        """The stations in the order of the line file, each with what the run found out about it.
+        Raises `RecordError`.
+        """
         return stations_of(self)
 
     @property
     def duration(self) -> pd.Timedelta | None:
-        """From start to end on the host's clock; None for a run without a recorded end. Raises `RecordError`."""
+        """From start to end on the host's clock; None for a run without a recorded end. Raises
+        `RecordError`.
+        """
         manifest = self.manifest
         if manifest.started is None or manifest.ended is None:
             return None
@@ -198,9 +236,13 @@ class RunTables:
         names = [facts.name for facts in stations]
         if station is not None and names and station not in names:
             raise UsageError(f"{self.name} has no station {station!r}; it has {', '.join(names)}")
-        ports = sorted({one for facts in stations if station in (None, facts.name) for one in facts.ports})
+        ports = sorted(
+            {one for facts in stations if station in (None, facts.name) for one in facts.ports}
+        )
         if port is not None and ports and port not in ports:
-            raise UsageError(f"{station or self.name} has no port {port}; it has {', '.join(map(str, ports))}")
+            raise UsageError(
+                f"{station or self.name} has no port {port}; it has {', '.join(map(str, ports))}"
+            )
 
     def _manifest_identity(self) -> tuple[int, ...] | None:
         """Return what changes when the manifest's file changes; None if it is missing."""
@@ -230,8 +272,9 @@ class RunTables:
     ) -> pd.DataFrame:
         """Return a row for each tick, station and port, in recording order.
 
-        `start` is included, `stop` is not. A value that was not read is missing; `reasons` has the cause. Raises `UsageError` for
-        an unknown station, port or column, `RecordError` for a record that cannot be read.
+        `start` is included, `stop` is not. A value that was not read is missing; `reasons` has the
+        cause. Raises `UsageError` for an unknown station, port or column, `RecordError` for a
+        record that cannot be read.
         """
         return self._frame(self._select("samples", station, port, start, stop, columns))
 
@@ -244,38 +287,48 @@ class RunTables:
         stop: Moment | None = None,
         columns: Sequence[str] | None = None,
     ) -> Iterator[pd.DataFrame]:
-        """Yield the rows of a table in pieces of at most one row group (some 33 000 rows); no piece is empty.
+        """Yield the rows of a table in pieces of at most one row group (some 33 000 rows); no piece
+        is empty.
 
-        Keeps no piece in memory: a month of 32 stations takes no more than an hour of them. Raises as `samples`.
+        Keeps no piece in memory: a month of 32 stations takes no more than an hour of them. Raises
+        as `samples`.
         """
         selection = self._select(table, station, port, start, stop, columns)
         return (frame(piece) for piece in self._groups(selection) if piece.num_rows)
 
-    def events(self, station: str | None = None, start: Moment | None = None, stop: Moment | None = None) -> pd.DataFrame:
+    def events(
+        self, station: str | None = None, start: Moment | None = None, stop: Moment | None = None
+    ) -> pd.DataFrame:
         """Return the event log, oldest first. Raises as `samples`."""
         return self._frame(self._select("events", station, start=start, stop=stop))
 
     def settings(self, station: str | None = None) -> pd.DataFrame:
-        """Return the outcome of each setting; values are text in the setting's unit. Raises as `samples`."""
+        """Return the outcome of each setting; values are text in the setting's unit. Raises as
+        `samples`.
+        """
         return self._frame(self._select("settings", station))
 
     def counters(self, station: str | None = None) -> pd.DataFrame:
-        """Return the readings of the stations' counters; a failed reading has no value, and its cause in `raw`.
+        """Return the readings of the stations' counters; a failed reading has no value, and its
+        cause in `raw`.
 
         Raises as `samples`.
         """
         return self._frame(self._select("counters", station))
 
     def wire(self, station: str) -> pd.DataFrame:
-        """Return the serial capture of a station, oldest first: `time`, `what`, `data` (bytes), `text`.
+        """Return the serial capture of a station, oldest first: `time`, `what`, `data` (bytes),
+        `text`.
 
-        Leaves out damaged stretches, with a warning for each. Raises `UsageError` for an unknown station, `RecordError` for a run
-        without `--wire`.
+        Leaves out damaged stretches, with a warning for each. Raises `UsageError` for an unknown
+        station, `RecordError` for a run without `--wire`.
         """
         path = wire_path(self.folder, station)
         if not path.is_file():
             self.expect_place(station)
-            raise RecordError(f"{self.folder}: no serial capture of {station}; `jbclog run --wire` records one")
+            raise RecordError(
+                f"{self.folder}: no serial capture of {station}; `jbclog run --wire` records one"
+            )
         head = read_head(path)
         rows = [*rows_and_holes(path)]
         passed = [row for row in rows if isinstance(row, LinkRow)]
@@ -283,10 +336,13 @@ class RunTables:
             warnings.warn(f"{path}: {hole.describe(head)}", stacklevel=2)
         table = pd.DataFrame(passed, columns=["time", "what", "data", "text"])
         micros = (table["time"] + (head.t0_utc - head.t0_mono)).mul(1e6).round()
-        return table.assign(time=micros.astype("int64").astype("datetime64[us]").dt.tz_localize("UTC"))
+        return table.assign(
+            time=micros.astype("int64").astype("datetime64[us]").dt.tz_localize("UTC")
+        )
 
     def unit_at(self, times: Times) -> pd.Series:
-        """Return the serial of the unit on the bench at each of `times`, in their order; missing where unknown.
+        """Return the serial of the unit on the bench at each of `times`, in their order; missing
+        where unknown.
 
         Keeps the index of `times`.
         """
@@ -296,26 +352,44 @@ class RunTables:
         changes = events[events["kind"].isin([BEGIN, END])]
         if not (changes["kind"] == BEGIN).any():
             late = late_serials(self.folder) if manifest.state == "sealed" else []
-            return pd.Series(only_unit(manifest.metadata.units, late), index=micros.index, dtype="string")
-        serials = np.array([None, *changes["raw"].where(changes["kind"] == BEGIN, None)], dtype=object)  # first: before any unit
-        places = np.searchsorted(_micros(changes["time"]).to_numpy(), micros.to_numpy(), side="right")
+            return pd.Series(
+                only_unit(manifest.metadata.units, late), index=micros.index, dtype="string"
+            )
+        # first: before any unit
+        serials = np.array(
+            [None, *changes["raw"].where(changes["kind"] == BEGIN, None)], dtype=object
+        )
+        places = np.searchsorted(
+            _micros(changes["time"]).to_numpy(), micros.to_numpy(), side="right"
+        )
         return pd.Series(serials[places], index=micros.index, dtype="string")
 
     def units(self) -> pd.DataFrame:
-        """Return a row for each unit: `unit` (serial), `begin` and `end` in UTC, missing where not known.
+        """Return a row for each unit: `unit` (serial), `begin` and `end` in UTC, missing where not
+        known.
 
-        Units whose serials were read come first, one row for each time on the bench; then those that people only named. A single
-        unit that was named, without any serial read, was there for the whole run. Raises `RecordError`.
+        Units whose serials were read come first, one row for each time on the bench; then those
+        that people only named. A single unit that was named, without any serial read, was there for
+        the whole run. Raises `RecordError`.
         """
         manifest, read = self.manifest, units_in(self.groups("events", COLUMNS))
         late = late_serials(self.folder) if manifest.state == "sealed" else []
-        named = [one for one in dict.fromkeys([*manifest.metadata.units, *late]) if one not in {unit.serial for unit in read}]
+        named = [
+            one
+            for one in dict.fromkeys([*manifest.metadata.units, *late])
+            if one not in {unit.serial for unit in read}
+        ]
         if not read and only_unit(named, []) is not None:
             rows = [(named[0], manifest.started, manifest.ended)]
         else:
-            rows = [(one.serial, one.begin, one.end) for one in read] + [(one, None, None) for one in named]
+            rows = [(one.serial, one.begin, one.end) for one in read] + [
+                (one, None, None) for one in named
+            ]
         table = pd.DataFrame(rows, columns=["unit", "begin", "end"]).astype({"unit": "string"})
-        times = {name: pd.to_datetime(table[name], utc=True, format="ISO8601").dt.as_unit("us") for name in ("begin", "end")}
+        times = {
+            name: pd.to_datetime(table[name], utc=True, format="ISO8601").dt.as_unit("us")
+            for name in ("begin", "end")
+        }
         return table.assign(**times)
 
     def published(self, table: str) -> pa.Table | None:
@@ -323,7 +397,9 @@ class RunTables:
         return None
 
     def groups(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
-        """Yield the rows of a table in order, one row group at a time; rows of the live store come last."""
+        """Yield the rows of a table in order, one row group at a time; rows of the live store come
+        last.
+        """
         return self._groups(select(table, columns))
 
     def pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
@@ -336,9 +412,16 @@ class RunTables:
             pieces.append(piece)
             size += piece.nbytes
             if size > MOST_WHOLE and selection.table != "samples":
-                why = f"{self.folder}: its {selection.table} take more than {MOST_WHOLE >> 20} MiB and are not read as a whole"
+                why = (
+                    f"{self.folder}: its {selection.table} take more than {MOST_WHOLE >> 20} MiB"
+                    " and are not read as a whole"
+                )
                 raise RecordError(f"{why}; `stream` reads them in pieces")
-        return frame(pa.concat_tables(pieces) if pieces else SCHEMAS[selection.table].empty_table().select(list(selection.columns)))
+        return frame(
+            pa.concat_tables(pieces)
+            if pieces
+            else SCHEMAS[selection.table].empty_table().select(list(selection.columns))
+        )
 
     def _select(
         self,
@@ -354,10 +437,12 @@ class RunTables:
         return select(table, columns, station, port, start, stop)
 
     def _groups(self, selection: Selection) -> Iterator[pa.Table]:
-        """Yield row groups of the parts, then those of the live store; each is cut before the next is read.
+        """Yield row groups of the parts, then those of the live store; each is cut before the next
+        is read.
 
-        The order matters: a snapshot of the store first, then manifest and parts, so that no row moves between them unseen. The
-        snapshot of a small store is read at once: one that is held for long makes the log of a recorder at work grow.
+        The order matters: a snapshot of the store first, then manifest and parts, so that no row
+        moves between them unseen. The snapshot of a small store is read at once: one that is held
+        for long makes the log of a recorder at work grow.
         """
         with ExitStack() as opened:
             store = opened.enter_context(StoreReader(self.folder))
@@ -366,16 +451,26 @@ class RunTables:
             if manifest.state == "sealed":
                 expect_unchanged(self.folder, manifest, selection.table, parts)
             numbers = store.numbers_of(selection.table, parts_through(parts))
-            live: Iterator[pa.Table] = (selection.cut(piece.select(selection.needed)) for piece in store.tables(numbers))
+            live: Iterator[pa.Table] = (
+                selection.cut(piece.select(selection.needed)) for piece in store.tables(numbers)
+            )
             if store.rows <= HELD_ROWS:
                 live = iter([*live])
                 opened.close()
             elif numbers:
-                self._say_once(f"{store.rows} rows in its live store are read now; this takes longer than from a sealed run")
-            yield from map(selection.cut, groups_of([part for part in parts if selection.may_have(part)], selection.needed))
+                self._say_once(
+                    f"{store.rows} rows in its live store are read now; this takes longer than from"
+                    " a sealed run"
+                )
+            yield from map(
+                selection.cut,
+                groups_of([part for part in parts if selection.may_have(part)], selection.needed),
+            )
             yield from live
         if store.damage:
-            self._say_once(f"{shortened('; '.join(summary_of(store.damage)), MOST_SAID)}. {LEFT_OUT}")
+            self._say_once(
+                f"{shortened('; '.join(summary_of(store.damage)), MOST_SAID)}. {LEFT_OUT}"
+            )
 
     def _say_once(self, text: str) -> None:
         if text not in self._said:
@@ -384,13 +479,20 @@ class RunTables:
 
 
 def stations_of(run: RunTables) -> list[StationFacts]:
-    """Return the facts of the stations; for a run that is not sealed, with those of its live store."""
+    """Return the facts of the stations; for a run that is not sealed, with those of its live
+    store.
+    """
     manifest = run.manifest
     if manifest.state == "sealed":
         return manifest.stations
     with StoreReader(run.folder) as store:
-        manifest = run.manifest  # read after the store: a run that is sealed in between has them in its manifest
-        return manifest.stations if manifest.state == "sealed" else known_stations(store, manifest.stations)
+        # read after the store: a run that is sealed in between has them in its manifest
+        manifest = run.manifest
+        return (
+            manifest.stations
+            if manifest.state == "sealed"
+            else known_stations(store, manifest.stations)
+        )
 
 
 def _micros(times: pd.Series) -> pd.Series:

@@ -3,7 +3,8 @@
 runs = jbclog.open_runs("runs", line="bench-3", order="88123")
 runs.manifests()                                   # a row for each run
 for piece in runs.samples(columns=["time", "station", "port", "temperature_c"]):
-    ...                                            # DataFrames of some 30 000 rows, each with its `run`
+    ...                                            # DataFrames of some 30 000 rows, each with its
+    `run`
 """
 
 from __future__ import annotations
@@ -23,7 +24,14 @@ from jbclog.analysis.fleet.engine import MUCH_RUNS, engine_of
 from jbclog.analysis.notebook_html import runs_html
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.run_tables import Moment, utc
-from jbclog.analysis.stored_tables import JOINTS_SCHEMA, METRIC_NAMES, MetricRow, cached_metrics, metric_table, stored_metrics
+from jbclog.analysis.stored_tables import (
+    JOINTS_SCHEMA,
+    METRIC_NAMES,
+    MetricRow,
+    cached_metrics,
+    metric_table,
+    stored_metrics,
+)
 from jbclog.core.errors import RecordError, UsageError, unexpected_error_text
 from jbclog.core.text import shortened
 from jbclog.record.find_runs import ALL, SEALED, Filter, Found, Unreadable, find
@@ -33,11 +41,24 @@ T = TypeVar("T")
 
 TOGETHER: Final = 8  # runs that are opened by one task
 MOST_SAID: Final = 500  # characters of why a run cannot be read
-TEXTS: Final = ("run", "state", "verdict", "line", "operator", "order", "product", "exit_status", "lost", "changed")
+TEXTS: Final = (
+    "run",
+    "state",
+    "verdict",
+    "line",
+    "operator",
+    "order",
+    "product",
+    "exit_status",
+    "lost",
+    "changed",
+)
 TIMES: Final = ("started", "ended")
 LISTS: Final = ("stations", "recipes", "units", "wire_lots", "flux_lots", "tips")
 COLUMNS: Final = ("run", *TIMES, *TEXTS[1:], "exit_code", *LISTS, "tags", "folder")
-WHAT_A_RATE_CHANGES: Final = "results (joints, recovery, dips, alarm episodes, energy) depend on the sampling rate"
+WHAT_A_RATE_CHANGES: Final = (
+    "results (joints, recovery, dips, alarm episodes, energy) depend on the sampling rate"
+)
 
 
 class Source(Protocol):
@@ -47,14 +68,20 @@ class Source(Protocol):
         """Yield the matching runs, as `find_runs.find` does."""
         ...
 
-    def metrics(self, run: Found, names: Collection[str], station: str | None = None) -> list[MetricRow]:
-        """Return at least the metrics `names` of a run, of one station or of all. Raises `RecordError`."""
+    def metrics(
+        self, run: Found, names: Collection[str], station: str | None = None
+    ) -> list[MetricRow]:
+        """Return at least the metrics `names` of a run, of one station or of all. Raises
+        `RecordError`.
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """The runs' own folders. Of metrics, `stored` reads those of a report, and `cache` those that the recorder left."""
+    """The runs' own folders. Of metrics, `stored` reads those of a report, and `cache` those that
+    the recorder left.
+    """
 
     stored: bool = True
     cache: bool = False
@@ -62,7 +89,9 @@ class Records:
     def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
         return find(folder, wanted)
 
-    def metrics(self, run: Found, names: Collection[str], station: str | None = None) -> list[MetricRow]:
+    def metrics(
+        self, run: Found, names: Collection[str], station: str | None = None
+    ) -> list[MetricRow]:
         known = self._known(run)
         if known is not None:
             return [row for row in known if station in (None, row.station)]
@@ -71,13 +100,19 @@ class Records:
         return (metric_rows_of if self.stored else computed_metrics)(open_run(run.folder), station)
 
     def _known(self, run: Found) -> list[MetricRow] | None:
-        """Return what is stored, without parsing the manifest again where it is still the one that was found."""
+        """Return what is stored, without parsing the manifest again where it is still the one that
+        was found.
+        """
         if run.state != SEALED or run.changed is not None or not (self.stored or self.cache):
             return None
         if manifest_sha256(run.folder) != run.manifest_sha256:
             return None
         known = stored_metrics(run.folder, run.manifest_sha256) if self.stored else None
-        return cached_metrics(run.folder, run.manifest_sha256) if known is None and self.cache else known
+        return (
+            cached_metrics(run.folder, run.manifest_sha256)
+            if known is None and self.cache
+            else known
+        )
 
 
 RECORDS: Final = Records()
@@ -104,7 +139,9 @@ class FoldersTogether:
 
 @dataclass(frozen=True, slots=True)
 class OfEach(Generic[T]):
-    """Calls a function for each of some runs; an error of the kind `caught` is the run's, any other one ends all."""
+    """Calls a function for each of some runs; an error of the kind `caught` is the run's, any other
+    one ends all.
+    """
 
     function: Callable[[Run], T]
     caught: type[Exception]
@@ -125,10 +162,11 @@ class OfEach(Generic[T]):
 
 
 class Runs(Sequence[Run]):
-    """The runs that match a filter, in the order of their starts. Reads manifests at first use, and tables at each call.
+    """The runs that match a filter, in the order of their starts. Reads manifests at first use, and
+    tables at each call.
 
-    `unreadable` has the folders whose manifest cannot be read, so that a match is not known, and those that `each` could not
-    read. `refreshed()` searches again.
+    `unreadable` has the folders whose manifest cannot be read, so that a match is not known, and
+    those that `each` could not read. `refreshed()` searches again.
     """
 
     def __init__(self, folder: Path, wanted: Filter, source: Source = RECORDS) -> None:
@@ -191,12 +229,18 @@ class Runs(Sequence[Run]):
     def manifests(self) -> pd.DataFrame:
         """Return a row for each run: who, what, when, and with which result.
 
-        Times are UTC; `stations`, `recipes`, `units`, `wire_lots`, `flux_lots` and `tips` hold tuples.
+        Times are UTC; `stations`, `recipes`, `units`, `wire_lots`, `flux_lots` and `tips` hold
+        tuples.
         """
-        rows = [{**{name: getattr(one, name, None) for name in COLUMNS}, "run": one.folder.name} for one in self.found]
+        rows = [
+            {**{name: getattr(one, name, None) for name in COLUMNS}, "run": one.folder.name}
+            for one in self.found
+        ]
         frame = pd.DataFrame(rows, columns=list(COLUMNS))
         for name in TIMES:
-            frame[name] = pd.to_datetime(frame[name], utc=True, format="ISO8601").astype("datetime64[us, UTC]")
+            frame[name] = pd.to_datetime(frame[name], utc=True, format="ISO8601").astype(
+                "datetime64[us, UTC]"
+            )
         frame["folder"] = frame["folder"].map(str)
         return frame.astype(dict.fromkeys((*TEXTS, "folder"), "str") | {"exit_code": "Int64"})
 
@@ -208,10 +252,12 @@ class Runs(Sequence[Run]):
         stop: Moment | None = None,
         columns: Sequence[str] | None = None,
     ) -> Iterator[pd.DataFrame]:
-        """Yield the samples of all runs in pieces of at most one row group (some 33 000 rows), `run` as the first column.
+        """Yield the samples of all runs in pieces of at most one row group (some 33 000 rows),
+        `run` as the first column.
 
-        Keeps no piece, so a month of 32 stations takes no more memory than an hour; `pd.concat` of the pieces is the whole table.
-        Leaves out runs without the station. Raises `UsageError` if no run has it, `RecordError` for a run that cannot be read.
+        Keeps no piece, so a month of 32 stations takes no more memory than an hour; `pd.concat` of
+        the pieces is the whole table. Leaves out runs without the station. Raises `UsageError` if
+        no run has it, `RecordError` for a run that cannot be read.
         """
         for run in map(self.open, self._with(station)):
             for piece in run.stream("samples", station, port, start, stop, columns):
@@ -231,13 +277,19 @@ class Runs(Sequence[Run]):
         self, station: str | None = None, names: Collection[str] | None = None
     ) -> Iterator[tuple[Found, list[MetricRow]]]:
         """Yield each run that can be read with its rows of `metrics`, at least those of `names`."""
-        return self.each(lambda one: self.source.metrics(one, METRIC_NAMES if names is None else names, station))
+        return self.each(
+            lambda one: self.source.metrics(one, METRIC_NAMES if names is None else names, station)
+        )
 
     def each(self, read: Callable[[Found], T]) -> Iterator[tuple[Found, T]]:
-        """Yield each run with what `read` returns for it. A run that cannot be read blocks no other: it is in `unreadable`."""
+        """Yield each run with what `read` returns for it. A run that cannot be read blocks no
+        other: it is in `unreadable`.
+        """
         return self._each(read, self.found)
 
-    def _each(self, read: Callable[[Found], T], those: Iterable[Found]) -> Iterator[tuple[Found, T]]:
+    def _each(
+        self, read: Callable[[Found], T], those: Iterable[Found]
+    ) -> Iterator[tuple[Found, T]]:
         for one in those:
             try:
                 read_here = read(one)
@@ -246,42 +298,58 @@ class Runs(Sequence[Run]):
             except RecordError as error:
                 self._add_unreadable(one.folder, str(error))
             except Exception as error:  # rows that no recorder wrote
-                self._add_unreadable(one.folder, f"its tables cannot be read: {unexpected_error_text(error)}")
+                self._add_unreadable(
+                    one.folder, f"its tables cannot be read: {unexpected_error_text(error)}"
+                )
             else:
                 yield one, read_here
 
     def _with(self, station: str | None) -> list[Found]:
-        """Return the runs that have a station. Raises `UsageError` if none has: a table without rows would hide the mistake."""
+        """Return the runs that have a station. Raises `UsageError` if none has: a table without
+        rows would hide the mistake.
+        """
         those = [one for one in self.found if station is None or station in one.stations]
         if not those and self.found:
             names = sorted({name for one in self.found for name in one.stations})
             raise UsageError(f"no run has a station {station!r}; there are {', '.join(names)}")
         return those
 
-    def map(self, function: Callable[[Run], T], scheduler: str | None = None) -> Iterator[tuple[Found, T]]:
-        """Yield each run, in their order, with what the function returns for it; a run that cannot be read is in `unreadable`.
+    def map(
+        self, function: Callable[[Run], T], scheduler: str | None = None
+    ) -> Iterator[tuple[Found, T]]:
+        """Yield each run, in their order, with what the function returns for it; a run that cannot
+        be read is in `unreadable`.
 
-        `scheduler` (``tcp://HOST:PORT`` or ``tls://HOST:PORT``) is a Dask scheduler whose workers call the function; they open the
-        runs by the same path. Without one, processes of this computer do from 64 runs on; a script then starts below
-        ``if __name__ == "__main__":``. What else the function raises is raised here. Raises `RecordError` where the scheduler is
-        gone.
+        `scheduler` (``tcp://HOST:PORT`` or ``tls://HOST:PORT``) is a Dask scheduler whose workers
+        call the function; they open the runs by the same path. Without one, processes of this
+        computer do from 64 runs on; a script then starts below ``if __name__ == "__main__":``. What
+        else the function raises is raised here. Raises `RecordError` where the scheduler is gone.
         """
         return self._mapped(function, self.found, scheduler, RecordError)
 
     def on(self, scheduler: str | None) -> Runs:
-        """Return the runs that match now, computed by the workers of a scheduler. Raises `UsageError`: runs of a store only."""
+        """Return the runs that match now, computed by the workers of a scheduler. Raises
+        `UsageError`: runs of a store only.
+        """
         if scheduler is None:
             return self.refreshed()
         raise UsageError(
-            f"{self.folder} is a folder of runs, and a scheduler reads stores; `jbclog publish {self.folder} STORE` makes one"
+            f"{self.folder} is a folder of runs, and a scheduler reads stores; `jbclog publish"
+            f" {self.folder} STORE` makes one"
         )
 
     def _mapped(
-        self, function: Callable[[Run], T], those: Sequence[Found], scheduler: str | None, caught: type[Exception]
+        self,
+        function: Callable[[Run], T],
+        those: Sequence[Found],
+        scheduler: str | None,
+        caught: type[Exception],
     ) -> Iterator[tuple[Found, T]]:
         groups = [those[start : start + TOGETHER] for start in range(0, len(those), TOGETHER)]
         engine = engine_of(scheduler, is_much=len(those) >= MUCH_RUNS)
-        for group, results in zip(groups, engine.run(OfEach(function, caught), map(self._together, groups)), strict=True):
+        for group, results in zip(
+            groups, engine.run(OfEach(function, caught), map(self._together, groups)), strict=True
+        ):
             for one, (result, why) in zip(group, results, strict=True):
                 if why is None:
                     yield one, cast(T, result)
@@ -307,16 +375,32 @@ class Runs(Sequence[Run]):
         from jbclog.analysis.run_metrics import joints_frame, joints_of
 
         found = [(one, joints_of(self.open(one), station)) for one in self._with(station)]
-        table = joints_frame(pa.concat_tables([JOINTS_SCHEMA.empty_table(), *(joints for _, joints in found)]))
+        table = joints_frame(
+            pa.concat_tables([JOINTS_SCHEMA.empty_table(), *(joints for _, joints in found)])
+        )
         return _with_runs(table, [(one, joints.num_rows) for one, joints in found])
 
 
 def _with_runs(table: pd.DataFrame, counts: Sequence[tuple[Found, int]]) -> pd.DataFrame:
-    """Return the table with `run` and `started` as its first columns; so many of its rows belong to each run, in this order."""
+    """Return the table with `run` and `started` as its first columns; so many of its rows belong to
+    each run, in this order.
+    """
     rows = [count for _, count in counts]
-    started = pd.Series([one.started for one, _ in counts], dtype="str").repeat(rows).reset_index(drop=True)
-    names = pd.Series([one.folder.name for one, _ in counts], dtype="str").repeat(rows).reset_index(drop=True)
-    table.insert(0, "started", pd.to_datetime(started, utc=True, format="ISO8601").astype("datetime64[us, UTC]"))
+    started = (
+        pd.Series([one.started for one, _ in counts], dtype="str")
+        .repeat(rows)
+        .reset_index(drop=True)
+    )
+    names = (
+        pd.Series([one.folder.name for one, _ in counts], dtype="str")
+        .repeat(rows)
+        .reset_index(drop=True)
+    )
+    table.insert(
+        0,
+        "started",
+        pd.to_datetime(started, utc=True, format="ISO8601").astype("datetime64[us, UTC]"),
+    )
     table.insert(0, "run", names)
     return table
 
@@ -331,9 +415,10 @@ def open_runs(
 ) -> Runs:
     """Return the runs below `folder` that match all conditions, from their manifests alone.
 
-    `texts` are `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`, `station`, `recipe` (``NAME`` or
-    ``NAME@REVISION``), `verdict`, `state`; each matches as a whole, ``*`` stands for any characters. A run starts at `since` or
-    later and before `until`, UTC without a zone. Raises `UsageError` for an unknown condition, `RecordError` without the folder.
+    `texts` are `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`,
+    `station`, `recipe` (``NAME`` or ``NAME@REVISION``), `verdict`, `state`; each matches as a
+    whole, ``*`` stands for any characters. A run starts at `since` or later and before `until`, UTC
+    without a zone. Raises `UsageError` for an unknown condition, `RecordError` without the folder.
     """
     path = Path(folder)
     if not path.is_dir():
@@ -342,18 +427,26 @@ def open_runs(
 
 
 def filter_of(
-    since: Moment | None, until: Moment | None, tags: Mapping[str, str] | None, texts: Mapping[str, str | None]
+    since: Moment | None,
+    until: Moment | None,
+    tags: Mapping[str, str] | None,
+    texts: Mapping[str, str | None],
 ) -> Filter:
     """Return the conditions of `open_runs`. Raises `UsageError` for an unknown one."""
     known = {one.name for one in fields(Filter)} - {"since", "until", "ended_since", "tags"}
     unknown = sorted(texts.keys() - known)
     if unknown:
-        raise UsageError(f"runs cannot be filtered by {', '.join(unknown)}; by {', '.join(sorted(known))}, since, until and tags")
+        raise UsageError(
+            f"runs cannot be filtered by {', '.join(unknown)}; by {', '.join(sorted(known))},"
+            " since, until and tags"
+        )
     return Filter(since=utc(since), until=utc(until), ended_since=None, tags=tags or {}, **texts)
 
 
 def rate_text(period_s: float | None) -> str:
-    """Return a sampling rate as text: ``5 Hz``; ``max`` for a station that is read without pause (None)."""
+    """Return a sampling rate as text: ``5 Hz``; ``max`` for a station that is read without pause
+    (None).
+    """
     return "max" if period_s is None else f"{1 / period_s:.3g} Hz"
 
 

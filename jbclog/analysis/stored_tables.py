@@ -1,10 +1,13 @@
-"""The tables that are stored with a run: joints in `joints.parquet`, metrics in `report.json` and in a cache of their own.
+"""The tables that are stored with a run: joints in `joints.parquet`, metrics in `report.json` and
+in a cache of their own.
 
-They save a pass over the samples, but only if they are this run's: the joints name the manifest that they were made from, and the
-report names manifest, jbclog and rules. An annotation must hold the hash of `report.json`, and that the hash of `joints.parquet`.
+They save a pass over the samples, but only if they are this run's: the joints name the manifest
+that they were made from, and the report names manifest, jbclog and rules. An annotation must hold
+the hash of `report.json`, and that the hash of `joints.parquet`.
 
-After a run its recorder leaves all metrics in `metrics.parquet`, a cache for trends that names manifest, rules and methods. Nothing
-vouches for it: whoever can write the folder can forge it. So `trend` reads it and nothing else does.
+After a run its recorder leaves all metrics in `metrics.parquet`, a cache for trends that names
+manifest, rules and methods. Nothing vouches for it: whoever can write the folder can forge it. So
+`trend` reads it and nothing else does.
 """
 
 from __future__ import annotations
@@ -97,22 +100,63 @@ JOINTS: Final[Sequence[Column]] = (
     ("touches!", INT, "count", "contacts joined in it; 0: a feed without a draw of heat"),
     ("dwell_s", FLOAT, "s", "time in which heat flows into the work"),
     ("depth_c", FLOAT, "°C", "temperature at the start minus the lowest until the tip is back"),
-    ("recovery_s", FLOAT, "s", "from the start until the tip is back near the level at which it rests"),
+    (
+        "recovery_s",
+        FLOAT,
+        "s",
+        "from the start until the tip is back near the level at which it rests",
+    ),
     ("peak_permille", FLOAT, "‰", "highest flow of heat into the work"),
     ("heat_permille_s", FLOAT, "‰·s", "heat that went into the work"),
-    ("energy_permille_s", FLOAT, "‰·s", "power above holding power from the start until the tip is back"),
+    (
+        "energy_permille_s",
+        FLOAT,
+        "‰·s",
+        "power above holding power from the start until the tip is back",
+    ),
     ("energy_j", FLOAT, "J", "the same × full-scale power / 1000, where that is declared"),
     ("fed", FLAG, "", "solder wire was fed; null where that is not known"),
-    ("confidence!", FLOAT, "", "0 to 1, not a probability: peak above noise; half if feeds cut the joint, 0.3 for a feed alone"),
-    ("why", TEXT, "", "why recovery, depth or energy is null; or that only the feeder shows the joint"),
-    ("kind!", TEXT, "", "joint, or not known: as short or small as a wipe or a touch without solder, without wire, or wire alone"),
+    (
+        "confidence!",
+        FLOAT,
+        "",
+        (
+            "0 to 1, not a probability: peak above noise; half if feeds cut the joint, 0.3 for a"
+            " feed alone"
+        ),
+    ),
+    (
+        "why",
+        TEXT,
+        "",
+        "why recovery, depth or energy is null; or that only the feeder shows the joint",
+    ),
+    (
+        "kind!",
+        TEXT,
+        "",
+        (
+            "joint, or not known: as short or small as a wipe or a touch without solder, without"
+            " wire, or wire alone"
+        ),
+    ),
     ("heat_j", FLOAT, "J", "heat_permille_s × full-scale power / 1000, where that is declared"),
     ("setpoint_c", FLOAT, "°C", "setpoint at the start"),
     ("deficit_c", FLOAT, "°C", "setpoint minus temperature at the start"),
-    ("resting_below_c", FLOAT, "°C", "level at which the tip rests at this setpoint minus temperature at the start"),
+    (
+        "resting_below_c",
+        FLOAT,
+        "°C",
+        "level at which the tip rests at this setpoint minus temperature at the start",
+    ),
     ("lowest_c", FLOAT, "°C", "lowest temperature from the start until the tip is back"),
     ("end_c", FLOAT, "°C", "temperature at the end"),
-    ("recovered", FLAG, "", "the tip was back before the next draw of heat; null where it was cut off before"),
+    (
+        "recovered",
+        FLAG,
+        "",
+        "the tip was back before the next draw of heat; null where it was cut off before",
+    ),
     ("had_s", FLOAT, "s", "from the start until the next draw of heat, or until it was cut off"),
 )
 
@@ -120,7 +164,9 @@ JOINTS: Final[Sequence[Column]] = (
 def _field(column: Column) -> pa.Field:
     name, kind, unit, definition = column
     metadata = {key: value for key, value in (("unit", unit), ("definition", definition)) if value}
-    return pa.field(name.removesuffix("!"), kind, nullable=not name.endswith("!"), metadata=metadata or None)
+    return pa.field(
+        name.removesuffix("!"), kind, nullable=not name.endswith("!"), metadata=metadata or None
+    )
 
 
 JOINTS_SCHEMA: Final = pa.schema([_field(column) for column in JOINTS])
@@ -129,12 +175,18 @@ JOINTS_SCHEMA: Final = pa.schema([_field(column) for column in JOINTS])
 def joints_parquet(joints: pa.Table, manifest_sha256: str) -> bytes:
     """Return the content of `joints.parquet`; the same for the same joints and manifest."""
     sink = pa.BufferOutputStream()
-    pq.write_table(joints.replace_schema_metadata({MADE_FROM: manifest_sha256.encode()}), sink, compression="zstd")
+    pq.write_table(
+        joints.replace_schema_metadata({MADE_FROM: manifest_sha256.encode()}),
+        sink,
+        compression="zstd",
+    )
     return bytes(sink.getvalue().to_pybytes())
 
 
 def stored_joints(folder: Path, manifest_sha256: str) -> pa.Table | None:
-    """Return the joints in the run's folder; None if they are missing, damaged, or of another report or manifest."""
+    """Return the joints in the run's folder; None if they are missing, damaged, or of another
+    report or manifest.
+    """
     try:
         with open_foreign(folder / JOINTS_FILE, Kind.OF_REPORT) as file:
             written = _read_written(_report(folder, manifest_sha256)).written
@@ -144,23 +196,40 @@ def stored_joints(folder: Path, manifest_sha256: str) -> pa.Table | None:
     except (pa.ArrowException, RecordError, OSError, ValueError):
         return None
     made_from = (table.schema.metadata or {}).get(MADE_FROM)
-    return table if made_from == manifest_sha256.encode() and table.schema.equals(JOINTS_SCHEMA) else None
+    return (
+        table
+        if made_from == manifest_sha256.encode() and table.schema.equals(JOINTS_SCHEMA)
+        else None
+    )
 
 
 def stored_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None:
-    """Return all metrics of the run; None if they are missing, damaged, or of another manifest, jbclog or version of the rules."""
+    """Return all metrics of the run; None if they are missing, damaged, or of another manifest,
+    jbclog or version of the rules.
+    """
     try:
         report = _read_report(_report(folder, manifest_sha256))
     except (RecordError, OSError, ValueError):
         return None
-    is_ours = (report.manifest_sha256, report.jbclog, report.rules) == (manifest_sha256, __version__, RULES)
+    is_ours = (report.manifest_sha256, report.jbclog, report.rules) == (
+        manifest_sha256,
+        __version__,
+        RULES,
+    )
     return report.metrics if is_ours else None
 
 
 METRICS_SCHEMA: Final = pa.schema(
     [
-        *(pa.field(name, kind, nullable=False) for name, kind in (("station", TEXT), ("port", INT), ("metric", TEXT))),
-        *(pa.field("value", FLOAT), pa.field("unit", TEXT, nullable=False), pa.field("n", INT, nullable=False)),
+        *(
+            pa.field(name, kind, nullable=False)
+            for name, kind in (("station", TEXT), ("port", INT), ("metric", TEXT))
+        ),
+        *(
+            pa.field("value", FLOAT),
+            pa.field("unit", TEXT, nullable=False),
+            pa.field("n", INT, nullable=False),
+        ),
         *(pa.field("coverage", FLOAT), pa.field("resolution", FLOAT), pa.field("why", TEXT)),
     ]
 )
@@ -177,7 +246,8 @@ def cache_metrics(folder: Path, rows: Sequence[MetricRow], manifest_sha256: str)
     table = pa.Table.from_pylist([asdict(row) for row in rows], schema=METRICS_SCHEMA)
     sink = pa.BufferOutputStream()
     table = table.replace_schema_metadata(_made_from(manifest_sha256, _rows_of(table)))
-    pq.write_table(table, sink, compression="zstd", use_dictionary=False, write_statistics=False)  # faster to read
+    # faster to read
+    pq.write_table(table, sink, compression="zstd", use_dictionary=False, write_statistics=False)
     write_whole(folder / METRICS_CACHE, bytes(sink.getvalue().to_pybytes()))
 
 
@@ -188,11 +258,16 @@ def _made_from(manifest_sha256: str, rows: Sequence[MetricRow]) -> dict[bytes, b
 
 
 def _rows_of(table: pa.Table) -> list[MetricRow]:
-    return [MetricRow(*row) for row in zip(*(column.to_pylist() for column in table.columns), strict=True)]
+    return [
+        MetricRow(*row)
+        for row in zip(*(column.to_pylist() for column in table.columns), strict=True)
+    ]
 
 
 def cached_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None:
-    """Return all metrics of the run from its cache; None if that is missing, damaged, or of another manifest or other methods."""
+    """Return all metrics of the run from its cache; None if that is missing, damaged, or of another
+    manifest or other methods.
+    """
     path = folder / METRICS_CACHE
     try:
         expect_regular(path, Kind.CACHE)
@@ -202,23 +277,35 @@ def cached_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None
     if not table.schema.equals(METRICS_SCHEMA) or not _is_complete(table):
         return None
     rows = _rows_of(table)
-    return rows if _made_from(manifest_sha256, rows).items() <= (table.schema.metadata or {}).items() else None
+    return (
+        rows
+        if _made_from(manifest_sha256, rows).items() <= (table.schema.metadata or {}).items()
+        else None
+    )
 
 
 def _is_complete(table: pa.Table) -> bool:
-    """Whether it has all metrics of each port in their order, each with a value or the reason why it has none."""
+    """Whether it has all metrics of each port in their order, each with a value or the reason why
+    it has none.
+    """
     has_neither = pc.and_(pc.is_null(table["value"]), pc.is_null(table["why"]))
-    is_whole = len(table) > 0 and table["metric"].to_pylist() == [*METRIC_NAMES] * (len(table) // len(METRIC_NAMES))
+    is_whole = len(table) > 0 and table["metric"].to_pylist() == [*METRIC_NAMES] * (
+        len(table) // len(METRIC_NAMES)
+    )
     return is_whole and not pc.any(has_neither).as_py()
 
 
 def metric_table(rows: Sequence[MetricRow]) -> pd.DataFrame:
     """Return rows of metrics as a table."""
-    return pd.DataFrame({name: [getattr(row, name) for row in rows] for name in METRICS}).astype(METRICS)
+    return pd.DataFrame({name: [getattr(row, name) for row in rows] for name in METRICS}).astype(
+        METRICS
+    )
 
 
 def _report(folder: Path, manifest_sha256: str) -> bytes:
-    """Return the bytes of `report.json`. Raises RecordError, OSError, or ValueError if no annotation holds their hash."""
+    """Return the bytes of `report.json`. Raises RecordError, OSError, or ValueError if no
+    annotation holds their hash.
+    """
     data = read_foreign(folder / REPORT_FILE, Kind.REPORT)
     if read_annotations(folder, manifest_sha256).report != sha256(data).hexdigest():
         raise ValueError("no annotation holds the hash of this report")

@@ -1,9 +1,11 @@
 """A metric over many runs: its values, control chart and capability, for each port separately.
 
-A point is one run's value of a metric (`Run.metrics`), in the order of the runs' starts; runs without a value are counted with
-their reason. The mean of n readings that spread over their steps resolves a step / √n; of readings that do not, a step. The chart
-is that of individual values and moving ranges, and capability is that against stated limits; both come from `spc`, which refuses
-misleading results and gives the reason. A changed tip or recipe makes two processes of one, so the trend lists such changes.
+A point is one run's value of a metric (`Run.metrics`), in the order of the runs' starts; runs
+without a value are counted with their reason. The mean of n readings that spread over their steps
+resolves a step / √n; of readings that do not, a step. The chart is that of individual values and
+moving ranges, and capability is that against stated limits; both come from `spc`, which refuses
+misleading results and gives the reason. A changed tip or recipe makes two processes of one, so the
+trend lists such changes.
 """
 
 from __future__ import annotations
@@ -39,7 +41,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One run's value of the metric; None if its record does not give it, for the reason in `why`."""
+    """One run's value of the metric; None if its record does not give it, for the reason in
+    `why`.
+    """
 
     run: str
     started: datetime | None
@@ -52,7 +56,9 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """One metric of one port over the runs, a point for each run. `values` are the known ones, oldest first."""
+    """One metric of one port over the runs, a point for each run. `values` are the known ones,
+    oldest first.
+    """
 
     station: str
     port: int
@@ -75,7 +81,11 @@ class Trend:
 
     @property
     def mean(self) -> float | None:
-        return exact(float(self.values.mean()), float(np.abs(self.values).max())) if len(self.values) else None
+        return (
+            exact(float(self.values.mean()), float(np.abs(self.values).max()))
+            if len(self.values)
+            else None
+        )
 
     @property
     def sd(self) -> float | None:
@@ -86,11 +96,16 @@ class Trend:
         """The run and the sentence of each signal of the individuals chart."""
         if isinstance(self.chart, spc.Refused):
             return []
-        return [(self.known[one.last].run, f"test {one.test}: {one.text}") for one in self.chart[0].signals]
+        return [
+            (self.known[one.last].run, f"test {one.test}: {one.text}")
+            for one in self.chart[0].signals
+        ]
 
 
 def metric_unit(metric: str) -> str:
-    """Return the unit of a metric. Raises `UsageError` for an unknown name, with the closest known one."""
+    """Return the unit of a metric. Raises `UsageError` for an unknown name, with the closest known
+    one.
+    """
     found = next((one.unit for one in DEFINITIONS if one.name == metric), None)
     if found is None:
         names = [one.name for one in DEFINITIONS]
@@ -118,7 +133,9 @@ def trends(
     lower: float | None = None,
     upper: float | None = None,
 ) -> list[Trend]:
-    """Return a trend for each station and port. Raises `UsageError` for an unknown metric or impossible limits."""
+    """Return a trend for each station and port. Raises `UsageError` for an unknown metric or
+    impossible limits.
+    """
     unit = metric_unit(metric)
     expect_limits(lower, upper)
     found = {one.folder.name: one for one in runs.found}
@@ -134,11 +151,15 @@ def _points(runs: Runs, metric: str, station: str | None) -> dict[tuple[str, int
     found: dict[tuple[str, int], list[Point]] = {}
     names = {metric, SPREAD} if metric in MEANS else {metric}
     measured = [(_started(run), run, rows) for run, rows in runs.metric_rows(station, names)]
-    for started, run, rows in sorted(measured, key=lambda one: (one[0] or LATEST, one[1].folder.name)):
+    for started, run, rows in sorted(
+        measured, key=lambda one: (one[0] or LATEST, one[1].folder.name)
+    ):
         dithered = _dithered(rows) if metric in MEANS else set()
         for row in (row for row in rows if row.metric == metric):
             place = row.station, row.port
-            found.setdefault(place, []).append(_point(run, started, row, is_dithered=place in dithered))
+            found.setdefault(place, []).append(
+                _point(run, started, row, is_dithered=place in dithered)
+            )
     return found
 
 
@@ -149,8 +170,12 @@ def _point(run: Found, started: datetime | None, row: MetricRow, *, is_dithered:
 
 
 def _dithered(rows: Iterable[MetricRow]) -> set[tuple[str, int]]:
-    """Return the ports whose idle readings spread over their steps: only their mean resolves less than a step."""
-    return {(row.station, row.port) for row in rows if row.metric == SPREAD and row.value is not None}
+    """Return the ports whose idle readings spread over their steps: only their mean resolves less
+    than a step.
+    """
+    return {
+        (row.station, row.port) for row in rows if row.metric == SPREAD and row.value is not None
+    }
 
 
 def _started(run: Found) -> datetime | None:
@@ -159,7 +184,9 @@ def _started(run: Found) -> datetime | None:
 
 
 def expect_limits(lower: float | None, upper: float | None) -> None:
-    """Raise `UsageError` for limits that are not finite, or of which the lower one is not below the upper one."""
+    """Raise `UsageError` for limits that are not finite, or of which the lower one is not below the
+    upper one.
+    """
     for name, value in (("--lower", lower), ("--upper", upper)):
         if value is not None and not np.isfinite(value):
             raise UsageError(f"{name} must be a finite number (got {value})")
@@ -176,14 +203,26 @@ def _trend(
     upper: float | None,
     found: dict[str, Found],
 ) -> Trend:
-    values = np.array([point.value for point in points if point.value is not None], dtype=np.float64)
-    steps = [point.resolution for point in points if point.resolution is not None and point.value is not None]
+    values = np.array(
+        [point.value for point in points if point.value is not None], dtype=np.float64
+    )
+    steps = [
+        point.resolution
+        for point in points
+        if point.resolution is not None and point.value is not None
+    ]
     resolution = float(np.median(steps)) if steps else None
     chart = spc.control_chart(values, resolution=resolution)
     has_limits = lower is not None or upper is not None
-    index = spc.capability(values, lower=lower, upper=upper, resolution=resolution) if has_limits else None
+    index = (
+        spc.capability(values, lower=lower, upper=upper, resolution=resolution)
+        if has_limits
+        else None
+    )
     changes = list(_changes([one.run for one in points], found, *place))
-    warnings = list(_other_rates([found[one.run] for one in points if one.value is not None], place[0]))
+    warnings = list(
+        _other_rates([found[one.run] for one in points if one.value is not None], place[0])
+    )
     return Trend(*place, metric, unit, points, chart, index, changes, warnings, resolution)
 
 
@@ -191,20 +230,33 @@ def _other_rates(runs: Iterable[Found], station: str) -> Iterator[str]:
     """Yield a sentence if the runs have different sampling rates."""
     counts = Counter(rate_text(one.periods_s[station]) for one in runs if station in one.periods_s)
     if len(counts) > 1:
-        rates = ", ".join(f"{rate} in {count} run{'' if count == 1 else 's'}" for rate, count in counts.most_common())
+        rates = ", ".join(
+            f"{rate} in {count} run{'' if count == 1 else 's'}"
+            for rate, count in counts.most_common()
+        )
         yield f"rates differ: {rates}; {WHAT_A_RATE_CHANGES}"
 
 
-def _changes(names: Iterable[str], found: dict[str, Found], station: str, port: int) -> Iterable[str]:
-    """Yield a sentence for each run whose recipe or named tip differs from those of the run before."""
+def _changes(
+    names: Iterable[str], found: dict[str, Found], station: str, port: int
+) -> Iterable[str]:
+    """Yield a sentence for each run whose recipe or named tip differs from those of the run
+    before.
+    """
     before: tuple[Sequence[str], Sequence[str]] | None = None
     for name in names:
         one = found[name]
         now = (one.recipes, tips_of(one, station, port))
         if before is not None and now[0] != before[0]:
-            yield f"{name}: the recipe is {', '.join(now[0]) or 'not known'}, before it was {', '.join(before[0]) or 'not known'}"
+            yield (
+                f"{name}: the recipe is {', '.join(now[0]) or 'not known'}, before it was"
+                f" {', '.join(before[0]) or 'not known'}"
+            )
         if before is not None and now[1] != before[1]:
-            yield f"{name}: the tip is {', '.join(now[1]) or 'not named'}, before it was {', '.join(before[1]) or 'not named'}"
+            yield (
+                f"{name}: the tip is {', '.join(now[1]) or 'not named'}, before it was"
+                f" {', '.join(before[1]) or 'not named'}"
+            )
         before = now
 
 

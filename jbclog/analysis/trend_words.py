@@ -17,16 +17,21 @@ if TYPE_CHECKING:
 
 MOST: Final = 10
 STYLE: Final = (
-    "body{font:16px/1.45 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#1a1a1a}"
-    "svg{max-width:100%;height:auto}table{border-collapse:collapse;margin:1rem 0;font-variant-numeric:tabular-nums}"
-    "th,td{text-align:left;padding:.2rem .8rem .2rem 0;border-bottom:1px solid #ccc;vertical-align:top}"
-    "@media print{body{margin:0;max-width:none}}"
+    "body{font:16px/1.45 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0"
+    " 1rem;color:#1a1a1a}svg{max-width:100%;height:auto}table{border-collapse:collapse;margin:1rem"
+    " 0;font-variant-numeric:tabular-nums}th,td{text-align:left;padding:.2rem .8rem .2rem"
+    " 0;border-bottom:1px solid #ccc;vertical-align:top}@media print{body{margin:0;max-width:none}}"
 )
 
 
 def lines(trend: Trend) -> Iterator[str]:
-    """Yield mean and standard deviation, the chart's result, signals, capability, changes, and missing values."""
-    head = f"{trend.station} port {trend.port}  {trend.metric}  {len(trend.values)} of {len(trend.points)} runs"
+    """Yield mean and standard deviation, the chart's result, signals, capability, changes, and
+    missing values.
+    """
+    head = (
+        f"{trend.station} port {trend.port}  {trend.metric}  {len(trend.values)} of"
+        f" {len(trend.points)} runs"
+    )
     spread = "" if trend.sd is None else f", sd {trend.sd:.3g}"
     yield head if trend.mean is None else f"{head}, mean {trend.mean:.4g} {trend.unit}{spread}"
     yield from (f"  warning: {text}" for text in trend.warnings)
@@ -38,7 +43,9 @@ def lines(trend: Trend) -> Iterator[str]:
     if trend.capability is not None:
         yield f"  capability: {capability_text(trend.capability)}"
     yield from (f"  changed: {change}" for change in trend.changes)
-    for reason, count in Counter(point.why for point in trend.points if point.value is None).most_common():
+    for reason, count in Counter(
+        point.why for point in trend.points if point.value is None
+    ).most_common():
         yield f"  no value in {count} run{'' if count == 1 else 's'}: {reason}"
 
 
@@ -47,23 +54,43 @@ def chart_text(trend: Trend) -> str:
     if isinstance(trend.chart, spc.Refused):
         return f"none. {trend.chart.text}"
     values = trend.chart[0]
-    signals = f"{len(trend.signals)} signal{'s' * (len(trend.signals) > 1)}" if trend.signals else "no signal"
-    return f"individuals {values.centre:.4g}, limits {values.lower[0]:.4g} to {values.upper[0]:.4g} {trend.unit}; {signals}"
+    signals = (
+        f"{len(trend.signals)} signal{'s' * (len(trend.signals) > 1)}"
+        if trend.signals
+        else "no signal"
+    )
+    return (
+        f"individuals {values.centre:.4g}, limits {values.lower[0]:.4g} to {values.upper[0]:.4g}"
+        f" {trend.unit}; {signals}"
+    )
 
 
 def capability_text(found: spc.Capability | spc.Refused, each: str = "run") -> str:
-    """Return the capability indices with their bounds, or why there are none. `each`: what a value is."""
+    """Return the capability indices with their bounds, or why there are none. `each`: what a value
+    is.
+    """
     if isinstance(found, spc.Refused):
         return f"none. {found.text}"
     named = (("Cp", found.cp), ("Cpk", found.cpk), ("Pp", found.pp), ("Ppk", found.ppk))
-    shown = named if found.distribution == "normal" else named[2:]  # otherwise Cp and Cpk are the same
-    indices = [f"{name} {index.value:.2f} (at least {index.bound:.2f})" for name, index in shown if index is not None]
-    method = "" if found.distribution == "normal" else f" by {_named(found.distribution)} (ISO 22514-2)"
+    # otherwise Cp and Cpk are the same
+    shown = named if found.distribution == "normal" else named[2:]
+    indices = [
+        f"{name} {index.value:.2f} (at least {index.bound:.2f})"
+        for name, index in shown
+        if index is not None
+    ]
+    method = (
+        "" if found.distribution == "normal" else f" by {_named(found.distribution)} (ISO 22514-2)"
+    )
     return f"{', '.join(indices)}; 95 % bounds of {found.n} {each}s{method}"
 
 
 def _named(distribution: str) -> str:
-    return "the values' own percentiles" if distribution == "percentiles" else f"the percentiles of a {distribution} distribution"
+    return (
+        "the values' own percentiles"
+        if distribution == "percentiles"
+        else f"the percentiles of a {distribution} distribution"
+    )
 
 
 def facts(trend: Trend) -> dict[str, object]:
@@ -74,7 +101,12 @@ def facts(trend: Trend) -> dict[str, object]:
     else:
         values = trend.chart[0]
         limits = {"lower": float(values.lower[0]), "upper": float(values.upper[0])}
-        chart = {"centre": values.centre, "sigma": values.sigma, **limits, "signals": [list(one) for one in trend.signals]}
+        chart = {
+            "centre": values.centre,
+            "sigma": values.sigma,
+            **limits,
+            "signals": [list(one) for one in trend.signals],
+        }
     return {
         "station": trend.station,
         "port": trend.port,
@@ -87,7 +119,10 @@ def facts(trend: Trend) -> dict[str, object]:
         "capability": _capability(trend.capability),
         "changes": trend.changes,
         "warnings": trend.warnings,
-        "points": [{**asdict(point), "started": point.started and point.started.isoformat()} for point in trend.points],
+        "points": [
+            {**asdict(point), "started": point.started and point.started.isoformat()}
+            for point in trend.points
+        ],
     }
 
 
@@ -98,17 +133,22 @@ def _capability(found: spc.Capability | spc.Refused | None) -> dict[str, object]
 
 
 def page(trends: Sequence[Trend], metric: str, figure: Figure) -> str:
-    """Return an HTML page without external resources: definition of the metric, chart, results, every value."""
+    """Return an HTML page without external resources: definition of the metric, chart, results,
+    every value.
+    """
     from jbclog.analysis.figures.canvas import svg_text  # loads matplotlib
 
-    results = "".join(f"<p>{'<br>'.join(escape(_shown(line)) for line in lines(one))}</p>" for one in trends)
+    results = "".join(
+        f"<p>{'<br>'.join(escape(_shown(line)) for line in lines(one))}</p>" for one in trends
+    )
     cells = [_cells(one, point) for one in trends for point in one.points]
     heads = ("run", "started", "station", "port", "value", "unit", "n", "why there is no value")
     values = table(heads, cells)
     title = f"{text(title_of(metric).capitalize())} over {len({row[0] for row in cells})} runs"
     head = "<meta charset='utf-8'><meta name='viewport' content='width=device-width'>"
     claim = "<p>Figures describe the record. None of them proves that a joint is good.</p>"
-    body = f"<h1>{title}</h1><p>{escape(metric_text(metric))}</p>{svg_text(figure)}{results}{values}{claim}"
+    heading = f"<h1>{title}</h1><p>{escape(metric_text(metric))}</p>"
+    body = f"{heading}{svg_text(figure)}{results}{values}{claim}"
     style = f"<title>{title}</title><style>{STYLE}</style>"
     return f"<!doctype html><html lang='en'><head>{head}{style}</head><body>{body}</body></html>\n"
 

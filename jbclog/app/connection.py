@@ -2,7 +2,8 @@
 
 ::
 
-    load_line -> Target -> open_port (refused during a run, read-only unless allowed) -> blocking.run pulls the steps
+    load_line -> Target -> open_port (refused during a run, read-only unless allowed) ->
+    blocking.run pulls the steps
 """
 
 from __future__ import annotations
@@ -29,11 +30,14 @@ from jbclog.transport.port import Port
 from jbclog.transport.read_only import OnlyReads, ReadOnly
 
 T = TypeVar("T")
-NUMBERS: Final = ("", *(f"-{number}" for number in range(2, 100)))  # for further snapshots within the same second
+# for further snapshots within the same second
+NUMBERS: Final = ("", *(f"-{number}" for number in range(2, 100)))
 
 
 def target_in(path: Path, name: str) -> Target:
-    """Return the station of that name in the line file at `path`. Raises `Problems`, or `UsageError` listing the names."""
+    """Return the station of that name in the line file at `path`. Raises `Problems`, or
+    `UsageError` listing the names.
+    """
     return target_of(load_line(path), name)
 
 
@@ -46,11 +50,16 @@ def target_of(line: Line, name: str) -> Target:
         meant = f"did you mean {near[0]}? It has" if near else "it has"
         raise UsageError(f"{line.path} has no station {name!r}; {meant} {', '.join(names)}")
     family = FAMILIES.get(found.family)
-    return Target(found.name, found.url, family, found.line_format, found.address, found.ports, found.model)
+    return Target(
+        found.name, found.url, family, found.line_format, found.address, found.ports, found.model
+    )
 
 
-def ask(target: Target, steps: Steps[T], access: PortAccess = SYSTEM, *, may_write: bool = False) -> T:
-    """Run `steps` on the target's port and return their result. The port accepts only reads, unless `may_write`.
+def ask(
+    target: Target, steps: Steps[T], access: PortAccess = SYSTEM, *, may_write: bool = False
+) -> T:
+    """Run `steps` on the target's port and return their result. The port accepts only reads, unless
+    `may_write`.
 
     Raises `PortBusy` naming the run that holds the port, and whatever the steps raise.
     """
@@ -64,8 +73,11 @@ def utc_of(moment: float, access: PortAccess = SYSTEM) -> str:
     return access.utc_of(moment).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
-def keep_snapshot(snapshot: Snapshot, before: str, path: Path | None, access: PortAccess = SYSTEM) -> Path:
-    """Save a snapshot at `path`, or in the current folder under station and time, synced; return its path.
+def keep_snapshot(
+    snapshot: Snapshot, before: str, path: Path | None, access: PortAccess = SYSTEM
+) -> Path:
+    """Save a snapshot at `path`, or in the current folder under station and time, synced; return
+    its path.
 
     Never overwrites a file. Raises `RecordError`.
     """
@@ -75,10 +87,15 @@ def keep_snapshot(snapshot: Snapshot, before: str, path: Path | None, access: Po
     facts = {"time": time, "before": before, "jbclog": __version__, **asdict(snapshot)}
     kept = (json.dumps(facts, indent=1, ensure_ascii=False) + "\n").encode()
     try:
-        return _put(kept, [path] if path is not None else [Path(f"{name}{number}.json") for number in NUMBERS])
+        return _put(
+            kept,
+            [path] if path is not None else [Path(f"{name}{number}.json") for number in NUMBERS],
+        )
     except OSError as error:
         where = path or f"{name}.json"
-        raise RecordError(f"{where}: the snapshot cannot be saved: {error.strerror or error}; nothing was written") from error
+        raise RecordError(
+            f"{where}: the snapshot cannot be saved: {error.strerror or error}; nothing was written"
+        ) from error
 
 
 def _put(kept: bytes, free: list[Path]) -> Path:
@@ -93,7 +110,9 @@ def _put(kept: bytes, free: list[Path]) -> Path:
 
 
 def only_reads_for(family: Family | None) -> OnlyReads:
-    """Return the filter for reads of the protocol of `family`; None is a family not known yet, addressed as JBC."""
+    """Return the filter for reads of the protocol of `family`; None is a family not known yet,
+    addressed as JBC.
+    """
     return omega.only_reads if family is not None and family.protocol == OMEGA else frame.only_reads
 
 
@@ -109,7 +128,9 @@ def _open(target: Target, only_reads: OnlyReads | None, access: PortAccess) -> P
 
 
 def _refuse_during_run(target: Target) -> None:
-    """A run keeps its stations also while a cable is out, and behind servers that accept a second client."""
+    """A run keeps its stations also while a cable is out, and behind servers that accept a second
+    client.
+    """
     run = run_that_holds(target.url)
     if run is not None:
         raise _held(target, run)
@@ -117,4 +138,7 @@ def _refuse_during_run(target: Target) -> None:
 
 def _held(target: Target, run: Path) -> PortBusy:
     folder = run.relative_to(Path.cwd()) if run.is_relative_to(Path.cwd()) else run
-    return PortBusy(f"{target.name}: the run {folder} holds this station; nothing was sent. End that run, or wait for its end")
+    return PortBusy(
+        f"{target.name}: the run {folder} holds this station; nothing was sent. End that run, or"
+        " wait for its end"
+    )

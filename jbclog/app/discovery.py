@@ -1,4 +1,6 @@
-"""Scans several ports in parallel, and writes a line file from the stations that answer. Start with `search`."""
+"""Scans several ports in parallel, and writes a line file from the stations that answer. Start with
+`search`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,15 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 from jbclog.app.port_access import SYSTEM, PortAccess
-from jbclog.config.line import AUTO, Described, StationTable, is_path, line_comment, line_text, station_text
+from jbclog.config.line import (
+    AUTO,
+    Described,
+    StationTable,
+    is_path,
+    line_comment,
+    line_text,
+    station_text,
+)
 from jbclog.config.schema import NAME_PATTERN
 from jbclog.core.errors import PortBusy
 from jbclog.core.serial_line import LineFormat
@@ -23,7 +33,7 @@ from jbclog.transport.port import Port
 from jbclog.transport.read_only import ReadOnly
 from jbclog.transport.system_ports import lasting_name, processes_text, sharers_of
 
-# -- scan ---------------------------------------------------------------------------------------------------------------------
+# -- scan ------------------------------------------------------------------------------------------
 #
 #     url -> ScanPlan -> open_port, reads only, counted -> blocking.run pulls `scan` -> PortReport
 #
@@ -36,15 +46,23 @@ OnReport = Callable[[PortReport], object]
 
 
 def search(
-    wanted: Sequence[tuple[str, ScanPlan]], on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM
+    wanted: Sequence[tuple[str, ScanPlan]],
+    on_report: OnReport = lambda _: None,
+    access: PortAccess = SYSTEM,
 ) -> list[PortReport]:
     """Scan every url by its plan; return the reports in the order of `wanted`.
 
-    `on_report` is called in this thread with each report as it is done. Ctrl-C ends all scans within one response time.
+    `on_report` is called in this thread with each report as it is done. Ctrl-C ends all scans
+    within one response time.
     """
     dials = [ScanControl(plan.trials[0].line) for _, plan in wanted]
-    with ThreadPoolExecutor(max_workers=max(1, min(len(wanted), MOST_AT_ONCE)), thread_name_prefix="scan") as pool:
-        scans = [pool.submit(_scan, url, plan, dial, access) for (url, plan), dial in zip(wanted, dials, strict=True)]
+    with ThreadPoolExecutor(
+        max_workers=max(1, min(len(wanted), MOST_AT_ONCE)), thread_name_prefix="scan"
+    ) as pool:
+        scans = [
+            pool.submit(_scan, url, plan, dial, access)
+            for (url, plan), dial in zip(wanted, dials, strict=True)
+        ]
         try:
             for done in as_completed(scans):
                 on_report(done.result())
@@ -68,16 +86,21 @@ def _scan(url: str, plan: ScanPlan, dial: ScanControl, access: PortAccess) -> Po
 def _open(report: PortReport, dial: ScanControl, access: PortAccess) -> Port:
     """Open a port for a scan: it passes harmless reads only, and counts them.
 
-    A run keeps its stations also while a cable is out, and behind servers that accept a second client. A program that does not
-    lock its port would lose the answers to the scan.
+    A run keeps its stations also while a cable is out, and behind servers that accept a second
+    client. A program that does not lock its port would lose the answers to the scan.
     """
     run = None if report.tried else run_that_holds(report.url)
     if run is not None:
         raise PortBusy(f"{report.url} is held by the run {run}; end that run, or wait for its end")
     sharers = [] if report.tried else sharers_of(report.url)
     if sharers:
-        raise PortBusy(f"{report.url} is open in {processes_text(sharers)}; end that, or take another port", sharers[0])
-    return _Counted(ReadOnly(access.open_port(report.url, dial.line), is_harmless), report, dial.line)
+        raise PortBusy(
+            f"{report.url} is open in {processes_text(sharers)}; end that, or take another port",
+            sharers[0],
+        )
+    return _Counted(
+        ReadOnly(access.open_port(report.url, dial.line), is_harmless), report, dial.line
+    )
 
 
 class _Counted:
@@ -98,7 +121,7 @@ class _Counted:
         self._report.sent[self._line, data] += 1
 
 
-# -- line file ----------------------------------------------------------------------------------------------------------------
+# -- line file -------------------------------------------------------------------------------------
 
 NO_TOOL = (None, "none")
 
@@ -110,7 +133,11 @@ def text_of(reports: Sequence[PortReport], file: Path) -> str | None:
     """
     stations = described(reports)
     name = file.stem if re.fullmatch(NAME_PATTERN, file.stem) else "line"
-    text = line_text(name, stations, "Found by jbclog scan. A station's recipe goes here, or on the command line.")
+    text = line_text(
+        name,
+        stations,
+        "Found by jbclog scan. A station's recipe goes here, or on the command line.",
+    )
     proposals = "".join(_proposal(report) for report in reports)
     return text + proposals if stations or proposals else None
 
@@ -123,10 +150,21 @@ def is_complete(reports: Sequence[PortReport]) -> bool:
 def _proposal(report: PortReport) -> str:
     """Return a station of unknown model as comments: only a person can name its family."""
     found = report.station
-    if found is None or found.model is None or found.family is not None or found.robot_mode is False or found.trouble is not None:
+    if (
+        found is None
+        or found.model is None
+        or found.family is not None
+        or found.robot_mode is False
+        or found.trouble is not None
+    ):
         return ""
-    text = f"Model {found.model} is unknown. If you know its family, enter it and remove the # from these lines."
-    table = _table("station-1", report.url, found, AUTO).model_copy(update={"family": "...", "model": found.model})
+    text = (
+        f"Model {found.model} is unknown. If you know its family, enter it and remove the # from"
+        " these lines."
+    )
+    table = _table("station-1", report.url, found, AUTO).model_copy(
+        update={"family": "...", "model": found.model}
+    )
     return line_comment(f"\n{text}\n{station_text(table)}")
 
 
@@ -135,11 +173,18 @@ def described(reports: Sequence[PortReport]) -> list[Described]:
     numbers: Counter[str] = Counter()
     described = []
     for report in reports:
-        if report.station is not None and report.station.is_drivable and report.station.family is not None:
+        if (
+            report.station is not None
+            and report.station.is_drivable
+            and report.station.family is not None
+        ):
             family = report.station.family.name
             numbers[family] += 1
             described.append(
-                (_table(f"{family}-{numbers[family]}", report.url, report.station, family), _description(report, report.station))
+                (
+                    _table(f"{family}-{numbers[family]}", report.url, report.station, family),
+                    _description(report, report.station),
+                )
             )
     return described
 
@@ -159,18 +204,25 @@ def _table(name: str, url: str, found: StationFound, family: str) -> StationTabl
 
 
 def _ports(found: StationFound) -> tuple[int, ...] | None:
-    """Return the ports with a tool, as a run refuses a named port without one. If there is no tool at all, those that answer."""
+    """Return the ports with a tool, as a run refuses a named port without one. If there is no tool
+    at all, those that answer.
+    """
     with_tool = tuple(port for port, tool in found.tools.items() if tool not in NO_TOOL)
     return with_tool or tuple(found.tools) or None
 
 
 def lasting_url(url: str) -> str:
-    """Return a url for a line file that stays valid: a USB adapter by its own number, a path from the root."""
+    """Return a url for a line file that stays valid: a USB adapter by its own number, a path from
+    the root.
+    """
     return lasting_name(os.path.abspath(url)) if is_path(url) else url  # noqa: PTH100  # a link stays a link
 
 
 def _description(report: PortReport, found: StationFound) -> str:
-    parts = [found.model or (found.family.title if found.family else "a station that does not report its model")]
+    parts = [
+        found.model
+        or (found.family.title if found.family else "a station that does not report its model")
+    ]
     parts += [f"software {found.software}"] if found.software else []
     parts += [f"port {port} {tool or 'unknown tool'}" for port, tool in found.tools.items()]
     lines = [", ".join(parts)]

@@ -1,4 +1,6 @@
-"""Checks this machine and the stations of a line, and suggests one step for each finding. Start with `examine`."""
+"""Checks this machine and the stations of a line, and suggests one step for each finding. Start
+with `examine`.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +24,25 @@ from jbclog.core.durable_files import write_whole
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.session.discovery.diagnosis import FIRMLY, diagnose
-from jbclog.session.discovery.found import ADDRESSES, BY_SERVER, USUAL, PortReport, ScanFinding, ScanPlan, StationFound, Trial
-from jbclog.transport.system_ports import UsbPort, latency_timer, locker_of, process_text, processes_text, sharers_of, usb_ports
+from jbclog.session.discovery.found import (
+    ADDRESSES,
+    BY_SERVER,
+    USUAL,
+    PortReport,
+    ScanFinding,
+    ScanPlan,
+    StationFound,
+    Trial,
+)
+from jbclog.transport.system_ports import (
+    UsbPort,
+    latency_timer,
+    locker_of,
+    process_text,
+    processes_text,
+    sharers_of,
+    usb_ports,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +57,7 @@ class Fine:
 Looked = Fine | ScanFinding
 
 
-# -- clock --------------------------------------------------------------------------------------------------------------------
+# -- clock -----------------------------------------------------------------------------------------
 
 WHERE = "clock"
 STEP = "synchronise it with a time server: `sudo timedatectl set-ntp true`"
@@ -48,17 +67,28 @@ TIMEX_BYTES = 256  # struct timex has 208
 
 
 def look_at_clock(utc_s: float, is_kept: bool | None) -> Looked:
-    """Check the clock. `utc_s`: its time, seconds since 1970; `is_kept`: whether it is synchronised, None if unknown."""
+    """Check the clock. `utc_s`: its time, seconds since 1970; `is_kept`: whether it is
+    synchronised, None if unknown.
+    """
     now = datetime.fromtimestamp(utc_s, UTC)
     if now < RELEASED:
-        return ScanFinding("clock.wrong", WHERE, f"it shows {now:%Y-%m-%d %H:%M} UTC, which is wrong", STEP)
+        return ScanFinding(
+            "clock.wrong", WHERE, f"it shows {now:%Y-%m-%d %H:%M} UTC, which is wrong", STEP
+        )
     if is_kept is False:
-        return ScanFinding("clock.unkept", WHERE, "it is not synchronised with a time server: times in records may be wrong", STEP)
+        return ScanFinding(
+            "clock.unkept",
+            WHERE,
+            "it is not synchronised with a time server: times in records may be wrong",
+            STEP,
+        )
     return Fine("clock", WHERE, f"{now:%Y-%m-%d %H:%M} UTC" + (", synchronised" if is_kept else ""))
 
 
 def clock_is_kept() -> bool | None:
-    """Return whether the kernel calls the clock synchronised; None on a system that does not report it."""
+    """Return whether the kernel calls the clock synchronised; None on a system that does not report
+    it.
+    """
     try:
         state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(TIMEX_BYTES))
     except (OSError, AttributeError, TypeError):  # another system
@@ -66,7 +96,7 @@ def clock_is_kept() -> bool | None:
     return None if state < 0 else bool(state != UNSYNCHRONISED)
 
 
-# -- disk ---------------------------------------------------------------------------------------------------------------------
+# -- disk ------------------------------------------------------------------------------------------
 
 LEAST_FREE = 500_000_000  # bytes: some days of a few stations, live stores included
 PROBE_BYTES = 4096
@@ -81,7 +111,10 @@ def look_at_folder(out: Path) -> list[Looked]:
     except OSError as error:
         return [
             ScanFinding(
-                "disk.no_write", str(out), f"no file can be written in {folder}: {error.strerror or error}", _step(error, folder)
+                "disk.no_write",
+                str(out),
+                f"no file can be written in {folder}: {error.strerror or error}",
+                _step(error, folder),
             )
         ]
     return [_space(out, free)]
@@ -111,16 +144,22 @@ def _step(error: OSError, folder: Path) -> str:
 
 def _space(out: Path, free: int) -> Looked:
     if free < LEAST_FREE:
-        what = f"only {free / 1e6:.0f} MB free; a station with two ports at 10 Hz writes about 30 MB a day"
-        return ScanFinding("disk.space", str(out), what, f"free space on the disk of {nearest(out)}")
+        what = (
+            f"only {free / 1e6:.0f} MB free; a station with two ports at 10 Hz writes about 30 MB"
+            " a day"
+        )
+        return ScanFinding(
+            "disk.space", str(out), what, f"free space on the disk of {nearest(out)}"
+        )
     return Fine("disk", str(out), f"writable, {free / 1e9:.1f} GB free")
 
 
-# -- ports --------------------------------------------------------------------------------------------------------------------
+# -- ports -----------------------------------------------------------------------------------------
 # Nothing here opens a port.
 
 NONE_PLUGGED = "no USB serial port is connected"
-GROUPS = ("dialout", "uucp", "tty", "plugdev")  # of serial ports; other groups give more rights than that
+# of serial ports; other groups give more rights than that
+GROUPS = ("dialout", "uucp", "tty", "plugdev")
 RULES = "/etc/udev/rules.d/60-jbclog.rules"
 QUICK_MS = 2  # a timer up to this costs no rate
 
@@ -129,8 +168,15 @@ def look_at_usb_port(port: UsbPort) -> Looked:
     """Check whether this user may open the port and no other program has it."""
     device = Path(port.device)
     if not os.access(device, os.R_OK | os.W_OK):
-        return ScanFinding("port.permission", port.name, "your user has no permission to open it", permission_step(device))
-    return look_at_holder(port.name, port.device) or Fine("port", port.name, f"{port.title or 'USB serial port'}, free and allowed")
+        return ScanFinding(
+            "port.permission",
+            port.name,
+            "your user has no permission to open it",
+            permission_step(device),
+        )
+    return look_at_holder(port.name, port.device) or Fine(
+        "port", port.name, f"{port.title or 'USB serial port'}, free and allowed"
+    )
 
 
 def look_at_holder(where: str, url: str) -> Looked | None:
@@ -141,24 +187,31 @@ def look_at_holder(where: str, url: str) -> Looked | None:
     if run is not None:
         return Fine("port.run", where, f"in use by the run {run}; not touched")
     if process is not None and process != os.getpid():
-        return ScanFinding("port.busy", where, f"it is in use by {process_text(process)}", "end that program")
+        return ScanFinding(
+            "port.busy", where, f"it is in use by {process_text(process)}", "end that program"
+        )
     sharers = sharers_of(url)
     if sharers:
-        what = f"{processes_text(sharers)} also has it open without a lock: each program gets only a part of the data"
+        what = (
+            f"{processes_text(sharers)} also has it open without a lock: each program gets only a"
+            " part of the data"
+        )
         return ScanFinding("port.shared", where, what, "end that program")
     return None
 
 
 def permission_step(device: Path) -> str:
-    """Return how this user gets access to `device`: by joining its group if that is one of serial ports, else by a udev rule."""
+    """Return how this user gets access to `device`: by joining its group if that is one of serial
+    ports, else by a udev rule.
+    """
     group = _group(device)
     if group in GROUPS:
         return f"`sudo adduser {_user()} {group}`, then log in again"
     name = Path(os.path.realpath(device)).name
     rule = f'KERNEL=="{re.sub(r"[0-9]+$", "*", name)}", GROUP="{GROUPS[0]}", MODE="0660"'
     return (
-        f"give it to the group {GROUPS[0]} (`echo '{rule}' | sudo tee {RULES}`, then plug it in again) "
-        f"and join that (`sudo adduser {_user()} {GROUPS[0]}`, then log in again)"
+        f"give it to the group {GROUPS[0]} (`echo '{rule}' | sudo tee {RULES}`, then plug it in"
+        f" again) and join that (`sudo adduser {_user()} {GROUPS[0]}`, then log in again)"
     )
 
 
@@ -177,7 +230,9 @@ def _group(device: Path) -> str:
 
 
 def look_at_timer(where: str, device: str) -> ScanFinding | None:
-    """Check whether the adapter still delays answers after it was set not to; call it after the port was opened."""
+    """Check whether the adapter still delays answers after it was set not to; call it after the
+    port was opened.
+    """
     timer = latency_timer(device)
     try:
         held_ms = int(timer.read_text()) if timer else 0
@@ -189,31 +244,46 @@ def look_at_timer(where: str, device: str) -> ScanFinding | None:
     return ScanFinding("port.latency", where, what, f"`echo 1 | sudo tee {timer}`")
 
 
-# -- stations -----------------------------------------------------------------------------------------------------------------
+# -- stations --------------------------------------------------------------------------------------
 
 NO_TOOL = "none"
 
 
-def look_at_stations(line: Line, on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM) -> list[Looked]:
+def look_at_stations(
+    line: Line, on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM
+) -> list[Looked]:
     """Check every station of the line whose port is free. Sends only reads that clear nothing."""
-    held = {spec.name: looked for spec in line.stations if (looked := look_at_holder(spec.name, spec.url)) is not None}
+    held = {
+        spec.name: looked
+        for spec in line.stations
+        if (looked := look_at_holder(spec.name, spec.url)) is not None
+    }
     free = [spec for spec in line.stations if spec.name not in held]
     reports = search([(spec.url, plan_for(spec)) for spec in free], on_report, access)
     asked = {spec.name: report for spec, report in zip(free, reports, strict=True)}
     return [
         one
         for spec in line.stations
-        for one in ([held[spec.name]] if spec.name in held else list(compared(line, spec, asked[spec.name])))
+        for one in (
+            [held[spec.name]] if spec.name in held else list(compared(line, spec, asked[spec.name]))
+        )
     ]
 
 
 def plan_for(spec: StationSpec) -> ScanPlan:
     """Return a plan that tries the settings of the line file first, then the usual ones."""
     if spec.url.startswith("socket:"):
-        return ScanPlan(tuple(dataclasses.replace(trial, line=spec.line_format) for trial in BY_SERVER), _addresses(spec))
+        return ScanPlan(
+            tuple(dataclasses.replace(trial, line=spec.line_format) for trial in BY_SERVER),
+            _addresses(spec),
+        )
     family = FAMILIES.get(spec.family)
     own = Trial(spec.line_format, asks_omega=family is not None and family.protocol == OMEGA)
-    rest = tuple(trial for trial in USUAL if trial.line != spec.line_format or (trial.asks_omega and not own.asks_omega))
+    rest = tuple(
+        trial
+        for trial in USUAL
+        if trial.line != spec.line_format or (trial.asks_omega and not own.asks_omega)
+    )
     return ScanPlan((own, *rest), _addresses(spec))
 
 
@@ -223,9 +293,15 @@ def _addresses(spec: StationSpec) -> tuple[int | None, ...]:
 
 def compared(line: Line, spec: StationSpec, report: PortReport) -> Iterator[Looked]:
     """Yield what is fine with this station, or its findings."""
-    wrong = [_of_line(line, spec, finding) for finding in diagnose(report) if not _is_accepted(spec, report, finding)]
+    wrong = [
+        _of_line(line, spec, finding)
+        for finding in diagnose(report)
+        if not _is_accepted(spec, report, finding)
+    ]
     if not wrong and report.station is not None:
-        wrong = [finding for finding in _differences(line, spec, report.station) if finding is not None]
+        wrong = [
+            finding for finding in _differences(line, spec, report.station) if finding is not None
+        ]
         wrong += [timer] if (timer := look_at_timer(spec.name, spec.url)) is not None else []
         wrong = wrong or [Fine("station", spec.name, _text(report.station))]
     yield from wrong
@@ -233,7 +309,11 @@ def compared(line: Line, spec: StationSpec, report: PortReport) -> Iterator[Look
 
 def _is_accepted(spec: StationSpec, report: PortReport, finding: ScanFinding) -> bool:
     """Whether the finding is an unknown model that the line file accepts."""
-    return finding.kind == "station.unknown" and report.station is not None and report.station.model == spec.model
+    return (
+        finding.kind == "station.unknown"
+        and report.station is not None
+        and report.station.model == spec.model
+    )
 
 
 def _of_line(line: Line, spec: StationSpec, finding: ScanFinding) -> Looked:
@@ -242,7 +322,10 @@ def _of_line(line: Line, spec: StationSpec, finding: ScanFinding) -> Looked:
     if finding.kind == "port.permission" and spec.is_device:
         step = permission_step(Path(spec.url))
     if finding.kind == "port.missing" and spec.is_relative:
-        step = f"a relative url is a virtual station's: start `jbclog sim {line.path}` and use the line file that it creates"
+        step = (
+            f"a relative url is a virtual station's: start `jbclog sim {line.path}` and use the"
+            " line file that it creates"
+        )
     return dataclasses.replace(finding, where=f"{spec.name} ({finding.where})", step=step)
 
 
@@ -252,17 +335,23 @@ def _text(found: StationFound) -> str:
     speed += f" ({found.turnaround.faster})" if found.turnaround and found.turnaround.faster else ""
     tools = "; ".join(f"port {port} {tool or 'unknown tool'}" for port, tool in found.tools.items())
     mode = "; Robot mode is not known until the first write" if found.has_robot_mode else ""
-    return f"{who} answers at {found.line}{_addressing(found)}{speed}" + (f"; {tools}" if tools else "") + mode
+    return (
+        f"{who} answers at {found.line}{_addressing(found)}{speed}"
+        + (f"; {tools}" if tools else "")
+        + mode
+    )
 
 
 def _addressing(found: StationFound) -> str:
     return f", {found.addressing}" if found.has_robot_mode else ""
 
 
-# -- differences ------------------------------------------------------------------------------------------------------------
+# -- differences -----------------------------------------------------------------------------------
 
 
-def _differences(line: Line, spec: StationSpec, found: StationFound) -> Iterator[ScanFinding | None]:
+def _differences(
+    line: Line, spec: StationSpec, found: StationFound
+) -> Iterator[ScanFinding | None]:
     yield _line_format(line, spec, found)
     yield _address(line, spec, found)
     yield _family(line, spec, found)
@@ -288,7 +377,12 @@ def _address(line: Line, spec: StationSpec, found: StationFound) -> ScanFinding 
         return None
     wanted = "without addresses" if spec.address is None else f"address {spec.address:02d}"
     keys = f"address = {'false' if found.address is None else found.address}"
-    return ScanFinding("line.address", spec.name, f"it answers {_at(found)}; the line file has {wanted}", _change(line, spec, keys))
+    return ScanFinding(
+        "line.address",
+        spec.name,
+        f"it answers {_at(found)}; the line file has {wanted}",
+        _change(line, spec, keys),
+    )
 
 
 def _at(found: StationFound) -> str:
@@ -299,15 +393,27 @@ def _family(line: Line, spec: StationSpec, found: StationFound) -> ScanFinding |
     if spec.model is not None:
         if found.model == spec.model:
             return None
-        what = f"the line file accepts model {spec.model}; the station reports {found.model or 'no model'}"
+        what = (
+            f"the line file accepts model {spec.model}; the station reports"
+            f" {found.model or 'no model'}"
+        )
         return ScanFinding(
-            "line.model", spec.name, what, _change(line, spec, f'model = "{found.model}", or plug in the other cable')
+            "line.model",
+            spec.name,
+            what,
+            _change(line, spec, f'model = "{found.model}", or plug in the other cable'),
         )
     if spec.family == AUTO or found.family is None or found.family.name == spec.family:
         return None
-    what = f"the line file has family {spec.family}; the station is {found.model or found.family.title}"
+    what = (
+        f"the line file has family {spec.family}; the station is"
+        f" {found.model or found.family.title}"
+    )
     return ScanFinding(
-        "line.family", spec.name, what, _change(line, spec, f'family = "{found.family.name}", or plug in the other cable')
+        "line.family",
+        spec.name,
+        what,
+        _change(line, spec, f'family = "{found.family.name}", or plug in the other cable'),
     )
 
 
@@ -323,7 +429,12 @@ def _ports(line: Line, spec: StationSpec, found: StationFound) -> Iterator[ScanF
         yield ScanFinding("line.ports", spec.name, what, _change(line, spec, keys))
     if empty:
         step = f"insert a tool, or {_change(line, spec, keys)}" if rest else "insert a tool"
-        yield ScanFinding("tool.missing", spec.name, f"no tool in port {_listed(empty)}; a run does not start without one", step)
+        yield ScanFinding(
+            "tool.missing",
+            spec.name,
+            f"no tool in port {_listed(empty)}; a run does not start without one",
+            step,
+        )
 
 
 def _printed_ports(family: Family | None) -> tuple[int, ...] | None:
@@ -337,7 +448,12 @@ def _listed(ports: list[int]) -> str:
 def _station_error(spec: StationSpec, found: StationFound) -> ScanFinding | None:
     if found.error is None:
         return None
-    return ScanFinding("station.error", spec.name, f"the station reports: {found.error}", "look it up in the station's manual")
+    return ScanFinding(
+        "station.error",
+        spec.name,
+        f"the station reports: {found.error}",
+        "look it up in the station's manual",
+    )
 
 
 def _lost(spec: StationSpec, found: StationFound) -> ScanFinding | None:
@@ -349,11 +465,15 @@ def _lost(spec: StationSpec, found: StationFound) -> ScanFinding | None:
     return ScanFinding("line.noisy", spec.name, what, FIRMLY)
 
 
-# -- examine ------------------------------------------------------------------------------------------------------------------
+# -- examine ---------------------------------------------------------------------------------------
 
 
-def examine(line: Line | None, out: Path, on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM) -> list[Looked]:
-    """Check this machine and each station of `line`; without a line the USB ports, which are not opened."""
+def examine(
+    line: Line | None, out: Path, on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM
+) -> list[Looked]:
+    """Check this machine and each station of `line`; without a line the USB ports, which are not
+    opened.
+    """
     looked = [*look_at_folder(out), look_at_clock(time.time(), clock_is_kept())]
     return looked + (_usb() if line is None else look_at_stations(line, on_report, access))
 

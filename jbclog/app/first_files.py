@@ -11,11 +11,16 @@ from jbclog.config.load_recipe import parse_recipe
 from jbclog.protocol.commands.family import FAMILIES, OMEGA
 
 LINE: Final = "line.toml"
-HEADING: Final = "Written by jbclog init. One [[station]] for each station; more keys stand in the documentation, Files and keys."
+HEADING: Final = (
+    "Written by jbclog init. One [[station]] for each station; more keys stand in the"
+    " documentation, Files and keys."
+)
 
 
 class Kind(NamedTuple):
-    """Stations that one recipe can drive: the question for their temperature, its usual and allowed values, and the sections."""
+    """Stations that one recipe can drive: the question for their temperature, its usual and allowed
+    values, and the sections.
+    """
 
     name: str
     question: str | None
@@ -76,25 +81,49 @@ def kinds_of(stations: Sequence[Described]) -> list[Kind]:
 def station(name: str, url: str, family: str) -> Described:
     """Return a station as a person names it, with the usual line format of its family."""
     usual: dict[str, object] = {"baudrate": 9600, "address": False} if family == OMEGA else {}
-    return StationTable.model_validate({"name": name, "url": url, "family": family, **usual}), FAMILIES[family].title
+    return (
+        StationTable.model_validate({"name": name, "url": url, "family": family, **usual}),
+        FAMILIES[family].title,
+    )
 
 
-def files(stations: Sequence[Described], name: str, celsius: Mapping[str, int], folder: Path) -> Iterator[tuple[Path, str]]:
-    """Yield the line file, then its recipes, each as path and text. `celsius` is by the kinds' names. Raises `Problems`."""
+def files(
+    stations: Sequence[Described], name: str, celsius: Mapping[str, int], folder: Path
+) -> Iterator[tuple[Path, str]]:
+    """Yield the line file, then its recipes, each as path and text. `celsius` is by the kinds'
+    names. Raises `Problems`.
+    """
     kinds = kinds_of(stations)
-    paths = {kind: Path("recipe.toml" if len(kinds) == 1 else f"recipe-{kind.name}.toml") for kind in kinds}
-    with_recipe = [(one.model_copy(update={"recipe": paths[kind_of(one.family)]}), text) for one, text in stations]
+    paths = {
+        kind: Path("recipe.toml" if len(kinds) == 1 else f"recipe-{kind.name}.toml")
+        for kind in kinds
+    }
+    with_recipe = [
+        (one.model_copy(update={"recipe": paths[kind_of(one.family)]}), text)
+        for one, text in stations
+    ]
     line = line_text("line", with_recipe, HEADING)
     parse_line(line, folder / LINE)
     yield folder / LINE, line
     for kind, path in paths.items():
         families = sorted({one.family for one, _ in stations if kind_of(one.family) is kind})
-        yield folder / path, _recipe(f"{name}-{kind.name}" if len(kinds) > 1 else name, families, kind, celsius.get(kind.name))
+        yield (
+            folder / path,
+            _recipe(
+                f"{name}-{kind.name}" if len(kinds) > 1 else name,
+                families,
+                kind,
+                celsius.get(kind.name),
+            ),
+        )
 
 
 def _recipe(name: str, families: Sequence[str], kind: Kind, celsius: int | None) -> str:
     listed = ", ".join(f'"{family}"' for family in families)
-    head = f'[recipe]\nname = "{name}"\nrevision = 1                  # raise it with every change\nfamilies = [{listed}]\n'
+    head = (
+        f'[recipe]\nname = "{name}"\nrevision = 1                  # raise it with every'
+        f" change\nfamilies = [{listed}]\n"
+    )
     text = f"{head}{kind.sections.format(celsius=celsius)}{AFTER}"
     parse_recipe(text)
     return text

@@ -1,4 +1,6 @@
-"""Replays a recorded run: reproduced from its serial captures without ports, or served as virtual stations."""
+"""Replays a recorded run: reproduced from its serial captures without ports, or served as virtual
+stations.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ from jbclog.sim.virtual import Reply
 from jbclog.transport.session_history import ERROR_OF_RESULT, Divergence, replay_steps, replayed
 from jbclog.transport.virtual import VirtualDriver
 
-# -- recording ----------------------------------------------------------------------------------------------------------------
+# -- recording -------------------------------------------------------------------------------------
 
 REPLAY_OF = "replay_of"  # the tag with the name of the recorded run
 
@@ -62,11 +64,20 @@ class Recording:
         return recipe_copy(self.folder, self.heads[station].recipe)
 
     def ticks(self, station: str) -> RecordedGrid | None:
-        """Return a station's sampling grid on the recorder's clock. None if unknown or without one."""
+        """Return a station's sampling grid on the recorder's clock. None if unknown or without
+        one.
+        """
         facts = self.facts.get(station)
-        if facts is None or facts.first_tick is None or facts.period_s is None or self.line.replay is not None:
+        if (
+            facts is None
+            or facts.first_tick is None
+            or facts.period_s is None
+            or self.line.replay is not None
+        ):
             return None
-        return RecordedGrid(self.heads[station].t0_mono + facts.first_tick * facts.period_s, facts.period_s)
+        return RecordedGrid(
+            self.heads[station].t0_mono + facts.first_tick * facts.period_s, facts.period_s
+        )
 
     @property
     def facts(self) -> Mapping[str, StationFacts]:
@@ -78,10 +89,16 @@ class Recording:
         """The settings to record the run again: its rates, on grids with the same offsets."""
         known = [name for name in self.heads if self.ticks(name) is not None]
         first_tick = {name: self.facts[name].first_tick or 0 for name in known}
-        return Replay(rate_hz=self.rates_hz, first_tick=first_tick, first_in_s={name: self._first_in_s(name) for name in known})
+        return Replay(
+            rate_hz=self.rates_hz,
+            first_tick=first_tick,
+            first_in_s={name: self._first_in_s(name) for name in known},
+        )
 
     def _first_in_s(self, station: str) -> float:
-        """Return the time between the last message to its session before the first tick and that tick."""
+        """Return the time between the last message to its session before the first tick and that
+        tick.
+        """
         ticks, last_s = self.ticks(station), 0.0
         assert ticks is not None
         for row in self.tape(station):
@@ -100,7 +117,9 @@ class Recording:
 
     @property
     def doubts(self) -> list[str]:
-        """The parts of the recording that are missing or changed, a sentence each. Raises `RecordError`."""
+        """The parts of the recording that are missing or changed, a sentence each. Raises
+        `RecordError`.
+        """
         return sealed_files.doubts(self.folder, self.manifest)
 
     @property
@@ -121,11 +140,17 @@ class Recording:
     @property
     def rates_hz(self) -> dict[str, float]:
         """The resulting rate by station, if known."""
-        return {name: round(1 / one.period_s, 9) for name, one in self.facts.items() if one.period_s and self.is_paced}
+        return {
+            name: round(1 / one.period_s, 9)
+            for name, one in self.facts.items()
+            if one.period_s and self.is_paced
+        }
 
     @property
     def sampled_s(self) -> float | None:
-        """How long the run sampled on its grid: the requested duration, or until it was ended. None if unknown."""
+        """How long the run sampled on its grid: the requested duration, or until it was ended. None
+        if unknown.
+        """
         if self.first.duration_s is not None:
             return self.first.duration_s
         facts = self.manifest.stations if self.manifest else []
@@ -140,7 +165,15 @@ class Recording:
             return Metadata(tags=tags)
         kept = self.manifest.metadata
         lots = tuple(kept.wire_lots), tuple(kept.flux_lots)
-        return Metadata(kept.operator, kept.order, kept.product, tuple(kept.units), kept.tags | tags, *lots, tuple(kept.tips))
+        return Metadata(
+            kept.operator,
+            kept.order,
+            kept.product,
+            tuple(kept.units),
+            kept.tags | tags,
+            *lots,
+            tuple(kept.tips),
+        )
 
 
 def _sampled_s(facts: StationFacts) -> float | None:
@@ -150,16 +183,22 @@ def _sampled_s(facts: StationFacts) -> float | None:
 
 
 def open_recording(folder: Path) -> Recording:
-    """Return the recording in a run's folder. Raises `UsageError` without a capture, `RecordError` if none is readable."""
+    """Return the recording in a run's folder. Raises `UsageError` without a capture, `RecordError`
+    if none is readable.
+    """
     paths = wire_paths(folder)
     if not paths:
-        raise UsageError(f"{folder}: has no serial capture; only a run recorded with --wire can be replayed")
+        raise UsageError(
+            f"{folder}: has no serial capture; only a run recorded with --wire can be replayed"
+        )
     heads = {head.station: head for head in sealed_files.readable_heads(paths)}
     return Recording(folder, load_line(folder / "line.toml"), heads)
 
 
 def plan_of(recording: Recording) -> Plan:
-    """Return the plan of the recorded run. Raises `Problems` if line file or recipe are not valid any more."""
+    """Return the plan of the recorded run. Raises `Problems` if line file or recipe are not valid
+    any more.
+    """
     head = recording.first
     wanted = RunOptions(
         recording.line.path,
@@ -181,10 +220,10 @@ def _station_plan(recording: Recording, spec: StationSpec, wanted: RunOptions) -
     return station_plan(spec, recipe, replace(wanted, rate=recording.heads[spec.name].rate))
 
 
-# -- reproduce ----------------------------------------------------------------------------------------------------------------
-# Each session gets the recorded results of its requests (`transport.session_history`), so it sends the same and the tables are the
-# same, to the microsecond. If a later program sends something else, its session continues with the capture as its station
-# (`sim.replayed_station`) on a virtual clock.
+# -- reproduce -------------------------------------------------------------------------------------
+# Each session gets the recorded results of its requests (`transport.session_history`), so it sends
+# the same and the tables are the same, to the microsecond. If a later program sends something else,
+# its session continues with the capture as its station (`sim.replayed_station`) on a virtual clock.
 
 GRACE_S = 5.0  # for a diverged session after the end of its capture
 
@@ -203,7 +242,9 @@ class Again:
 
 
 def record_again(recording: Recording, out: Path, observer: Observer) -> Again:
-    """Reproduce the run and record it below `out`. Raises `RecordError` if that fails or a capture cannot be read."""
+    """Reproduce the run and record it below `out`. Raises `RecordError` if that fails or a capture
+    cannot be read.
+    """
     clock = VirtualClock(recording.first.t0_mono, recording.first.t0_utc)
     run_record = RunRecord(plan_of(recording), out, observer, clock)
     run_record.begin()
@@ -214,12 +255,14 @@ def record_again(recording: Recording, out: Path, observer: Observer) -> Again:
     return Again(run_record.conclude(run_record.close() or lost), left)
 
 
-# -- comparison ------------------------------------------------------------------------------------------------------------
+# -- comparison ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """The comparison of a run with its reproduction. `was_cut`: the end of the run is not known either."""
+    """The comparison of a run with its reproduction. `was_cut`: the end of the run is not known
+    either.
+    """
 
     comparison: Comparison
     was_cut: bool
@@ -233,7 +276,10 @@ class Held:
     @property
     def compared(self) -> str:
         """The number of compared rows by table, as text."""
-        shares = (f"{compared} of {recorded} rows of {table}" for table, (compared, recorded) in self.counts.items())
+        shares = (
+            f"{compared} of {recorded} rows of {table}"
+            for table, (compared, recorded) in self.counts.items()
+        )
         return f"compared: {', '.join(shares)}"
 
     @property
@@ -243,19 +289,30 @@ class Held:
 
     @property
     def uncompared(self) -> list[str]:
-        """The reasons why this is no proof: tables that were not compared, and captures shorter than their run."""
+        """The reasons why this is no proof: tables that were not compared, and captures shorter
+        than their run.
+        """
         if not self.comparison.rows:
             return ["nothing was compared: no row was decoded from the captures"]
         if not self.was_cut:
             return self.lacking
-        return [f"{one.table}, {one.station}: none of {one.first} rows could be compared" for one in self._uncompared()]
+        return [
+            f"{one.table}, {one.station}: none of {one.first} rows could be compared"
+            for one in self._uncompared()
+        ]
 
     def _uncompared(self) -> Iterator[Compared]:
-        return (one for one in self.comparison.tables if one.table == "samples" and one.first and not one.rows)
+        return (
+            one
+            for one in self.comparison.tables
+            if one.table == "samples" and one.first and not one.rows
+        )
 
     @property
     def is_same(self) -> bool:
-        """Whether everything recorded was reproduced; of a run that was cut off, everything in its captures."""
+        """Whether everything recorded was reproduced; of a run that was cut off, everything in its
+        captures.
+        """
         return not (self.comparison.differences or self.uncompared or self.left)
 
 
@@ -268,13 +325,17 @@ def compare(recording: Recording, again: Again) -> Held | None:
     unkept = [one.name for one in manifest.stations if one.name not in recording.heads]
     is_cut = manifest.lost is not None or bool(again.cut_off) or bool(unkept)
     comparison = compare_records(recording.folder, again.result.folder, is_cut=is_cut)
-    return Held(comparison, was_cut, tuple(name for name in again.left if name not in again.cut_off))
+    return Held(
+        comparison, was_cut, tuple(name for name in again.left if name not in again.cut_off)
+    )
 
 
-# -- sessions ------------------------------------------------------------------------------------------------------------------
+# -- sessions --------------------------------------------------------------------------------------
 
 
-def reproduce(recording: Recording, contexts: Iterable[SessionContext], clock: VirtualClock) -> dict[str, Divergence]:
+def reproduce(
+    recording: Recording, contexts: Iterable[SessionContext], clock: VirtualClock
+) -> dict[str, Divergence]:
     """Run the sessions of `contexts` on their captures; return where they diverged, by station."""
     driver = VirtualDriver(clock)
     sessions = [_ReplayedSession(recording, context) for context in contexts]
@@ -324,16 +385,20 @@ def _end(rows: Iterable[CaptureRow]) -> tuple[float, str]:
     return at_s + GRACE_S, "the recording is over"
 
 
-# -- serving ------------------------------------------------------------------------------------------------------------------
+# -- serving ---------------------------------------------------------------------------------------
 
-HANDING_S = 0.0003  # time to pass bytes to another program and back through a pseudo-terminal, in addition to the recorded time
+# time to pass bytes to another program and back through a pseudo-terminal, in addition to the
+# recorded time
+HANDING_S = 0.0003
 
 
-def serve(recording: Recording, folder: Path, tcp: Tcp | None = None) -> tuple[Server, list[ReplayedStation]]:
+def serve(
+    recording: Recording, folder: Path, tcp: Tcp | None = None
+) -> tuple[Server, list[ReplayedStation]]:
     """Create ports in `folder` (or on TCP) behind which the recorded stations answer as they did.
 
-    The line file in `folder` names the recipes of the run and the rates that it chose. Raises `UsageError` where a link cannot be
-    made.
+    The line file in `folder` names the recipes of the run and the rates that it chose. Raises
+    `UsageError` where a link cannot be made.
     """
     specs = tuple(_served(recording, spec) for spec in recording.stations)
     stations = [station_of(recording, spec.name, HANDING_S) for spec in specs]

@@ -2,10 +2,11 @@
 
 ::
 
-    runs that hold its ports -> SIGTERM, SIGKILL after 3 s -> all stations in parallel, `make_safe` on each
+    runs that hold its ports -> SIGTERM, SIGKILL after 3 s -> all stations in parallel, `make_safe`
+    on each
 
-A run that ends on SIGTERM makes its tools safe itself; after SIGKILL its guard does. The result is read back all the same:
-nothing counts as safe that was not read back.
+A run that ends on SIGTERM makes its tools safe itself; after SIGKILL its guard does. The result is
+read back all the same: nothing counts as safe that was not read back.
 """
 
 from __future__ import annotations
@@ -66,8 +67,12 @@ class EndedRun:
     how: HowEnded
 
 
-def make_line_safe(line: Line, done: Callable[[StationMadeSafe], None], access: PortAccess = SYSTEM) -> None:
-    """Put every tool of the line in its safe state, all stations in parallel; call `done` with each in the line's order."""
+def make_line_safe(
+    line: Line, done: Callable[[StationMadeSafe], None], access: PortAccess = SYSTEM
+) -> None:
+    """Put every tool of the line in its safe state, all stations in parallel; call `done` with each
+    in the line's order.
+    """
     found = [StationMadeSafe(target_of(line, station.name)) for station in line.stations]
     threads = [Thread(target=_one, args=(made, access), daemon=True) for made in found]
     for thread in threads:
@@ -87,9 +92,14 @@ def _one(made: StationMadeSafe, access: PortAccess) -> None:
         try:
             access.run(make_safe(made.target, made), lambda: _open(made.target, access))
         except JbclogError as error:
-            made.problem = f"{_reason(error, made.target)}; its tools may be hot: switch the station off"
+            made.problem = (
+                f"{_reason(error, made.target)}; its tools may be hot: switch the station off"
+            )
         except Exception as error:  # the other stations must still be made safe
-            made.problem = f"internal error, {unexpected_error_text(error)}; its tools may be hot: switch the station off"
+            made.problem = (
+                f"internal error, {unexpected_error_text(error)}; its tools may be hot: switch the"
+                " station off"
+            )
         if made.is_safe or made.family is not None or access.clock.monotonic() > end:
             return
         access.sleep(AGAIN_S)
@@ -105,9 +115,13 @@ def _reason(error: JbclogError, target: Target) -> str:
 
 
 def close_leases(stations: Collection[StationMadeSafe]) -> list[Path]:
-    """Report the states that were read back to this user's runs that left these tools hot; return the runs' folders."""
+    """Report the states that were read back to this user's runs that left these tools hot; return
+    the runs' folders.
+    """
     by_lease = partial(_seen, stations)
-    return open_leases.close([made.target.url for made in stations], by_lease, is_held, "jbclog safe")
+    return open_leases.close(
+        [made.target.url for made in stations], by_lease, is_held, "jbclog safe"
+    )
 
 
 def _seen(stations: Collection[StationMadeSafe], lease: StationLease) -> open_leases.Seen | None:
@@ -115,24 +129,35 @@ def _seen(stations: Collection[StationMadeSafe], lease: StationLease) -> open_le
     if made is None or made.problem is not None:
         return None
     states: dict[int, str | None] = {tool.port: tool.state for tool in made.tools if tool.is_safe}
-    return open_leases.Seen(made.model, states | dict.fromkeys(made.empty), made.feeder != FeederState.RUNNING)
+    return open_leases.Seen(
+        made.model, states | dict.fromkeys(made.empty), made.feeder != FeederState.RUNNING
+    )
 
 
-# -- cooling ----------------------------------------------------------------------------------------------------------------
+# -- cooling ---------------------------------------------------------------------------------------
 
 
-def wait_until_cold(stations: Collection[StationMadeSafe], below_c: float, report: Report, access: PortAccess = SYSTEM) -> float:
-    """Read the temperatures until all are below `below_c`, `COLD_WITHIN_S` at most; return the seconds that this took.
+def wait_until_cold(
+    stations: Collection[StationMadeSafe],
+    below_c: float,
+    report: Report,
+    access: PortAccess = SYSTEM,
+) -> float:
+    """Read the temperatures until all are below `below_c`, `COLD_WITHIN_S` at most; return the
+    seconds that this took.
 
-    Sets `temperature_c` and `is_cold` of each tool. A tool whose temperature cannot be read is not cold. A port is open only while
-    it is read, so that others can use it.
+    Sets `temperature_c` and `is_cold` of each tool. A tool whose temperature cannot be read is not
+    cold. A port is open only while it is read, so that others can use it.
     """
     clock, waited = access.clock, [made for made in stations if made.tools]
     begun = reported_at = clock.monotonic()
     while True:
         _look_at_all(waited, below_c, access)
         warm = [
-            f"{made.target.name} port {tool.port} {_celsius(tool)}" for made in waited for tool in made.tools if not tool.is_cold
+            f"{made.target.name} port {tool.port} {_celsius(tool)}"
+            for made in waited
+            for tool in made.tools
+            if not tool.is_cold
         ]
         now = clock.monotonic()
         if not warm or now - begun >= COLD_WITHIN_S:
@@ -144,11 +169,15 @@ def wait_until_cold(stations: Collection[StationMadeSafe], below_c: float, repor
 
 
 def _celsius(tool: MadeSafe) -> str:
-    return "(temperature not known)" if tool.temperature_c is None else f"({tool.temperature_c:g} °C)"
+    return (
+        "(temperature not known)" if tool.temperature_c is None else f"({tool.temperature_c:g} °C)"
+    )
 
 
 def _look_at_all(stations: Collection[StationMadeSafe], below_c: float, access: PortAccess) -> None:
-    """Read all stations in parallel; a port that hangs does not hold the others, and its tools are not cold."""
+    """Read all stations in parallel; a port that hangs does not hold the others, and its tools are
+    not cold.
+    """
     threads = [Thread(target=_look, args=(made, below_c, access), daemon=True) for made in stations]
     for made, thread in zip(stations, threads, strict=True):
         for tool in made.tools:
@@ -171,7 +200,7 @@ def _look(made: StationMadeSafe, below_c: float, access: PortAccess) -> None:
         tool.is_cold = tool.temperature_c is not None and tool.temperature_c < below_c
 
 
-# -- runs that hold the line ------------------------------------------------------------------------------------------------
+# -- runs that hold the line -----------------------------------------------------------------------
 
 
 def end_runs(line: Line, report: Report) -> list[EndedRun]:
@@ -182,10 +211,15 @@ def end_runs(line: Line, report: Report) -> list[EndedRun]:
         report(f"the run {folder} holds this line and gets SIGTERM")
         recorder.send(signal.SIGTERM)
     end = time.monotonic() + TERM_S
-    return [EndedRun(folder, _end(folder, recorder, urls, end, report)) for folder, recorder in recorders]
+    return [
+        EndedRun(folder, _end(folder, recorder, urls, end, report))
+        for folder, recorder in recorders
+    ]
 
 
-def _end(folder: Path, recorder: _Recorder, urls: Collection[str], end: float, report: Report) -> HowEnded:
+def _end(
+    folder: Path, recorder: _Recorder, urls: Collection[str], end: float, report: Report
+) -> HowEnded:
     if _lets_go(folder, recorder, urls, end - time.monotonic()):
         how = HowEnded.ASKED
     else:
@@ -199,7 +233,9 @@ def _end(folder: Path, recorder: _Recorder, urls: Collection[str], end: float, r
 
 
 def _lets_go(folder: Path, recorder: _Recorder, urls: Collection[str], seconds: float) -> bool:
-    """Return whether the run releases the ports, or ends, within `seconds`; sealing its record may take longer."""
+    """Return whether the run releases the ports, or ends, within `seconds`; sealing its record may
+    take longer.
+    """
     end = time.monotonic() + seconds
     while not recorder.is_gone_within(LOOK_S):
         if not holds(folder, urls):
@@ -210,7 +246,9 @@ def _lets_go(folder: Path, recorder: _Recorder, urls: Collection[str], seconds: 
 
 
 class _Recorder:
-    """The process that records the run in `folder`, by a descriptor: its process id may be reused."""
+    """The process that records the run in `folder`, by a descriptor: its process id may be
+    reused.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

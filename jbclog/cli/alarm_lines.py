@@ -11,7 +11,11 @@ from jbclog.analysis.alarms import Detector, Episode, Figures, Incident, State
 if TYPE_CHECKING:
     from jbclog.analysis.run_alarms import Alarms
 
-DETECTOR_NAMES = {Detector.STATION: "flag", Detector.SAMPLES: "samples", Detector.AFTERWARDS: "excursion"}
+DETECTOR_NAMES = {
+    Detector.STATION: "flag",
+    Detector.SAMPLES: "samples",
+    Detector.AFTERWARDS: "excursion",
+}
 
 
 def lines(found: Alarms) -> list[str]:
@@ -19,14 +23,21 @@ def lines(found: Alarms) -> list[str]:
     body = [line for incident in found.incidents for line in _incident(found, incident)]
     return [
         *body,
-        *(_figures(one) for one in found.figures if one.count and one.detector is not Detector.AFTERWARDS),
+        *(
+            _figures(one)
+            for one in found.figures
+            if one.count and one.detector is not Detector.AFTERWARDS
+        ),
         *found.live,
         *found.without_episode(),
     ]
 
 
 def _incident(found: Alarms, one: Incident) -> Iterator[str]:
-    first, limit = one.episodes[0], next((each.limit_c for each in one.episodes if each.limit_c is not None), None)
+    first, limit = (
+        one.episodes[0],
+        next((each.limit_c for each in one.episodes if each.limit_c is not None), None),
+    )
     beyond = "" if limit is None else f", limit {limit:g} °C"
     day = datetime.fromtimestamp(one.begin_us / 1e6, UTC).date()
     where = f"{one.number}  {first.station} port {first.port}, {day} UTC"
@@ -43,7 +54,9 @@ def _incident(found: Alarms, one: Incident) -> Iterator[str]:
 
 
 def _detectors(one: Incident) -> str:
-    return " ".join(f"{detector}{_times(len(those))}" for detector, those in one.by.items() if those)
+    return " ".join(
+        f"{detector}{_times(len(those))}" for detector, those in one.by.items() if those
+    )
 
 
 def _times(count: int) -> str:
@@ -52,16 +65,28 @@ def _times(count: int) -> str:
 
 def _state(one: Incident) -> str:
     states = {episode.state for episode in one.episodes}
-    return str(next(state for state in (State.ACTIVE, State.UNCERTAIN, State.CLEARED) if state in states))
+    return str(
+        next(state for state in (State.ACTIVE, State.UNCERTAIN, State.CLEARED) if state in states)
+    )
 
 
 def _span(one: Episode) -> str:
     begins = f"began {_between(one.onset_earliest_us, one.onset_us)}"
     seconds = "" if one.seconds is None else f", {one.seconds:.1f} s"
-    ends = "" if one.end_us is None else f", ended {_between(one.end_earliest_us, one.end_us)}{seconds} ({one.end_reason})"
-    peak = "" if one.peak_c is None else f", {'hottest' if one.side == 'high' else 'coldest'} {one.peak_c:g} °C"
+    ends = (
+        ""
+        if one.end_us is None
+        else f", ended {_between(one.end_earliest_us, one.end_us)}{seconds} ({one.end_reason})"
+    )
+    peak = (
+        ""
+        if one.peak_c is None
+        else f", {'hottest' if one.side == 'high' else 'coldest'} {one.peak_c:g} °C"
+    )
     unconfirmed = "" if one.is_confirmed else ", confirmed by no sample"
-    return f"{begins}{ends}{peak}{unconfirmed}{', reading gap too long' if one.is_uncertain else ''}"
+    return (
+        f"{begins}{ends}{peak}{unconfirmed}{', reading gap too long' if one.is_uncertain else ''}"
+    )
 
 
 def _between(earliest_us: int | None, latest_us: int) -> str:
@@ -77,13 +102,29 @@ def _clock(micros: int | None) -> str:
 
 
 def _figures(one: Figures) -> str:
-    parts = [f"{one.count} alarm{'s' * (one.count != 1)}, at most {one.most_in_10_min} in 10 minutes"]
-    parts.append(f"{len(one.floods)} flood{'s' * (len(one.floods) != 1)}" if one.floods else "no flood")
+    parts = [
+        f"{one.count} alarm{'s' * (one.count != 1)}, at most {one.most_in_10_min} in 10 minutes"
+    ]
+    parts.append(
+        f"{len(one.floods)} flood{'s' * (len(one.floods) != 1)}" if one.floods else "no flood"
+    )
     parts += [f"{name} chattering ({count} in a minute)" for name, count in one.chattering.items()]
-    parts += [f"{count} {word}" for count, word in ((one.fleeting, "fleeting"), (one.stale, "stale")) if count]
-    parts += [f"one every {_long(one.apart.value)} on average"] if one.apart.value is not None else []
-    parts += [_acknowledged(one)] if one.ack_p50.value is not None and one.ack_p95.value is not None else []
-    parts.append("most from " + ", ".join(f"{source.name} ({source.percent:g} %)" for source in one.top[:3]))
+    parts += [
+        f"{count} {word}"
+        for count, word in ((one.fleeting, "fleeting"), (one.stale, "stale"))
+        if count
+    ]
+    parts += (
+        [f"one every {_long(one.apart.value)} on average"] if one.apart.value is not None else []
+    )
+    parts += (
+        [_acknowledged(one)]
+        if one.ack_p50.value is not None and one.ack_p95.value is not None
+        else []
+    )
+    parts.append(
+        "most from " + ", ".join(f"{source.name} ({source.percent:g} %)" for source in one.top[:3])
+    )
     return f"{one.station}, {one.detector} ({DETECTOR_NAMES[one.detector]}): {'; '.join(parts)}"
 
 
@@ -94,4 +135,10 @@ def _acknowledged(one: Figures) -> str:
 
 def _long(seconds: float) -> str:
     """``12 s``, ``8.5 min``, ``31 h``."""
-    return f"{seconds:.3g} s" if seconds < 99.5 else f"{seconds / 60:.2g} min" if seconds < 5940 else f"{seconds / 3600:.3g} h"
+    return (
+        f"{seconds:.3g} s"
+        if seconds < 99.5
+        else f"{seconds / 60:.2g} min"
+        if seconds < 5940
+        else f"{seconds / 3600:.3g} h"
+    )

@@ -21,21 +21,32 @@ ACK = "ack"
 @reports_errors
 def alarms(
     words: list[str] = typer.Argument(
-        ..., metavar="RUN | ack RUN EPISODE", help="Run folder; after `ack` also an episode.", show_default=False
+        ...,
+        metavar="RUN | ack RUN EPISODE",
+        help="Run folder; after `ack` also an episode.",
+        show_default=False,
     ),
     by: str | None = typer.Option(
-        None, "--by", metavar="WHO", help="Person who acknowledges.  [required with ack]", show_default=False
+        None,
+        "--by",
+        metavar="WHO",
+        help="Person who acknowledges.  [required with ack]",
+        show_default=False,
     ),
-    reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Reason.  [required with ack]", show_default=False),
+    reason: str | None = typer.Option(
+        None, "--reason", metavar="TEXT", help="Reason.  [required with ack]", show_default=False
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Show a run's alarms as episodes, or acknowledge one.
 
-    Compares three detectors: A the station's flag, B the samples with on-delay and deadband, C every sample beyond the limit.
-    Start and end are intervals between two readings. Notes where the detectors disagree, and lists floods, chattering and stale
-    alarms of each station (ISA-18.2). Exit code 1: an alarm of A or B is not acknowledged.
+    Compares three detectors: A the station's flag, B the samples with on-delay and deadband, C
+    every sample beyond the limit. Start and end are intervals between two readings. Notes where the
+    detectors disagree, and lists floods, chattering and stale alarms of each station (ISA-18.2).
+    Exit code 1: an alarm of A or B is not acknowledged.
 
-    `ack` records who, when and why in annotations.jsonl, for the whole incident; the record does not change.
+    `ack` records who, when and why in annotations.jsonl, for the whole incident; the record does
+    not change.
 
     \b
     Example:
@@ -49,7 +60,9 @@ def alarms(
             raise UsageError("alarms: --by and --reason belong to `alarms ack RUN EPISODE`")
         _show(Path(words[0]), as_json=as_json)
     else:
-        raise UsageError("alarms: give RUN, or ack RUN EPISODE; `jbclog alarms RUN` lists the episodes")
+        raise UsageError(
+            "alarms: give RUN, or ack RUN EPISODE; `jbclog alarms RUN` lists the episodes"
+        )
 
 
 def _alarms_of(run: Path) -> Alarms:
@@ -63,7 +76,11 @@ def _show(run: Path, *, as_json: bool) -> None:
     found = _alarms_of(run)
     waiting = [one for one in found.incidents if found.is_waiting(one)]
     if as_json:
-        facts = {"alarms": found.rows(), "figures": found.figure_rows(), "findings": found.findings()}
+        facts = {
+            "alarms": found.rows(),
+            "figures": found.figure_rows(),
+            "findings": found.findings(),
+        }
         echo_json({"run": str(run), **facts, "not_acknowledged": [one.name for one in waiting]})
     else:
         from jbclog.cli.alarm_lines import lines
@@ -73,12 +90,17 @@ def _show(run: Path, *, as_json: bool) -> None:
     for wrong in _wrong_annotations(run):
         note(wrong)
     if waiting:
-        note(f"{len(waiting)} not acknowledged: jbclog alarms ack {run} {waiting[0].name} --by WHO --reason TEXT")
+        note(
+            f"{len(waiting)} not acknowledged: jbclog alarms ack {run} {waiting[0].name} --by WHO"
+            " --reason TEXT"
+        )
         raise typer.Exit(1)
 
 
 def _wrong_annotations(run: Path) -> list[str]:
-    """Return what is wrong with the file of acknowledgements; nothing for a run that is not sealed."""
+    """Return what is wrong with the file of acknowledgements; nothing for a run that is not
+    sealed.
+    """
     from jbclog.core.errors import RecordError
     from jbclog.record.annotations import read
 
@@ -88,7 +110,9 @@ def _wrong_annotations(run: Path) -> list[str]:
         return []
 
 
-def _acknowledge(run: Path, episode: str, by: str | None, reason: str | None, *, as_json: bool) -> None:
+def _acknowledge(
+    run: Path, episode: str, by: str | None, reason: str | None, *, as_json: bool
+) -> None:
     from jbclog.analysis.run_alarms import ACKNOWLEDGED
     from jbclog.record.annotations import append
     from jbclog.record.chains import short_head
@@ -100,7 +124,9 @@ def _acknowledge(run: Path, episode: str, by: str | None, reason: str | None, *,
         raise UsageError(f"{episode}: {run} has no such episode; `jbclog alarms {run}` lists them")
     before = found.acknowledgement(incident)
     if before is not None:
-        raise UsageError(f"{episode}: already acknowledged by {before.who} at {before.time} ({before.why})")
+        raise UsageError(
+            f"{episode}: already acknowledged by {before.who} at {before.time} ({before.why})"
+        )
     head = append(run, who=who, what=episode, why=why, kind=ACKNOWLEDGED)
     if as_json:
         echo_json({"run": str(run), "episode": episode, "head": head})

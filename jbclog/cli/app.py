@@ -111,10 +111,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Apply a recipe to soldering stations, confirm it, record and report.\n\n"
-    "Start with `jbclog demo`: it needs no station.\n\n"
-    "Exit codes: 0 fine · 1 completed with findings · 2 wrong usage, nothing sent · 3 a station did not start or was disconnected "
-    "at the end · 4 the record is incomplete · 5 a tool is not confirmed safe · 130/143 interrupted.",
+    help=(
+        "Apply a recipe to soldering stations, confirm it, record and report.\n\nStart with `jbclog"
+        " demo`: it needs no station.\n\nExit codes: 0 fine · 1 completed with findings · 2 wrong"
+        " usage, nothing sent · 3 a station did not start or was disconnected at the end · 4 the"
+        " record is incomplete · 5 a tool is not confirmed safe · 130/143 interrupted."
+    ),
 )
 
 
@@ -126,12 +128,15 @@ def _version(is_set: bool) -> None:
 
 @app.callback()
 def _main(
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version and exit."),
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Show the version and exit."
+    ),
 ) -> None: ...
 
 
 def _note_thread_error(failed: threading.ExceptHookArgs) -> None:
-    from jbclog.cli.output import note_thread_error  # not loaded by --help; a command that has threads has loaded it
+    # not loaded by --help; a command that has threads has loaded it
+    from jbclog.cli.output import note_thread_error
 
     note_thread_error(failed)
 
@@ -139,7 +144,8 @@ def _note_thread_error(failed: threading.ExceptHookArgs) -> None:
 def main() -> None:
     """Run the command `jbclog`.
 
-    Memory can be refused once more while a refusal is handled. Ending then needs none: no exception and no text are made.
+    Memory can be refused once more while a refusal is handled. Ending then needs none: no exception
+    and no text are made.
     """
     make_usable()
     threading.excepthook = _note_thread_error

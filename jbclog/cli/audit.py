@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from jbclog.maintenance.counter_totals.observed import Observation
     from jbclog.maintenance.fleet import Finding
 
-# -- output files -------------------------------------------------------------------------------------------------------------
+# -- output files ----------------------------------------------------------------------------------
 
 
 def check_files(made: Mapping[str, Path | None], kept: Sequence[Path]) -> None:
@@ -35,7 +35,9 @@ def check_files(made: Mapping[str, Path | None], kept: Sequence[Path]) -> None:
         if path is not None:
             _check(option, path)
             if os.path.realpath(path) in known:
-                raise UsageError(f"{option} {path}: would overwrite {known[os.path.realpath(path)]}")
+                raise UsageError(
+                    f"{option} {path}: would overwrite {known[os.path.realpath(path)]}"
+                )
             known[os.path.realpath(path)] = option
 
 
@@ -48,12 +50,32 @@ def _check(option: str, path: Path) -> None:
         raise UsageError(f"{option} {path}: not a regular file (folder, device or link)")
 
 
-# -- audit --------------------------------------------------------------------------------------------------------------------
+# -- audit -----------------------------------------------------------------------------------------
 
-LEDGER = typer.Option(..., "--ledger", metavar="FILE", help="Counter ledger; created if missing, append-only.", show_default=False)
-LINES = typer.Option(..., "--line", "-l", metavar="FILE", help="Line file; repeatable.", show_default=False)
-RUNS = typer.Option(None, "--runs", metavar="DIR", help="Folder of runs, for errors and tip verifications.", show_default=False)
-HTML = typer.Option(None, "--html", metavar="FILE", help="Write an HTML page, one row per station.", show_default=False)
+LEDGER = typer.Option(
+    ...,
+    "--ledger",
+    metavar="FILE",
+    help="Counter ledger; created if missing, append-only.",
+    show_default=False,
+)
+LINES = typer.Option(
+    ..., "--line", "-l", metavar="FILE", help="Line file; repeatable.", show_default=False
+)
+RUNS = typer.Option(
+    None,
+    "--runs",
+    metavar="DIR",
+    help="Folder of runs, for errors and tip verifications.",
+    show_default=False,
+)
+HTML = typer.Option(
+    None,
+    "--html",
+    metavar="FILE",
+    help="Write an HTML page, one row per station.",
+    show_default=False,
+)
 
 
 @reports_errors
@@ -62,36 +84,48 @@ def audit(
     line: list[Path] = LINES,
     ledger: Path = LEDGER,
     tasks: Path | None = typer.Option(
-        None, "--tasks", metavar="FILE", help="Maintenance tasks with their service intervals (TOML).", show_default=False
+        None,
+        "--tasks",
+        metavar="FILE",
+        help="Maintenance tasks with their service intervals (TOML).",
+        show_default=False,
     ),
     runs: Path | None = RUNS,
     html: Path | None = HTML,
-    csv: Path | None = typer.Option(None, "--csv", metavar="FILE", help="Write all values as CSV.", show_default=False),
+    csv: Path | None = typer.Option(
+        None, "--csv", metavar="FILE", help="Write all values as CSV.", show_default=False
+    ),
     fail_on: str | None = typer.Option(
-        None, "--fail-on", metavar="LIST", help="Findings that set the exit code: overdue,due,soon,suspect,drift,unseen; or none."
+        None,
+        "--fail-on",
+        metavar="LIST",
+        help="Findings that set the exit code: overdue,due,soon,suspect,drift,unseen; or none.",
     ),
     quiet: bool = typer.Option(False, "--quiet", "-q", help="Print nothing if the exit code is 0."),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Read the counters and report which maintenance is due.
 
-    Intended for a timer. Sends only queries, and none that clears a value. Accepts a counter when two of at most three reads agree.
-    Takes the counters of a station in use from its run's record. Appends the readings to the ledger and totals the use since the
-    first audit across resets and roll-overs. With --runs, counts each error of a run once and shows the last tip verification.
+    Intended for a timer. Sends only queries, and none that clears a value. Accepts a counter when
+    two of at most three reads agree. Takes the counters of a station in use from its run's record.
+    Appends the readings to the ledger and totals the use since the first audit across resets and
+    roll-overs. With --runs, counts each error of a run once and shows the last tip verification.
 
-    Exit code 1: something is due or suspect; 3: a station did not answer; 4: the ledger is damaged or cannot be written. The
-    readings are shown in any case.
+    Exit code 1: something is due or suspect; 3: a station did not answer; 4: the ledger is damaged
+    or cannot be written. The readings are shown in any case.
 
     \b
     Example:
       jbclog audit --line line.toml --ledger counters.jsonl --tasks profiles/tasks/bench.toml --runs runs --html audit.html
-    """
+    """  # noqa: E501  # a command is copied as one line
     from jbclog.app.audit.survey import Survey
 
     fatal = _findings(fail_on)
     lines = _lines(line)
     known = _tasks(tasks)
-    check_files({"--html": html, "--csv": csv}, [ledger, *line, *([] if tasks is None else [tasks])])
+    check_files(
+        {"--html": html, "--csv": csv}, [ledger, *line, *([] if tasks is None else [tasks])]
+    )
     survey = Survey(access=options.port_access(ctx))
     end = _audited(survey, lines, ledger, known, fatal, runs)
     end.write(html, csv)
@@ -101,7 +135,7 @@ def audit(
         raise typer.Exit(end.code)
 
 
-# -- options ----------------------------------------------------------------------------------------------------------------
+# -- options ---------------------------------------------------------------------------------------
 
 
 def _lines(paths: Sequence[Path]) -> list[Line]:
@@ -113,7 +147,10 @@ def _lines(paths: Sequence[Path]) -> list[Line]:
     for one in lines:
         other = seen.setdefault(one.name, one.path)
         if other != one.path:
-            raise UsageError(f"{one.path} and {other} both name their line {one.name!r}; give each line its own name")
+            raise UsageError(
+                f"{one.path} and {other} both name their line {one.name!r}; give each line its own"
+                " name"
+            )
     return lines
 
 
@@ -139,11 +176,16 @@ def _findings(text: str | None) -> tuple[Finding, ...]:
     return tuple(Finding(name) for name in names if name != "none")
 
 
-# -- survey -----------------------------------------------------------------------------------------------------------------
+# -- survey ----------------------------------------------------------------------------------------
 
 
 def _audited(
-    survey: Survey, lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on: Collection[Finding], runs: Path | None
+    survey: Survey,
+    lines: Sequence[Line],
+    ledger: Path,
+    tasks: Sequence[Task],
+    fail_on: Collection[Finding],
+    runs: Path | None,
 ) -> End:
     from jbclog.app.audit.run_audit import audit_lines, fleet_audit
     from jbclog.app.audit.survey import AT_ONCE
@@ -161,7 +203,12 @@ def _audited(
         if is_terminal():
             note(f"reading {sum(len(one.stations) for one in lines)} stations, {AT_ONCE} at a time")
         audited = audit_lines(lines, ledger, survey, _note_unseen, runs)
-    return End(fleet_audit(audited, lines, tasks, runs), audited.trouble, fail_on, next(iter(received), None))
+    return End(
+        fleet_audit(audited, lines, tasks, runs),
+        audited.trouble,
+        fail_on,
+        next(iter(received), None),
+    )
 
 
 def _note_unseen(seen: Observation) -> None:

@@ -17,12 +17,22 @@ from jbclog.maintenance.counter_totals.observed import Standing
 from jbclog.maintenance.due import State, TaskState
 from jbclog.maintenance.fleet import ABSENT, Finding, FleetAudit, Meter, StationAudit, exit_code
 from jbclog.report.audit.files import plain_audit, sheet_of
-from jbclog.report.audit.overview import STATES, DueRow, baseline, day, is_baseline, of_life, overview_of, percent, window
+from jbclog.report.audit.overview import (
+    STATES,
+    DueRow,
+    baseline,
+    day,
+    is_baseline,
+    of_life,
+    overview_of,
+    percent,
+    window,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# -- table: the most urgent station first, below it what to do and what to check ----------------------------------------------
+# -- table: the most urgent station first, below it what to do and what to check -------------------
 
 NO_ERROR: Final = frozenset({"ok", "normal, ready"})
 SHOWN: Final = "work_h"
@@ -32,18 +42,28 @@ def lines(audit: FleetAudit) -> list[str]:
     """Return the headline and the table, a line a row."""
     glance = overview_of(audit)
     several = len({one.line for one in audit.stations}) > 1
-    rows = [cells for row in glance.rows for cells in _rows(row, f"{row.station.line}/" if several else "")]
+    rows = [
+        cells
+        for row in glance.rows
+        for cells in _rows(row, f"{row.station.line}/" if several else "")
+    ]
     next_steps = baseline(audit) if is_baseline(audit) else ()
     return [clean(" ".join(glance.headline[1:]).strip()), *next_steps, *table_lines((), rows)]
 
 
 def _rows(row: DueRow, line: str) -> Iterator[tuple[str, str, str]]:
-    yield row.state[2].upper() if _is_bad(row) else row.state[2], f"{line}{row.station.station}", _station_text(row)
+    yield (
+        row.state[2].upper() if _is_bad(row) else row.state[2],
+        f"{line}{row.station.station}",
+        _station_text(row),
+    )
     yield from (("", word, text) for word, text in _below(row))
 
 
 def _is_bad(row: DueRow) -> bool:
-    return not row.station.seen or (row.worst is not None and row.worst.state in (State.OVERDUE, State.DUE))
+    return not row.station.seen or (
+        row.worst is not None and row.worst.state in (State.OVERDUE, State.DUE)
+    )
 
 
 def _station_text(row: DueRow) -> str:
@@ -51,8 +71,12 @@ def _station_text(row: DueRow) -> str:
     if not one.seen:
         return f"{one.why} (last seen: {day(one.last_seen)})"
     model = "" if who is None else " ".join(filter(None, (who.model or who.family, who.software)))
-    worked = ", ".join(f"{_read(meter)} h (port {meter.port})" for meter in one.meters if meter.counter == SHOWN)
-    source = f"from {one.source.replace('run:', 'the run ', 1)}" if one.source.startswith("run:") else ""
+    worked = ", ".join(
+        f"{_read(meter)} h (port {meter.port})" for meter in one.meters if meter.counter == SHOWN
+    )
+    source = (
+        f"from {one.source.replace('run:', 'the run ', 1)}" if one.source.startswith("run:") else ""
+    )
     return "  ".join(filter(None, (model, worked and f"worked {worked}", source)))
 
 
@@ -63,8 +87,14 @@ def _read(meter: Meter) -> str:
 def _below(row: DueRow) -> Iterator[tuple[str, str]]:
     """Return pairs of label and text: first what to do, then what to check."""
     one = row.station
-    yield from ((STATES[task.state][2], _task(task)) for task in row.tasks if task.state is not State.FINE or task.told_by)
-    yield from (("suspect", f"{_place(doubt.port)}{doubt.counter}: {doubt.text}") for doubt in one.doubts)
+    yield from (
+        (STATES[task.state][2], _task(task))
+        for task in row.tasks
+        if task.state is not State.FINE or task.told_by
+    )
+    yield from (
+        ("suspect", f"{_place(doubt.port)}{doubt.counter}: {doubt.text}") for doubt in one.doubts
+    )
     if one.seen:
         yield from (("unread", text) for text in map(_unread, one.meters) if text)
         yield from (("error", text) for text in _errors(one))
@@ -76,9 +106,15 @@ def _below(row: DueRow) -> Iterator[tuple[str, str]]:
 def _task(task: TaskState) -> str:
     part = f" ({task.part})" if task.part else ""
     if task.percent is None:
-        return f"{_place(task.port)}{task.title or task.task}{part}: {task.why or 'not known'} (interval: {_interval(task)})"
+        return (
+            f"{_place(task.port)}{task.title or task.task}{part}: {task.why or 'not known'}"
+            f" (interval: {_interval(task)})"
+        )
     source = f"; {task.told_by}" if task.told_by else ""
-    return f"{_place(task.port)}{task.title or task.task}{part}: {percent(task.percent)}, {of_life(task)}; {_due(task)}{source}"
+    return (
+        f"{_place(task.port)}{task.title or task.task}{part}: {percent(task.percent)},"
+        f" {of_life(task)}; {_due(task)}{source}"
+    )
 
 
 def _interval(task: TaskState) -> str:
@@ -87,7 +123,11 @@ def _interval(task: TaskState) -> str:
 
 def _due(task: TaskState) -> str:
     when = window(task)
-    return f"due between {when.replace(' to ', ' and ')}" if task.due is not None and task.due.p90 and task.due.p10 else when
+    return (
+        f"due between {when.replace(' to ', ' and ')}"
+        if task.due is not None and task.due.p90 and task.due.p10
+        else when
+    )
 
 
 def _unread(meter: Meter) -> str:
@@ -105,23 +145,29 @@ def _errors(one: StationAudit) -> Iterator[str]:
         return
     if one.errors.station is not None and one.errors.station not in NO_ERROR:
         yield one.errors.station
-    yield from (f"{_place(port)}{text}" for port, text in one.errors.ports.items() if text not in NO_ERROR)
+    yield from (
+        f"{_place(port)}{text}" for port, text in one.errors.ports.items() if text not in NO_ERROR
+    )
     if one.errors.events:
-        yield "since the last audit, from runs: " + ", ".join(f"{count} {kind}" for kind, count in one.errors.events.items())
+        yield "since the last audit, from runs: " + ", ".join(
+            f"{count} {kind}" for kind, count in one.errors.events.items()
+        )
 
 
 def _place(port: int | None) -> str:
     return "" if port is None else f"port {port} "
 
 
-# -- end ----------------------------------------------------------------------------------------------------------------------
+# -- end -------------------------------------------------------------------------------------------
 
 SIGNALLED = 128
 
 
 @dataclass(slots=True)
 class End:
-    """The result of an audit. `trouble`: errors of the ledger and of output files. `stopped`: the signal that ended it."""
+    """The result of an audit. `trouble`: errors of the ledger and of output files. `stopped`: the
+    signal that ended it.
+    """
 
     audit: FleetAudit
     trouble: list[str]
@@ -131,7 +177,9 @@ class End:
 
     @property
     def code(self) -> int:
-        """The most severe exit code (docs/reference/exit-codes.md): 4, then 3, then a signal, then 1."""
+        """The most severe exit code (docs/reference/exit-codes.md): 4, then 3, then a signal, then
+        1.
+        """
         asked = tuple(one for one in self.audit.stations if one.why != STOPPED)
         found = exit_code(replace(self.audit, stations=asked), self.fail_on)
         if self.trouble:

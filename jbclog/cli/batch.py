@@ -27,7 +27,9 @@ def batch(
         "--resume",
         help="Resume an interrupted batch; never start a new one.",
     ),
-    anew: bool = typer.Option(False, "--anew", help="Discard an interrupted batch and start a new one."),
+    anew: bool = typer.Option(
+        False, "--anew", help="Discard an interrupted batch and start a new one."
+    ),
     line: Path | None = typer.Option(
         None,
         "--line",
@@ -42,9 +44,10 @@ def batch(
 ) -> None:
     """Run a queue of jobs on the stations of a line.
 
-    Jobs on the same station run one after another, jobs on different stations in parallel. Each job is a run with its own folder.
-    Checks every file before the first job starts. Ctrl-C ends the running jobs and makes their tools safe. To resume an
-    interrupted batch, run the same command; a job that was cut off is recorded again as a new run. Prints a table of the jobs.
+    Jobs on the same station run one after another, jobs on different stations in parallel. Each job
+    is a run with its own folder. Checks every file before the first job starts. Ctrl-C ends the
+    running jobs and makes their tools safe. To resume an interrupted batch, run the same command; a
+    job that was cut off is recorded again as a new run. Prints a table of the jobs.
 
     \b
     Example:

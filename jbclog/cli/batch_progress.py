@@ -13,7 +13,16 @@ from jbclog.app.batch.state import State
 from jbclog.cli.options import Color
 from jbclog.cli.output import echo_table, is_terminal, note
 from jbclog.cli.progress import EventFilter, coverage_text, event_line, goal_text
-from jbclog.cli.terminal import Column, Printer, fitting, fitting_table, moment, span, span_of, started_live
+from jbclog.cli.terminal import (
+    Column,
+    Printer,
+    fitting,
+    fitting_table,
+    moment,
+    span,
+    span_of,
+    started_live,
+)
 from jbclog.config.durations import span_s
 from jbclog.core.rows import JOINTS, EventRow, Goal
 
@@ -52,7 +61,7 @@ def seconds(iso: str) -> float:
     return datetime.fromisoformat(iso).timestamp()
 
 
-# -- start ------------------------------------------------------------------------------------------------------------------
+# -- start -----------------------------------------------------------------------------------------
 
 
 def beginning(shift: PreparedBatch) -> Iterator[str]:
@@ -77,18 +86,25 @@ def intentions(shift: PreparedBatch) -> Iterator[str]:
         yield f"  {job.name:{width}}  {text}"
 
 
-# -- result -----------------------------------------------------------------------------------------------------------------
+# -- result ----------------------------------------------------------------------------------------
 
 
 def print_table(shift: PreparedBatch, out: Path) -> None:
-    """Print a row for each attempt at a job, in the order of the jobs file. A terminal gets the columns that fit."""
+    """Print a row for each attempt at a job, in the order of the jobs file. A terminal gets the
+    columns that fit.
+    """
     columns: Sequence[Column] = END_COLUMNS
-    rows: Sequence[Sequence[str]] = [row for job in _in_file_order(shift) for row in _rows(shift, job, out)]
+    rows: Sequence[Sequence[str]] = [
+        row for job in _in_file_order(shift) for row in _rows(shift, job, out)
+    ]
     if sys.stdout.isatty():
         columns, rows = fitting(columns, rows, shutil.get_terminal_size().columns, gap=2)
     echo_table([column.name for column in columns], rows)
     if columns[-1] is not END_COLUMNS[-1]:
-        note(f"the runs are in {out}; `jbclog runs {out} --tag batch={shift.plan.file.path.stem}` lists them")
+        note(
+            f"the runs are in {out}; `jbclog runs {out} --tag batch={shift.plan.file.path.stem}`"
+            " lists them"
+        )
 
 
 def _in_file_order(shift: PreparedBatch) -> list[JobState]:
@@ -158,7 +174,7 @@ def _attempt_facts(attempt: Attempt, out: Path) -> dict[str, object]:
     }
 
 
-# -- progress -----------------------------------------------------------------------------------------------------------------
+# -- progress --------------------------------------------------------------------------------------
 
 SHOW_EVERY_S: Final = 1.0
 COLUMNS: Final = (
@@ -189,7 +205,9 @@ class _Follower:
 
 
 class Lines:
-    """Lines for a log or a pipe: one for each job that starts or ends, one for each event worth showing."""
+    """Lines for a log or a pipe: one for each job that starts or ends, one for each event worth
+    showing.
+    """
 
     def __init__(self, shift: PreparedBatch, printer: Printer) -> None:
         self._batch = shift
@@ -200,7 +218,9 @@ class Lines:
 
     def started(self, job: JobState) -> None:
         again = "" if len(job.attempts) == 1 else ", again as a new run"
-        self.message(f"{job.name} starts on {', '.join(self._batch.plan.stations[job.name])}{again}")
+        self.message(
+            f"{job.name} starts on {', '.join(self._batch.plan.stations[job.name])}{again}"
+        )
 
     def ended(self, job: JobState) -> None:
         self._print_news(job)
@@ -210,7 +230,9 @@ class Lines:
             return
         took = span(seconds(job.last.ended or job.last.began) - seconds(job.last.began))
         why = f": {job.text}" if job.text else ""
-        self.message(f"{job.name} ended after {took}, {job.state.value}, exit code {job.last.exit_code}{why}")
+        self.message(
+            f"{job.name} ended after {took}, {job.state.value}, exit code {job.last.exit_code}{why}"
+        )
 
     def message(self, text: str) -> None:
         self._printer.print(f"{moment(time.time())}  {text}")
@@ -276,7 +298,13 @@ class Screen(Lines):
         stations = ", ".join(self._batch.plan.stations[job.name])
         away = f"; disconnected: {', '.join(now.away)}" if now.away else ""
         asked = self._asked[job.name]
-        progress = asked.order or "", now.unit or "", so_far(asked, now), now.doing + away, tools(now)
+        progress = (
+            asked.order or "",
+            now.unit or "",
+            so_far(asked, now),
+            now.doing + away,
+            tools(now),
+        )
         return (
             job.name,
             stations,
@@ -304,14 +332,24 @@ def so_far(asked: JobTable, now: JobProgress) -> str:
     passed = span_of(now.passed_s, span_s(asked.duration) if asked.duration else None)
     if asked.units is not None:
         return f"{now.units} of {asked.units} units, {passed}"
-    return passed if asked.joints is None else f"{passed}, {goal_text(Goal(JOINTS, asked.joints, now.joints))}"
+    return (
+        passed
+        if asked.joints is None
+        else f"{passed}, {goal_text(Goal(JOINTS, asked.joints, now.joints))}"
+    )
 
 
 def tools(now: JobProgress) -> str:
     """Return the states and temperatures of the tools: ``working 346 to 352 °C``."""
     states = dict.fromkeys(port.status for port in now.ports if port.status)
     known = sorted(port.temperature_c for port in now.ports if port.temperature_c is not None)
-    warm = "" if not known else f"{known[0]:g} °C" if known[0] == known[-1] else f"{known[0]:g} to {known[-1]:g} °C"
+    warm = (
+        ""
+        if not known
+        else f"{known[0]:g} °C"
+        if known[0] == known[-1]
+        else f"{known[0]:g} to {known[-1]:g} °C"
+    )
     return " ".join(part for part in (", ".join(states), warm) if part)
 
 

@@ -23,30 +23,60 @@ PICTURES = (".png", ".svg", ".pdf")
 
 @reports_errors
 def chart(
-    source: Path = typer.Argument(..., metavar="RUN|DIR", help="Run folder, or folder of runs.", show_default=False),
+    source: Path = typer.Argument(
+        ..., metavar="RUN|DIR", help="Run folder, or folder of runs.", show_default=False
+    ),
     metric: str = typer.Option(
-        "recovery_s", "--metric", "-m", metavar="NAME", help="Metric of joints (RUN) or runs (DIR); alarms, rejects, losses."
+        "recovery_s",
+        "--metric",
+        "-m",
+        metavar="NAME",
+        help="Metric of joints (RUN) or runs (DIR); alarms, rejects, losses.",
     ),
     kind: str | None = typer.Option(
-        None, "--kind", "-k", metavar="KIND", help="Chart: imr, ewma, cusum, xbar-s; for counts u, p, pareto.", show_default=False
+        None,
+        "--kind",
+        "-k",
+        metavar="KIND",
+        help="Chart: imr, ewma, cusum, xbar-s; for counts u, p, pareto.",
+        show_default=False,
     ),
-    station: str | None = typer.Option(None, "--station", "-s", metavar="NAME", help="Station; default: all.", show_default=False),
+    station: str | None = typer.Option(
+        None, "--station", "-s", metavar="NAME", help="Station; default: all.", show_default=False
+    ),
     port: int | None = options.PORT,
-    lower: float | None = typer.Option(None, metavar="VALUE", help="Lower specification limit.", show_default=False),
-    upper: float | None = typer.Option(None, metavar="VALUE", help="Upper specification limit.", show_default=False),
-    limits: Path | None = typer.Option(
-        None, "--limits", metavar="FILE", help="Fixed control limits, from `jbclog limits learn`.", show_default=False
+    lower: float | None = typer.Option(
+        None, metavar="VALUE", help="Lower specification limit.", show_default=False
     ),
-    size: int = typer.Option(5, "--size", min=2, max=1000, metavar="N", help="Subgroup size (xbar-s)."),
-    every: str = typer.Option("10m", "--every", metavar="TIME", help="Interval in which a run's alarms are counted."),
-    all_tests: bool = typer.Option(False, "--all-tests", help="All eight Nelson tests; default: 1, 2, 3, 5."),
-    plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."),
+    upper: float | None = typer.Option(
+        None, metavar="VALUE", help="Upper specification limit.", show_default=False
+    ),
+    limits: Path | None = typer.Option(
+        None,
+        "--limits",
+        metavar="FILE",
+        help="Fixed control limits, from `jbclog limits learn`.",
+        show_default=False,
+    ),
+    size: int = typer.Option(
+        5, "--size", min=2, max=1000, metavar="N", help="Subgroup size (xbar-s)."
+    ),
+    every: str = typer.Option(
+        "10m", "--every", metavar="TIME", help="Interval in which a run's alarms are counted."
+    ),
+    all_tests: bool = typer.Option(
+        False, "--all-tests", help="All eight Nelson tests; default: 1, 2, 3, 5."
+    ),
+    plot: Path | None = typer.Option(
+        None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Show control charts and capability within a run or over runs.
 
-    Draws one chart per port, with limits from the distribution that fits the values. Refuses limits, and gives the reason, for
-    values that are too few, autocorrelated or not resolved. --limits adds fixed limits from a file.
+    Draws one chart per port, with limits from the distribution that fits the values. Refuses
+    limits, and gives the reason, for values that are too few, autocorrelated or not resolved.
+    --limits adds fixed limits from a file.
 
     \b
     Example:
@@ -68,7 +98,20 @@ def chart(
 
         read = None if limits is None else read_limits(limits)
         held = None if read is None else read[0]
-        found = [*_measured(source, metric, kind or "imr", station, port, lower, upper, size, held, all_tests=all_tests)]
+        found = [
+            *_measured(
+                source,
+                metric,
+                kind or "imr",
+                station,
+                port,
+                lower,
+                upper,
+                size,
+                held,
+                all_tests=all_tests,
+            )
+        ]
         cited = None if read is None else read[1]
     _print(found, source, metric, cited, as_json=as_json)
     if plot is not None:
@@ -137,7 +180,13 @@ def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted
     rank = charts.ranked_alarms if metric == "alarms" else charts.ranked_losses
     if not is_run:
         runs = open_runs(source)
-        found = charts.rejects(runs) if metric == "rejects" else rank(runs) if is_ranked else charts.alarms_in_runs(runs)
+        found = (
+            charts.rejects(runs)
+            if metric == "rejects"
+            else rank(runs)
+            if is_ranked
+            else charts.alarms_in_runs(runs)
+        )
         note_unreadable(runs)
         return found
     if metric == "rejects":
@@ -150,7 +199,14 @@ def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted
     return charts.alarms_in_run(open_run(source), seconds)
 
 
-def _print(found: list[Charted | Counted | Ranked], source: Path, metric: str, cited: str | None, *, as_json: bool) -> None:
+def _print(
+    found: list[Charted | Counted | Ranked],
+    source: Path,
+    metric: str,
+    cited: str | None,
+    *,
+    as_json: bool,
+) -> None:
     from jbclog.analysis.chart_words import facts, lines
 
     if as_json:

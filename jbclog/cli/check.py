@@ -26,10 +26,12 @@ def check(
 ) -> None:
     """Check a run's integrity.
 
-    Recomputes hashes, counts, accounting, the event and annotation chains, and the verdict by the rules of the run's version.
-    Compares what the report repeats of the record (its joints, metrics and figures: report --verify). Checks the previous and next
-    run on the same line if they are in the same folder. Prints each difference; exit code 1: at least one. "not covered" names a
-    file of which something is not compared. The last line shows the run's fingerprint, to compare with a printed report.
+    Recomputes hashes, counts, accounting, the event and annotation chains, and the verdict by the
+    rules of the run's version. Compares what the report repeats of the record (its joints, metrics
+    and figures: report --verify). Checks the previous and next run on the same line if they are in
+    the same folder. Prints each difference; exit code 1: at least one. "not covered" names a file
+    of which something is not compared. The last line shows the run's fingerprint, to compare with a
+    printed report.
 
     \b
     Example:
@@ -44,12 +46,21 @@ def check(
     from jbclog.report.agreement import compare_report
 
     if head is not None and not HEAD.fullmatch(head):
-        raise UsageError(f"--head {head}: give the fingerprint as the report shows it, such as 3f2a-91bc-77de-0a12-5c08-b6e1")
+        raise UsageError(
+            f"--head {head}: give the fingerprint as the report shows it, such as"
+            " 3f2a-91bc-77de-0a12-5c08-b6e1"
+        )
     expect_run(run)
     found, notes, bare = check_run(run, head), list[str](), list[tuple[str, str]]()
     if not found:  # a changed record would change the verdict and the report, too
-        verdict, (differing, not_compared) = check_verdict(run, read_manifest(run)), compare_report(run)
-        found = [*(Finding(NAME, text) for text in verdict.differing), *(Finding(REPORT, text) for text in differing)]
+        verdict, (differing, not_compared) = (
+            check_verdict(run, read_manifest(run)),
+            compare_report(run),
+        )
+        found = [
+            *(Finding(NAME, text) for text in verdict.differing),
+            *(Finding(REPORT, text) for text in differing),
+        ]
         notes, bare = verdict.notes, [(REPORT, text) for text in not_compared]
     if read_manifest(run).state == "sealed":
         bare += uncovered(run, head)
@@ -59,11 +70,23 @@ def check(
     own = manifest_sha256(run)
     if as_json:
         findings = [str(finding) for finding in found]
-        echo_json({"run": str(run), "agrees": not found, "findings": findings, "notes": notes, "head": own})
+        echo_json(
+            {
+                "run": str(run),
+                "agrees": not found,
+                "findings": findings,
+                "notes": notes,
+                "head": own,
+            }
+        )
     else:
         for text in [*notes, *map(str, found)]:
             echo(text)
-        none = "no differences" + f" in what is covered; {len(bare)} file{'s' * (len(bare) > 1)} not covered" * bool(bare)
+        none = (
+            "no differences"
+            + f" in what is covered; {len(bare)} file{'s' * (len(bare) > 1)} not covered"
+            * bool(bare)
+        )
         result = f"{len(found)} finding{'s' if len(found) > 1 else ''}" if found else none
         echo(f"{run}: {result} (fingerprint {short_head(own)})")
     if found:

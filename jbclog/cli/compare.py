@@ -21,21 +21,28 @@ PICTURES = (".png", ".svg", ".pdf")
 
 @reports_errors
 def compare(
-    first: Path = typer.Argument(..., metavar="RUN", help="Run folder, or STORE/RUN.", show_default=False),
-    second: Path = typer.Argument(..., metavar="RUN", help="Other run folder, or STORE/RUN.", show_default=False),
+    first: Path = typer.Argument(
+        ..., metavar="RUN", help="Run folder, or STORE/RUN.", show_default=False
+    ),
+    second: Path = typer.Argument(
+        ..., metavar="RUN", help="Other run folder, or STORE/RUN.", show_default=False
+    ),
     margin: float = typer.Option(2.0, metavar="C", help="Equivalence margin of idle means, in °C."),
-    plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."),
+    plot: Path | None = typer.Option(
+        None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Compare two runs side by side.
 
-    Differences are second minus first. Tests the equivalence of two idle temperatures by two one-sided tests within --margin
-    (TOST, 5 %): equivalent, different or not known. Finding no difference does not prove equality.
+    Differences are second minus first. Tests the equivalence of two idle temperatures by two
+    one-sided tests within --margin (TOST, 5 %): equivalent, different or not known. Finding no
+    difference does not prove equality.
 
     \b
     Example:
       jbclog compare runs/20261121T013000Z-bench-3-k7qd runs/20261122T013000Z-bench-3-m4tz --plot both.png
-    """
+    """  # noqa: E501  # a command is copied as one line
     from jbclog.analysis.store.place import is_in_store
 
     for run in (first, second):

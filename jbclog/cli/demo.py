@@ -24,15 +24,20 @@ DROPPED, OVERHEATED = "dde-2", "ucr-1"
 
 @reports_errors
 def demo(
-    out: Path = typer.Option(Path("demo-runs"), "--out", "-o", metavar="DIR", help="Folder of runs."),
-    seconds: float = typer.Option(20.0, min=LEAST_S, max=3600.0, metavar="S", help="Recording time, in seconds."),
+    out: Path = typer.Option(
+        Path("demo-runs"), "--out", "-o", metavar="DIR", help="Folder of runs."
+    ),
+    seconds: float = typer.Option(
+        20.0, min=LEAST_S, max=3600.0, metavar="S", help="Recording time, in seconds."
+    ),
     color: Color = options.COLOR,
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Demonstrate a run on four virtual stations, recipe to report.
 
-    Applies a recipe and records at 5 or 10 Hz through the real serial stack. One station raises an alarm, one disconnects and
-    reconnects. The stations run in their own process, on pseudo-terminals (TCP without them), at real link speed.
+    Applies a recipe and records at 5 or 10 Hz through the real serial stack. One station raises an
+    alarm, one disconnects and reconnects. The stations run in their own process, on
+    pseudo-terminals (TCP without them), at real link speed.
 
     \b
     Example:
@@ -46,7 +51,12 @@ def demo(
     shown = _shown(result)
     if as_json:
         echo_json(
-            {"run": str(result.folder), "report": str(page), "exit_code": result.exit_code.value, "shown": all(shown.values())}
+            {
+                "run": str(result.folder),
+                "report": str(page),
+                "exit_code": result.exit_code.value,
+                "shown": all(shown.values()),
+            }
         )
     else:
         _print(result, page, shown)
@@ -65,9 +75,14 @@ def _record(out: Path, seconds: float, color: Color, *, quiet: bool) -> Result:
         line, recipe = _files(Path(folder), seconds)
         tcp = None if hasattr(os, "openpty") else "127.0.0.1:0"
         if not quiet:
-            note("four virtual stations: dde-1 and dde-2 (two tools each), ucr-1 (robot unit), ale-1 (solder feeder)")
+            note(
+                "four virtual stations: dde-1 and dde-2 (two tools each), ucr-1 (robot unit), ale-1"
+                " (solder feeder)"
+            )
         with SimProcess(line, Path(folder) / "ports", tcp=tcp) as stations:
-            plan = make_plan(RunOptions(stations.line_path, recipe, duration_s=seconds, metadata=metadata))
+            plan = make_plan(
+                RunOptions(stations.line_path, recipe, duration_s=seconds, metadata=metadata)
+            )
             shown = BackgroundObserver(observer(seconds, color, quiet=quiet, known=metadata))
             try:
                 return conduct(plan, out, shown, missed=shown.missed)
@@ -76,14 +91,18 @@ def _record(out: Path, seconds: float, color: Color, *, quiet: bool) -> Result:
 
 
 def _files(folder: Path, seconds: float) -> tuple[Path, Path]:
-    """Write the demo's line file and recipe, with the faults within `seconds`; return their paths."""
+    """Write the demo's line file and recipe, with the faults within `seconds`; return their
+    paths.
+    """
     source = files("jbclog.cli") / "demo_files"
     times = {"SECONDS_DROPOUT": seconds * 0.45, "SECONDS_OVERHEAT": seconds * 0.6}
     line = (source / "line.toml").read_text(encoding="utf-8")
     for word, moment in times.items():
         line = line.replace(word, f"{moment:.1f}")
     (folder / "line.toml").write_text(line, encoding="utf-8")
-    (folder / "sn100c-demo.toml").write_text((source / "recipe.toml").read_text(encoding="utf-8"), encoding="utf-8")
+    (folder / "sn100c-demo.toml").write_text(
+        (source / "recipe.toml").read_text(encoding="utf-8"), encoding="utf-8"
+    )
     return folder / "line.toml", folder / "sn100c-demo.toml"
 
 
@@ -92,11 +111,14 @@ def _shown(result: Result) -> dict[str, bool]:
     stations = {facts.name: facts for facts in result.manifest.stations}
     dropped, overheated = stations.get(DROPPED), stations.get(OVERHEATED)
     return {
-        "all stations recorded to the end": all(facts.outcome == "completed" for facts in stations.values()),
+        "all stations recorded to the end": all(
+            facts.outcome == "completed" for facts in stations.values()
+        ),
         f"{DROPPED} disconnected for 3 s and reconnected": bool(dropped and dropped.outages == 1),
         f"{OVERHEATED} raised a high-temperature alarm": bool(overheated and overheated.alarms),
         "all tools confirmed in their safe state": all(
-            facts.safe_state and set(facts.safe_state.values()) == {"verified"} for facts in stations.values()
+            facts.safe_state and set(facts.safe_state.values()) == {"verified"}
+            for facts in stations.values()
         ),
     }
 
@@ -105,7 +127,9 @@ def _print(result: Result, page: Path, shown: dict[str, bool]) -> None:
     manifest = result.manifest
     rows = sum(file.rows or 0 for file in manifest.files if file.path.startswith("samples/"))
     echo_words("")
-    echo_words(f"Recipe applied to {len(manifest.stations)} stations and confirmed; {rows} rows recorded.")
+    echo_words(
+        f"Recipe applied to {len(manifest.stations)} stations and confirmed; {rows} rows recorded."
+    )
     for text, true in shown.items():
         echo_words(f"  {'yes' if true else 'NO '}  {text}")
     echo_words(f"Verdict by the recipe's acceptance limits: {manifest.verdict}.")

@@ -13,20 +13,29 @@ from jbclog.cli.output import echo, echo_json, note, reports_errors
 if TYPE_CHECKING:
     from jbclog.app.doctor import Looked
 
-LINE = typer.Option(None, "--line", "-l", metavar="FILE", help="Line file: also check its stations.", show_default=False)
+LINE = typer.Option(
+    None,
+    "--line",
+    "-l",
+    metavar="FILE",
+    help="Line file: also check its stations.",
+    show_default=False,
+)
 
 
 @reports_errors
 def doctor(
     ctx: typer.Context,
     line: Path | None = LINE,
-    out: Path = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="Folder of runs to check."),
+    out: Path = typer.Option(
+        Path("runs"), "--out", "-o", metavar="DIR", help="Folder of runs to check."
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Diagnose this machine's setup and suggest fixes.
 
-    Checks the folder of runs, the clock and the USB serial ports; with --line also each station, by queries only. Skips ports in
-    use. Exit code 1: at least one finding.
+    Checks the folder of runs, the clock and the USB serial ports; with --line also each station, by
+    queries only. Skips ports in use. Exit code 1: at least one finding.
 
     \b
     Example:
@@ -44,7 +53,11 @@ def doctor(
         echo_json({"fine": not findings, "looked": [_facts(one) for one in looked]})
     else:
         _print(looked)
-        echo(f"{len(findings)} finding{'' if len(findings) == 1 else 's'}" if findings else "no findings")
+        echo(
+            f"{len(findings)} finding{'' if len(findings) == 1 else 's'}"
+            if findings
+            else "no findings"
+        )
     if findings:
         raise typer.Exit(1)
 

@@ -45,7 +45,9 @@ FOLDERS: Final = (Format.CSV, Format.QDAS)
 @reports_errors
 def export(
     run: Path = options.RUN,
-    to: Format = typer.Option(..., "--to", metavar="csv|xlsx|mf4|qdas", help="Format.", show_default=False),
+    to: Format = typer.Option(
+        ..., "--to", metavar="csv|xlsx|mf4|qdas", help="Format.", show_default=False
+    ),
     out: Path | None = typer.Option(
         None,
         "--out",
@@ -54,17 +56,24 @@ def export(
         help="File, or folder for csv and qdas; default: named after the run.",
         show_default=False,
     ),
-    table: list[str] = typer.Option([], "--table", metavar="NAME", help="Only this table; repeatable.", show_default=False),
+    table: list[str] = typer.Option(
+        [], "--table", metavar="NAME", help="Only this table; repeatable.", show_default=False
+    ),
     force: bool = typer.Option(False, "--force", help="Replace an earlier export."),
-    unchecked: bool = typer.Option(False, "--unchecked", help="Export a run that is not sealed, or whose check finds something."),
+    unchecked: bool = typer.Option(
+        False,
+        "--unchecked",
+        help="Export a run that is not sealed, or whose check finds something.",
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Export a run for spreadsheets, measurement tools or Q-DAS.
 
-    Writes samples, events, settings, counters, joints and alarms with units and times in UTC: csv, a file for each table; xlsx, a
-    workbook; mf4, ASAM MDF 4.10 with a group for each port; qdas, the features of joints in the Q-DAS ASCII transfer format. A
-    value that is not known is empty or marked invalid, never 0. Each export names the run, its fingerprint and the version. A run
-    that is damaged or still open is refused, except with --unchecked.
+    Writes samples, events, settings, counters, joints and alarms with units and times in UTC: csv,
+    a file for each table; xlsx, a workbook; mf4, ASAM MDF 4.10 with a group for each port; qdas,
+    the features of joints in the Q-DAS ASCII transfer format. A value that is not known is empty or
+    marked invalid, never 0. Each export names the run, its fingerprint and the version. A run that
+    is damaged or still open is refused, except with --unchecked.
 
     \b
     Example:
@@ -111,13 +120,23 @@ def _expect_tables(to: Format, tables: list[str]) -> None:
         raise UsageError(f"--table {unknown[0]}: {to} has {', '.join(known)}")
 
 
-def _print(run: Path, to: Format, place: Path, rows: dict[str, int], *, is_checked: bool, as_json: bool) -> None:
+def _print(
+    run: Path, to: Format, place: Path, rows: dict[str, int], *, is_checked: bool, as_json: bool
+) -> None:
     if as_json:
-        echo_json({"run": str(run), "to": str(to), "out": str(place), "rows": rows, "checked": is_checked})
+        echo_json(
+            {"run": str(run), "to": str(to), "out": str(place), "rows": rows, "checked": is_checked}
+        )
         return
     echo(str(place))
     note(", ".join(f"{count} {table}" for table, count in rows.items()))
     if to is Format.XLSX and max(rows.values(), default=0) > MANY_SHEET_ROWS:
-        note(f"a sheet holds {MANY_SHEET_ROWS} rows; longer tables continue on further sheets, which the sheet `about` lists")
+        note(
+            f"a sheet holds {MANY_SHEET_ROWS} rows; longer tables continue on further sheets, which"
+            " the sheet `about` lists"
+        )
     if not is_checked:
-        note("not checked: the export may come from a run that was changed, damaged or is not whole, and says so")
+        note(
+            "not checked: the export may come from a run that was changed, damaged or is not whole,"
+            " and says so"
+        )

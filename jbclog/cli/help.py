@@ -15,7 +15,9 @@ MOST_ECHOED: Final = 1000  # characters of a message that repeats what was typed
 
 @contextmanager
 def cleaned_errors() -> Iterator[None]:
-    """Clean the message of an error that the parser of the command line raises: it repeats what was typed, or pasted."""
+    """Clean the message of an error that the parser of the command line raises: it repeats what was
+    typed, or pasted.
+    """
     try:
         yield
     except WrongUsage as error:
@@ -50,11 +52,15 @@ class Program(TyperGroup):
         width = max(map(len, self.commands))
         for heading, sentences in self.groups.items():
             with formatter.section(heading):
-                formatter.write_dl([(name.ljust(width), sentence) for name, sentence in sentences.items()])
+                formatter.write_dl(
+                    [(name.ljust(width), sentence) for name, sentence in sentences.items()]
+                )
 
 
 class Verb(TyperCommand):
-    """A command whose help shows neither Python types nor braces, and whose errors are JSON with --json."""
+    """A command whose help shows neither Python types nor braces, and whose errors are JSON with
+    --json.
+    """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse; print a wrong option or value as JSON, too, like any other error of a command."""
@@ -65,12 +71,16 @@ class Verb(TyperCommand):
             if has_json:
                 from jbclog.cli.output import echo_json  # not loaded by --help
 
-                echo_json({"error": "UsageError", "problems": [error.format_message()], "exit_code": 2})
+                echo_json(
+                    {"error": "UsageError", "problems": [error.format_message()], "exit_code": 2}
+                )
             raise
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Return the words after the command's name; an optional one is in brackets."""
-        return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
+        return [
+            piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)
+        ]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments, then options."""

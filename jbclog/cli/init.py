@@ -24,12 +24,14 @@ SCAN, HAND = "scan", "hand"
 @reports_errors
 def init(
     ctx: typer.Context,
-    folder: Path = typer.Argument(Path(), metavar="DIR", help="Folder for line.toml and recipe.toml; made if needed."),
+    folder: Path = typer.Argument(
+        Path(), metavar="DIR", help="Folder for line.toml and recipe.toml; made if needed."
+    ),
 ) -> None:
     """Write a first line file and recipe, by questions.
 
-    Finds the stations by a scan, which sends only queries, or asks you for their ports and families. Writes both files after the
-    last question, and overwrites none.
+    Finds the stations by a scan, which sends only queries, or asks you for their ports and
+    families. Writes both files after the last question, and overwrites none.
 
     \b
     Example:
@@ -38,7 +40,9 @@ def init(
     from jbclog.app.first_files import LINE, files, kinds_of
 
     _expect_free(folder / LINE)
-    how = _answer("Find the stations by a scan, or enter them by hand (scan, hand)", _one_of(SCAN, HAND), SCAN)
+    how = _answer(
+        "Find the stations by a scan, or enter them by hand (scan, hand)", _one_of(SCAN, HAND), SCAN
+    )
     stations = _scanned(options.port_access(ctx)) if how == SCAN else _entered(folder)
     name = _answer("Name of the recipe", _name, "first-recipe")
     celsius = {
@@ -59,7 +63,10 @@ def _expect_free(*files: Path) -> None:
     """Raise `UsageError` if a file exists."""
     for file in files:
         if file.exists() or file.is_symlink():
-            raise UsageError(f"{file}: exists; init overwrites nothing. Edit it, or give another folder: jbclog init DIR")
+            raise UsageError(
+                f"{file}: exists; init overwrites nothing. Edit it, or give another folder: jbclog"
+                " init DIR"
+            )
 
 
 def _write(path: Path, text: str) -> None:
@@ -71,7 +78,7 @@ def _write(path: Path, text: str) -> None:
         raise UsageError(f"{path}: cannot write: {error.strerror}") from error
 
 
-# -- stations -----------------------------------------------------------------------------------------------------------------
+# -- stations --------------------------------------------------------------------------------------
 
 
 def _scanned(access: PortAccess) -> list[Described]:
@@ -88,7 +95,10 @@ def _scanned(access: PortAccess) -> list[Described]:
     reports = search(plans, lambda report: print_progress(report, quiet=False), access)
     stations = described(reports)
     if not stations:
-        raise UsageError(f"no station found on {', '.join(urls)}; `jbclog scan PORT` shows what was tried, `jbclog doctor` why")
+        raise UsageError(
+            f"no station found on {', '.join(urls)}; `jbclog scan PORT` shows what was tried,"
+            " `jbclog doctor` why"
+        )
     return stations
 
 
@@ -99,21 +109,29 @@ def _entered(folder: Path) -> list[Described]:
 
     stations: list[Described] = []
     while True:
-        family = _answer("Family of the station (dde, nae, dme, hde, ucr, ale, soldering, jtse, omega)", _family)
-        url = _answer("Its port (/dev/serial/by-id/..., COM3, socket://HOST:PORT or rfc2217://HOST:PORT)", _url)
+        family = _answer(
+            "Family of the station (dde, nae, dme, hde, ucr, ale, soldering, jtse, omega)", _family
+        )
+        url = _answer(
+            "Its port (/dev/serial/by-id/..., COM3, socket://HOST:PORT or rfc2217://HOST:PORT)",
+            _url,
+        )
         usual = f"{family}-{1 + sum(one.family == family for one, _ in stations)}"
         new = [*stations, station(_answer("Its name", _name, usual), url, family)]
         try:
             next(files(new, "recipe", {}, folder))
         except Problems as wrong:
-            note(*(f"error: {problem}" for problem in wrong.problems), "This station is not taken; enter it again.")
+            note(
+                *(f"error: {problem}" for problem in wrong.problems),
+                "This station is not taken; enter it again.",
+            )
             continue
         stations = new
         if _answer("Another station (yes, no)", _one_of("yes", "no"), "no") == "no":
             return stations
 
 
-# -- answers ------------------------------------------------------------------------------------------------------------------
+# -- answers ---------------------------------------------------------------------------------------
 
 
 def _answer(question: str, read: Callable[[str], T], usual: str | None = None) -> T:

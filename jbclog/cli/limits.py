@@ -18,19 +18,32 @@ LEARN, SHOW = "learn", "show"
 @reports_errors
 def limits(
     words: list[str] = typer.Argument(
-        ..., metavar="learn RUN... | show FILE", help="Runs to learn from, or limits file.", show_default=False
+        ...,
+        metavar="learn RUN... | show FILE",
+        help="Runs to learn from, or limits file.",
+        show_default=False,
     ),
-    metric: str = typer.Option("recovery_s", "--metric", "-m", metavar="NAME", help="Metric of joints."),
-    station: str | None = typer.Option(None, "--station", "-s", metavar="NAME", help="Station; default: all.", show_default=False),
+    metric: str = typer.Option(
+        "recovery_s", "--metric", "-m", metavar="NAME", help="Metric of joints."
+    ),
+    station: str | None = typer.Option(
+        None, "--station", "-s", metavar="NAME", help="Station; default: all.", show_default=False
+    ),
     port: int | None = options.PORT,
-    out: Path = typer.Option(Path("limits.json"), "--out", "-o", metavar="FILE", help="Limits file to write; must not exist."),
+    out: Path = typer.Option(
+        Path("limits.json"),
+        "--out",
+        "-o",
+        metavar="FILE",
+        help="Limits file to write; must not exist.",
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Learn fixed control limits from stable runs, or show them.
 
-    Performs a phase I study (Montgomery) of each port, over the joints of the runs in the order given. Sets limits where the values
-    are stable and a distribution fits; otherwise gives the reason and ends with exit code 1. `jbclog chart --limits` cites the
-    file by its SHA-256.
+    Performs a phase I study (Montgomery) of each port, over the joints of the runs in the order
+    given. Sets limits where the values are stable and a distribution fits; otherwise gives the
+    reason and ends with exit code 1. `jbclog chart --limits` cites the file by its SHA-256.
 
     \b
     Example:
@@ -44,11 +57,21 @@ def limits(
         raise UsageError("limits: give learn RUN..., or show FILE")
 
 
-def _learn(runs: list[Path], metric: str, station: str | None, port: int | None, out: Path, *, as_json: bool) -> None:
+def _learn(
+    runs: list[Path],
+    metric: str,
+    station: str | None,
+    port: int | None,
+    out: Path,
+    *,
+    as_json: bool,
+) -> None:
     for run in runs:
         expect_run(run)
     if out.exists():
-        raise UsageError(f"--out {out} exists; charts cite limits by their hash, so give another name")
+        raise UsageError(
+            f"--out {out} exists; charts cite limits by their hash, so give another name"
+        )
     from jbclog.analysis.charts import joined, joint_metrics, series_of_run
     from jbclog.analysis.control_limits import Source, as_bytes, learn, limits_of
     from jbclog.analysis.run import open_run
@@ -56,10 +79,16 @@ def _learn(runs: list[Path], metric: str, station: str | None, port: int | None,
     from jbclog.core.durable_files import write_new
     from jbclog.record.manifest import manifest_sha256
 
-    series = joined([each for run in runs for each in series_of_run(open_run(run), metric, station, port)])
+    series = joined(
+        [each for run in runs for each in series_of_run(open_run(run), metric, station, port)]
+    )
     learnt = [(one, learn(one)) for one in series]
     found = [its for _, its in learnt if not isinstance(its, Refused)]
-    refused = {f"{one.station} port {one.port}": its.text for one, its in learnt if isinstance(its, Refused)}
+    refused = {
+        f"{one.station} port {one.port}": its.text
+        for one, its in learnt
+        if isinstance(its, Refused)
+    }
     for place, why in refused.items():
         note(f"{place}: no limits. {why}")
     if found:
@@ -90,7 +119,10 @@ def _show(path: Path, *, as_json: bool, refused: dict[str, str] | None = None) -
         return
     for one in found.limits:
         edges = f"{one.lower:.4g} to {one.upper:.4g} {found.unit} ({one.distribution}, n {one.n})"
-        echo(f"{one.station} port {one.port}  {found.metric}  centre {one.centre:.4g}, limits {edges}")
+        echo(
+            f"{one.station} port {one.port}  {found.metric}  centre {one.centre:.4g}, limits"
+            f" {edges}"
+        )
     for source in found.sources:
         echo(f"from {source.run}  {source.manifest_sha256}")
     echo(f"{path}: SHA-256 {sha256}")

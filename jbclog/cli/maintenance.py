@@ -23,32 +23,56 @@ if TYPE_CHECKING:
 DONE, LIST = "done", "list"
 COLUMNS = ("time", "station", "task", "by", "part", "note")
 STATION = typer.Option(
-    None, "--station", "-s", metavar="NAME", help="Station; LINE/NAME if two lines have it.  [required with done]"
+    None,
+    "--station",
+    "-s",
+    metavar="NAME",
+    help="Station; LINE/NAME if two lines have it.  [required with done]",
 )
-TASK = typer.Option(None, "--task", metavar="NAME", help="Task, such as tip-change.  [required with done]", show_default=False)
-PART = typer.Option(None, "--tip", "--part", metavar="ID", help="New tip, cartridge or part.", show_default=False)
+TASK = typer.Option(
+    None,
+    "--task",
+    metavar="NAME",
+    help="Task, such as tip-change.  [required with done]",
+    show_default=False,
+)
+PART = typer.Option(
+    None, "--tip", "--part", metavar="ID", help="New tip, cartridge or part.", show_default=False
+)
 
 
 @reports_errors
 def maintenance(
-    word: str = typer.Argument(..., metavar="done|list", help="Record maintenance, or list it.", show_default=False),
+    word: str = typer.Argument(
+        ..., metavar="done|list", help="Record maintenance, or list it.", show_default=False
+    ),
     station: str | None = STATION,
     task: str | None = TASK,
     part: str | None = PART,
     port: int | None = options.PORT,
-    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Person; default: the user logged in.", show_default=False),
-    at: str | None = typer.Option(None, "--at", metavar="TIME", help="Day or time, UTC; default: now.", show_default=False),
+    by: str | None = typer.Option(
+        None, "--by", metavar="WHO", help="Person; default: the user logged in.", show_default=False
+    ),
+    at: str | None = typer.Option(
+        None, "--at", metavar="TIME", help="Day or time, UTC; default: now.", show_default=False
+    ),
     remark: str = typer.Option("", "--note", metavar="TEXT", help="Note."),
-    ledger: Path = typer.Option(Path("counters.jsonl"), "--ledger", metavar="FILE", help="Ledger of `jbclog audit`."),
-    line: Path | None = typer.Option(None, "--line", "-l", metavar="FILE", help="Line file, for a station not yet audited."),
-    tasks: Path | None = typer.Option(None, "--tasks", metavar="FILE", help="Tasks file, for other task names."),
+    ledger: Path = typer.Option(
+        Path("counters.jsonl"), "--ledger", metavar="FILE", help="Ledger of `jbclog audit`."
+    ),
+    line: Path | None = typer.Option(
+        None, "--line", "-l", metavar="FILE", help="Line file, for a station not yet audited."
+    ),
+    tasks: Path | None = typer.Option(
+        None, "--tasks", metavar="FILE", help="Tasks file, for other task names."
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Record maintenance done on a station, or list it.
 
-    `done` appends the task, who did it and when to the ledger; `jbclog audit` counts the service interval from there. The tasks
-    counters-reset and station-replaced record events of the counters themselves. The ledger is append-only: correct a mistake
-    by another line.
+    `done` appends the task, who did it and when to the ledger; `jbclog audit` counts the service
+    interval from there. The tasks counters-reset and station-replaced record events of the counters
+    themselves. The ledger is append-only: correct a mistake by another line.
 
     \b
     Example:
@@ -74,7 +98,11 @@ def maintenance(
     now = datetime.now(UTC)
     when = _utc(now if at is None else _moment(at, now))
     known = task_of(task, book, _names(tasks))
-    _keep(Fact(when, _utc(now), by or _user(), *place, known, port, part or "", remark), ledger, as_json=as_json)
+    _keep(
+        Fact(when, _utc(now), by or _user(), *place, known, port, part or "", remark),
+        ledger,
+        as_json=as_json,
+    )
 
 
 def _read(ledger: Path) -> Book:
@@ -119,7 +147,7 @@ def _user() -> str:
         raise UsageError("--by: the login name is not known; give a name") from None
 
 
-# -- ledger -------------------------------------------------------------------------------------------------------------------
+# -- ledger ----------------------------------------------------------------------------------------
 
 
 def _keep(fact: Fact, ledger: Path, *, as_json: bool) -> None:
@@ -138,9 +166,18 @@ def _list(book: Book, station: str | None, *, as_json: bool) -> None:
     from jbclog.maintenance.fleet_of_ledger import place_of
 
     place = None if station is None else place_of(station, book)
-    facts = sorted((one for one in book.facts if place in (None, (one.line, one.station))), key=lambda one: one.time)
+    facts = sorted(
+        (one for one in book.facts if place in (None, (one.line, one.station))),
+        key=lambda one: one.time,
+    )
     if as_json:
-        echo_json({"ledger": str(book.path), "facts": [asdict(one) for one in facts], "wrong": book.sentences})
+        echo_json(
+            {
+                "ledger": str(book.path),
+                "facts": [asdict(one) for one in facts],
+                "wrong": book.sentences,
+            }
+        )
     else:
         echo_table(COLUMNS, map(_cells, facts))
     _expect_sound(book)

@@ -31,10 +31,13 @@ class _NamingCommand(Verb):
     """A verb whose help lists names of commands, and whose values may be negative numbers."""
 
     def get_help(self, ctx: typer.Context) -> str:  # type: ignore[override]  # the base's type is private to typer
-        return "\n\n".join([super().get_help(ctx).rstrip(), _shared_text(self._kind()), *self._more()])
+        return "\n\n".join(
+            [super().get_help(ctx).rstrip(), _shared_text(self._kind()), *self._more()]
+        )
 
     def parse_args(self, ctx: typer.Context, args: list[str]) -> list[str]:  # type: ignore[override]
-        ctx.ignore_unknown_options = any(NEGATIVE.fullmatch(word) for word in args)  # -5 is no option here
+        # -5 is no option here
+        ctx.ignore_unknown_options = any(NEGATIVE.fullmatch(word) for word in args)
         return super().parse_args(ctx, args)
 
     def _kind(self) -> CommandFilter:
@@ -82,11 +85,16 @@ def _wrapped(names: Iterable[str]) -> str:
     width = min(shutil.get_terminal_size().columns, WIDEST) - 1
     text = " ".join(names)
     return textwrap.fill(
-        text, width, initial_indent="    ", subsequent_indent="    ", break_long_words=False, break_on_hyphens=False
+        text,
+        width,
+        initial_indent="    ",
+        subsequent_indent="    ",
+        break_long_words=False,
+        break_on_hyphens=False,
     )
 
 
-# -- completion ---------------------------------------------------------------------------------------------------------------
+# -- completion ------------------------------------------------------------------------------------
 
 
 def complete_station(ctx: typer.Context, incomplete: str) -> Completions:
@@ -97,7 +105,11 @@ def complete_station(ctx: typer.Context, incomplete: str) -> Completions:
         stations = load_line(_line(ctx)).stations
     except (JbclogError, OSError):
         return []
-    return [(station.name, f"{station.family} on {station.url}") for station in stations if station.name.startswith(incomplete)]
+    return [
+        (station.name, f"{station.family} on {station.url}")
+        for station in stations
+        if station.name.startswith(incomplete)
+    ]
 
 
 def complete_signal(ctx: typer.Context, incomplete: str) -> Completions:
@@ -125,7 +137,9 @@ def complete_value(ctx: typer.Context, incomplete: str) -> Completions:
     command = (family.commands if family else anywhere()).get(name)
     if family is None or command is None:
         return []
-    return [(word, command.name) for word in words_for(command, family) if word.startswith(incomplete)]
+    return [
+        (word, command.name) for word in words_for(command, family) if word.startswith(incomplete)
+    ]
 
 
 def _complete(ctx: typer.Context, incomplete: str, kind: CommandFilter) -> Completions:
@@ -133,14 +147,24 @@ def _complete(ctx: typer.Context, incomplete: str, kind: CommandFilter) -> Compl
 
     family = _family(ctx)
     commands = (family.commands if family else anywhere()).values()
-    return [(one.name, _about(one, family)) for one in commands if kind(one) and one.name.startswith(incomplete)]
+    return [
+        (one.name, _about(one, family))
+        for one in commands
+        if kind(one) and one.name.startswith(incomplete)
+    ]
 
 
 def _about(command: Command, family: Family | None) -> str:
-    """Return unit, scope and range: ``°C, per port; steps of 5 °C, within the station's own limits``."""
+    """Return unit, scope and range: ``°C, per port; steps of 5 °C, within the station's own
+    limits``.
+    """
     from jbclog.session.manual.names import values_text
 
-    place = f"{command.unit}, per {command.scope.value}" if command.unit else f"per {command.scope.value}"
+    place = (
+        f"{command.unit}, per {command.scope.value}"
+        if command.unit
+        else f"per {command.scope.value}"
+    )
     values = f"; {values_text(command, family)}" if command.writable and family is not None else ""
     return place + values + (" (dangerous)" if command.dangerous else "")
 

@@ -20,19 +20,23 @@ if TYPE_CHECKING:
 
 
 def port_access(ctx: typer.Context) -> PortAccess:
-    """Return the port access that the caller of the program set as the context's `obj`; else the system's."""
+    """Return the port access that the caller of the program set as the context's `obj`; else the
+    system's.
+    """
     from jbclog.app.port_access import SYSTEM, PortAccess
 
     return ctx.find_object(PortAccess) or SYSTEM
 
 
-# -- paths --------------------------------------------------------------------------------------------------------------------
+# -- paths -----------------------------------------------------------------------------------------
 
 NO_FOLDER = "{}: no such folder; runs are in `runs/` or in the folder given by --out"
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether `path` is a folder. Raises `RecordError` if its network mount does not answer."""
+    """Return whether `path` is a folder. Raises `RecordError` if its network mount does not
+    answer.
+    """
     from jbclog.core.foreign.files import expect_answer  # not loaded by --help
 
     expect_answer(path)
@@ -43,45 +47,77 @@ def is_folder(path: Path) -> bool:
 
 
 def is_runs(path: Path) -> bool:
-    """Return whether `path` is a folder or a store, which readers of many runs take. Raises as `is_folder`."""
+    """Return whether `path` is a folder or a store, which readers of many runs take. Raises as
+    `is_folder`.
+    """
     from jbclog.analysis.store.place import is_store  # not loaded by --help
 
     return is_store(path) or is_folder(path)
 
 
 def expect_file_place(option: str, path: Path | None) -> None:
-    """Raise `UsageError` if `path` exists and is not a regular file: writing to a pipe could block for ever."""
+    """Raise `UsageError` if `path` exists and is not a regular file: writing to a pipe could block
+    for ever.
+    """
     if path is not None and path.exists() and not path.is_file():
         raise UsageError(f"{option} {path}: not a regular file (folder, pipe or device)")
 
 
 def expect_run(folder: Path) -> None:
-    """Raise `UsageError` if `folder` is not a run, `RecordError` if the run was cut off before its manifest was written."""
+    """Raise `UsageError` if `folder` is not a run, `RecordError` if the run was cut off before its
+    manifest was written.
+    """
     from jbclog.record.manifest import NAME
     from jbclog.record.recover import is_run
 
     if not is_folder(folder):
         raise UsageError(NO_FOLDER.format(folder))
     if not is_run(Path(os.path.realpath(folder))):
-        raise UsageError(f"{folder}: not a run; runs are in `runs/` or in the folder given by --out")
+        raise UsageError(
+            f"{folder}: not a run; runs are in `runs/` or in the folder given by --out"
+        )
     if not (folder / NAME).exists():
-        raise RecordError(f"{folder}: no manifest, the run was cut off at its start; finish it with `jbclog recover {folder}`")
+        raise RecordError(
+            f"{folder}: no manifest, the run was cut off at its start; finish it with `jbclog"
+            f" recover {folder}`"
+        )
 
 
-# -- options ------------------------------------------------------------------------------------------------------------------
+# -- options ---------------------------------------------------------------------------------------
 
-LINE = typer.Option(..., "--line", "-l", metavar="FILE", help="Line file: stations and their ports.", show_default=False)
-RECIPE = typer.Argument(None, metavar="RECIPE", help="Recipe file; optional if every station names its own.", show_default=False)
+LINE = typer.Option(
+    ...,
+    "--line",
+    "-l",
+    metavar="FILE",
+    help="Line file: stations and their ports.",
+    show_default=False,
+)
+RECIPE = typer.Argument(
+    None,
+    metavar="RECIPE",
+    help="Recipe file; optional if every station names its own.",
+    show_default=False,
+)
 STATION = typer.Option([], "--station", "-s", metavar="NAME", help="Only this station; repeatable.")
 RATE = typer.Option(
     None,
     "--rate",
     metavar="HZ|auto|fit|max",
-    help="Sampling rate, Hz; auto leaves a fifth of the link free, fit uses it all, max never pauses. Default: the recipe's.",
+    help=(
+        "Sampling rate, Hz; auto leaves a fifth of the link free, fit uses it all, max never"
+        " pauses. Default: the recipe's."
+    ),
 )
-ALLOW_OMEGA_WRITE = typer.Option(False, "--allow-omega-write", help="Allow writing the recipe's [omega] condition if it differs.")
+ALLOW_OMEGA_WRITE = typer.Option(
+    False, "--allow-omega-write", help="Allow writing the recipe's [omega] condition if it differs."
+)
 DURATION = typer.Option(
-    None, "--duration", "-d", metavar="TIME", help="Recording time: 90s, 15m, 8h, 1h30m. Default: until Ctrl-C."
+    None,
+    "--duration",
+    "-d",
+    metavar="TIME",
+    help="Recording time: 90s, 15m, 8h, 1h30m. Default: until Ctrl-C.",
 )
 UNTIL_UNITS = typer.Option(
     None,
@@ -103,12 +139,42 @@ UNTIL_JOINTS = typer.Option(
 )
 OUT = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="Folder of runs.")
 RUN = typer.Argument(..., metavar="RUN", help="Run folder.", show_default=False)
-STATION_NAMED = typer.Argument(..., metavar="STATION", help="Station name.", show_default=False, autocompletion=complete_station)
-PORT = typer.Option(None, "--port", "-p", min=1, max=4, metavar="N", help="Port number; default: all.", show_default=False)
-TOOL = typer.Option(
-    None, "--tool", "-t", min=0, max=9, metavar="N", help="Tool code; default: the connected tool.", show_default=False
+STATION_NAMED = typer.Argument(
+    ...,
+    metavar="STATION",
+    help="Station name.",
+    show_default=False,
+    autocompletion=complete_station,
 )
-CONDITION = typer.Option(None, "--condition", min=0, max=399, metavar="N", help="Solder condition (OMEGA).", show_default=False)
+PORT = typer.Option(
+    None,
+    "--port",
+    "-p",
+    min=1,
+    max=4,
+    metavar="N",
+    help="Port number; default: all.",
+    show_default=False,
+)
+TOOL = typer.Option(
+    None,
+    "--tool",
+    "-t",
+    min=0,
+    max=9,
+    metavar="N",
+    help="Tool code; default: the connected tool.",
+    show_default=False,
+)
+CONDITION = typer.Option(
+    None,
+    "--condition",
+    min=0,
+    max=399,
+    metavar="N",
+    help="Solder condition (OMEGA).",
+    show_default=False,
+)
 
 
 class Color(StrEnum):
@@ -119,8 +185,12 @@ class Color(StrEnum):
     NEVER = "never"
 
 
-COLOR = typer.Option(Color.AUTO, "--color", metavar="auto|always|never", help="Colour events by severity.")
-NO_CACHE = typer.Option(False, "--no-cache", help="Read and compute everything anew, without index and caches.")
+COLOR = typer.Option(
+    Color.AUTO, "--color", metavar="auto|always|never", help="Colour events by severity."
+)
+NO_CACHE = typer.Option(
+    False, "--no-cache", help="Read and compute everything anew, without index and caches."
+)
 AS_JSON = typer.Option(False, "--json", help="Print one JSON object.")
 
 LONGEST_TEXT = 200
@@ -174,7 +244,9 @@ def metadata(
     product: str | None,
     several: Mapping[str, Sequence[str]],
 ) -> Metadata:
-    """Return the metadata of a run; `several` holds the values of repeatable options. Raises `UsageError`."""
+    """Return the metadata of a run; `several` holds the values of repeatable options. Raises
+    `UsageError`.
+    """
     from jbclog.app.run.plan import Metadata
 
     texts = [("--operator", operator), ("--order", order), ("--product", product)]
@@ -182,15 +254,22 @@ def metadata(
     for option, text in texts:
         check_text(option, text or "")
     units, wire_lots, flux_lots, tips = (tuple(several.get(option, ())) for option in SEVERAL)
-    return Metadata(operator, order, product, units, tags(several.get("--tag", ())), wire_lots, flux_lots, tips)
+    return Metadata(
+        operator, order, product, units, tags(several.get("--tag", ())), wire_lots, flux_lots, tips
+    )
 
 
 def signed(what: str, by: str | None, reason: str | None) -> tuple[str, str]:
-    """Return author and reason of what stays for ever. Raises `UsageError` with all that is missing or holds hidden characters."""
+    """Return author and reason of what stays for ever. Raises `UsageError` with all that is missing
+    or holds hidden characters.
+    """
     given = {"--by WHO": by or "", "--reason TEXT": reason or ""}
     missing = [option for option, text in given.items() if not text.strip()]
     if missing:
-        raise UsageError(f"{what}: {' and '.join(missing)} {'are' if len(missing) > 1 else 'is'} required; nothing was added")
+        raise UsageError(
+            f"{what}: {' and '.join(missing)} {'are' if len(missing) > 1 else 'is'} required;"
+            " nothing was added"
+        )
     for option, text in given.items():
         check_text(option.partition(" ")[0], text)
     return by or "", reason or ""

@@ -1,4 +1,6 @@
-"""Output of the verbs: data on stdout, notes on stderr, one JSON object with --json, errors without tracebacks."""
+"""Output of the verbs: data on stdout, notes on stderr, one JSON object with --json, errors without
+tracebacks.
+"""
 
 from __future__ import annotations
 
@@ -63,20 +65,35 @@ def echo_json(data: object) -> None:
     _echo([json_line(data, only_ascii=not writes_unicode())], err=False)
 
 
-def echo_table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, cut: int | None = None) -> None:
-    """Print a table on stdout. A terminal shows at most `cut` cells of each column but the last; elsewhere it is complete."""
+def echo_table(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], *, cut: int | None = None
+) -> None:
+    """Print a table on stdout. A terminal shows at most `cut` cells of each column but the last;
+    elsewhere it is complete.
+    """
     _echo(table_lines(heads, rows, cut=cut if sys.stdout.isatty() else None), err=False)
 
 
-def table_lines(heads: Sequence[str], rows: Iterable[Sequence[str]], *, cut: int | None = None) -> list[str]:
-    """Return a table without borders, a line a row; a column but the last is at most `cut` cells wide.
+def table_lines(
+    heads: Sequence[str], rows: Iterable[Sequence[str]], *, cut: int | None = None
+) -> list[str]:
+    """Return a table without borders, a line a row; a column but the last is at most `cut` cells
+    wide.
 
     rich draws the same and takes 1 ms a row.
     """
-    columns = [*zip_longest(*([heads] if heads else []), *([shown(cell) for cell in row] for row in rows), fillvalue="")]
+    columns = [
+        *zip_longest(
+            *([heads] if heads else []),
+            *([shown(cell) for cell in row] for row in rows),
+            fillvalue="",
+        )
+    ]
     if cut is not None:
         columns[:-1] = [tuple(_cut(cell, cut) for cell in column) for column in columns[:-1]]
-    return ["".join(row).rstrip() for row in zip(*(_padded(column) for column in columns), strict=True)]
+    return [
+        "".join(row).rstrip() for row in zip(*(_padded(column) for column in columns), strict=True)
+    ]
 
 
 def _padded(column: Sequence[str]) -> list[str]:
@@ -101,14 +118,18 @@ def _echo(lines: list[str], *, err: bool) -> None:
 
 
 def wrapped(text: str, columns: int | None = None) -> str:
-    """Return `text` wrapped to a terminal's width, only between words, so that paths can be copied."""
+    """Return `text` wrapped to a terminal's width, only between words, so that paths can be
+    copied.
+    """
     width = max(columns or shutil.get_terminal_size().columns, 40) - 1
     return "\n".join(_wrapped_line(line, width) for line in text.split("\n"))
 
 
 def _wrapped_line(line: str, width: int) -> str:
     indent = line[: len(line) - len(line.lstrip())]
-    pieces = textwrap.wrap(line, width, subsequent_indent=indent + "  ", break_long_words=False, break_on_hyphens=False)
+    pieces = textwrap.wrap(
+        line, width, subsequent_indent=indent + "  ", break_long_words=False, break_on_hyphens=False
+    )
     return "\n".join(pieces)
 
 
@@ -140,17 +161,24 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
         except Exception as error:
             if os.environ.get("JBCLOG_TRACEBACK") or _is_limit_of_files(error):
                 raise  # of files: `main` reports it
-            text = f"internal error, {unexpected_error_text(error)} (set JBCLOG_TRACEBACK=1 to see where; please report it)"
+            text = (
+                f"internal error, {unexpected_error_text(error)} (set JBCLOG_TRACEBACK=1 to see"
+                " where; please report it)"
+            )
             note(f"jbclog: {text}")
             if kwargs.get("as_json"):
-                echo_json({"error": type(error).__name__, "problems": [text], "exit_code": INTERNAL_ERROR})
+                echo_json(
+                    {"error": type(error).__name__, "problems": [text], "exit_code": INTERNAL_ERROR}
+                )
             raise typer.Exit(INTERNAL_ERROR) from error
 
     return wrapper
 
 
 def _note_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print a warning as one line; Python would add its own code and print foreign text as it is."""
+    """Print a warning as one line; Python would add its own code and print foreign text as it
+    is.
+    """
     note(f"warning: {message}")
 
 
@@ -165,7 +193,11 @@ def note_thread_error(failed: threading.ExceptHookArgs) -> None:
     elif failed.exc_value is not None and not isinstance(failed.exc_value, SystemExit):
         name = "a thread" if failed.thread is None else f"the thread {failed.thread.name}"
         is_limit = _is_limit_of_files(failed.exc_value)
-        hint = "; raise the limit of open files (`ulimit -n`)" if is_limit else " (set JBCLOG_TRACEBACK=1 to see where)"
+        hint = (
+            "; raise the limit of open files (`ulimit -n`)"
+            if is_limit
+            else " (set JBCLOG_TRACEBACK=1 to see where)"
+        )
         with suppress(Exception):  # what cannot be written any more is not worth a traceback either
             note(f"error: {name} ended: {unexpected_error_text(failed.exc_value)}{hint}")
 
@@ -177,5 +209,11 @@ def _print_error(error: JbclogError, *, as_json: bool) -> None:
     else:
         note(f"error: {error}")
     if as_json:
-        problems = [str(problem) for problem in error.problems] if isinstance(error, Problems) else [str(error)]
-        echo_json({"error": type(error).__name__, "problems": problems, "exit_code": error.exit_code})
+        problems = (
+            [str(problem) for problem in error.problems]
+            if isinstance(error, Problems)
+            else [str(error)]
+        )
+        echo_json(
+            {"error": type(error).__name__, "problems": problems, "exit_code": error.exit_code}
+        )

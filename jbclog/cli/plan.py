@@ -26,8 +26,8 @@ def plan(
 ) -> None:
     """Show what a run would write, and which rate fits.
 
-    Sends no byte. Reports every error in the files at once. Assumes the response time of the line file (turnaround_ms), or 0;
-    `run` measures it.
+    Sends no byte. Reports every error in the files at once. Assumes the response time of the line
+    file (turnaround_ms), or 0; `run` measures it.
 
     \b
     Example:
@@ -35,13 +35,19 @@ def plan(
     """
     from jbclog.app.run.plan import make_plan
 
-    made = make_plan(options.wanted(line, recipe, stations, None, rate, allow_omega_write=allow_omega_write))
+    made = make_plan(
+        options.wanted(line, recipe, stations, None, rate, allow_omega_write=allow_omega_write)
+    )
     for text in made.notes:
         note(f"note: {text}")
     if as_json:
         on_missing = "continue" if made.starts_without_missing else "stop"
         echo_json(
-            {"line": made.line.name, "on_missing": on_missing, "stations": [_facts(station, made) for station in made.stations]}
+            {
+                "line": made.line.name,
+                "on_missing": on_missing,
+                "stations": [_facts(station, made) for station in made.stations],
+            }
         )
     else:
         echo(*_lines(made))
@@ -53,7 +59,9 @@ def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
     from jbclog.session.scheduler import KEPT_BY_AUTO
 
     demand, rate_hz, turnaround = station.demand, station.rate_hz, station.turnaround_s
-    known: dict[str, object] = {} if demand is None else {"best_rate_hz": demand.best_rate_hz(turnaround)}
+    known: dict[str, object] = (
+        {} if demand is None else {"best_rate_hz": demand.best_rate_hz(turnaround)}
+    )
     if demand is not None and station.slowest_s is not None:
         known["best_rate_at_slowest_hz"] = demand.best_rate_hz(station.slowest_s)
     if demand is not None and rate_hz is not None:
@@ -63,9 +71,17 @@ def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
             "greatest_turnaround_ms": round(1000 * demand.greatest_turnaround_s(rate_hz), 3),
         }
         if station.asked_rate == AS_AUTO:
-            known["auto_up_to_turnaround_ms"] = round(1000 * demand.greatest_turnaround_s(rate_hz, KEPT_BY_AUTO), 3)
+            known["auto_up_to_turnaround_ms"] = round(
+                1000 * demand.greatest_turnaround_s(rate_hz, KEPT_BY_AUTO), 3
+            )
     writes = [
-        {"port": one.port, "setting": one.command.name, "value": text_of(one.value), "unit": one.unit, "key": one.key}
+        {
+            "port": one.port,
+            "setting": one.command.name,
+            "value": text_of(one.value),
+            "unit": one.unit,
+            "key": one.key,
+        }
         for one in station.writes()
     ]
     return {
@@ -91,13 +107,23 @@ def _condition_facts(station: StationPlan, made: Plan) -> dict[str, object] | No
     if condition is None:
         return None
     values = {name: value for name, _, value in condition.values()}
-    return {"condition": condition.condition, **values, "may_be_written": made.wanted.allow_omega_write}
+    return {
+        "condition": condition.condition,
+        **values,
+        "may_be_written": made.wanted.allow_omega_write,
+    }
 
 
 def _lines(made: Plan) -> list[str]:
-    lines = [f"Line {made.line.name}: {len(made.stations)} station{'s' if len(made.stations) > 1 else ''}. No byte sent."]
+    lines = [
+        f"Line {made.line.name}: {len(made.stations)}"
+        f" station{'s' if len(made.stations) > 1 else ''}. No byte sent."
+    ]
     lines += [_start_text(made)] if len(made.stations) > 1 else []
-    return [*lines, *(line for station in made.stations for line in ("", *_station_lines(station, made)))]
+    return [
+        *lines,
+        *(line for station in made.stations for line in ("", *_station_lines(station, made))),
+    ]
 
 
 SUCTION = {"keep": "keep suction", "on": "switch suction on", "off": "switch suction off"}
@@ -105,25 +131,45 @@ SUCTION = {"keep": "keep suction", "on": "switch suction on", "off": "switch suc
 
 def _start_text(made: Plan) -> str:
     if made.starts_without_missing:
-        return "The run starts without stations that are missing or refuse; its verdict is then at best ACCEPT WITH DEVIATIONS."
-    return "All stations start together, or none (--allow-missing starts without those that are missing or refuse)."
+        return (
+            "The run starts without stations that are missing or refuse; its verdict is then at"
+            " best ACCEPT WITH DEVIATIONS."
+        )
+    return (
+        "All stations start together, or none (--allow-missing starts without those that are"
+        " missing or refuse)."
+    )
 
 
 def _station_lines(station: StationPlan, made: Plan) -> list[str]:
     spec, recipe, condition = station.spec, station.recipe, station.condition()
     ports = f"port{'s' if len(station.ports) > 1 else ''} {', '.join(map(str, station.ports))}"
     model = f" (accepts model {spec.model})" if spec.model else ""
-    lines = [f"{spec.name}  {spec.family}{model}, {ports}, {spec.url}", f"  recipe    {recipe.name} revision {recipe.revision}"]
+    lines = [
+        f"{spec.name}  {spec.family}{model}, {ports}, {spec.url}",
+        f"  recipe    {recipe.name} revision {recipe.revision}",
+    ]
     lines += _rate_lines(station)
     lines += [f"  write     {_write_text(one)}" for one in station.writes()]
     if condition is not None:
-        written = "is written once" if made.wanted.allow_omega_write else "stops the start (--allow-omega-write writes it)"
-        lines += wrap(f"{condition}; a difference {written}", 110, initial_indent="  compare   ", subsequent_indent=" " * 12)
+        written = (
+            "is written once"
+            if made.wanted.allow_omega_write
+            else "stops the start (--allow-omega-write writes it)"
+        )
+        lines += wrap(
+            f"{condition}; a difference {written}",
+            110,
+            initial_indent="  compare   ",
+            subsequent_indent=" " * 12,
+        )
     if station.skipped():
         lines.append(f"  skip      {', '.join(station.skipped())}: this station has none")
     has_suction = station.family is not None and station.family.status.has_suction
     orders = [f'set every tool to "{recipe.run.status}"'] if recipe.run.status else []
-    orders += [SUCTION[recipe.suction]] if has_suction and (orders or recipe.suction != "keep") else []
+    orders += (
+        [SUCTION[recipe.suction]] if has_suction and (orders or recipe.suction != "keep") else []
+    )
     if orders:
         lines.append(f"  then      {', '.join(orders)}, and record")
     return [*lines, _last_line(station)]
@@ -134,7 +180,10 @@ def _last_line(station: StationPlan) -> str:
         return "  at end    nothing: the station has no safe state"
     has_suction = station.family is not None and station.family.status.has_suction
     suction = f", {SUCTION[station.recipe.run.safe_suction]}" if has_suction else ""
-    return f'  at end    set every tool to "{station.recipe.safe_state(station.spec.family)}"{suction}, whatever happens'
+    return (
+        "  at end    set every tool to"
+        f' "{station.recipe.safe_state(station.spec.family)}"{suction}, whatever happens'
+    )
 
 
 def _write_text(setting: Setting) -> str:
@@ -150,12 +199,20 @@ def _rate_lines(station: StationPlan) -> list[str]:
         return ["  rate      without pause"]
     tick_ms = 1000 * (demand.fast_s + demand.fast_reads * turnaround)
     given = station.spec.turnaround_ms is not None
-    measured = f"at {turnaround * 1000:g} ms response time" if given else "at 0 ms response time (`run` measures it)"
+    measured = (
+        f"at {turnaround * 1000:g} ms response time"
+        if given
+        else "at 0 ms response time (`run` measures it)"
+    )
     return [
-        f"  rate      {rate_hz:g} Hz: {tick_ms:.1f} of {1000 / rate_hz:.0f} ms a tick, "
-        f"{demand.load(rate_hz, turnaround):.1%} of the link {measured}",
-        f"  fits      up to {1000 * demand.greatest_turnaround_s(rate_hz):.2f} ms response time; "
-        f"highest rate {demand.best_rate_hz(turnaround):g} Hz",
+        (
+            f"  rate      {rate_hz:g} Hz: {tick_ms:.1f} of {1000 / rate_hz:.0f} ms a tick, "
+            f"{demand.load(rate_hz, turnaround):.1%} of the link {measured}"
+        ),
+        (
+            f"  fits      up to {1000 * demand.greatest_turnaround_s(rate_hz):.2f} ms response"
+            f" time; highest rate {demand.best_rate_hz(turnaround):g} Hz"
+        ),
         *_auto_lines(station, demand, rate_hz),
         *_slowest_line(station, demand, rate_hz),
         *_faster_line(station),
@@ -163,10 +220,15 @@ def _rate_lines(station: StationPlan) -> list[str]:
 
 
 def _faster_line(station: StationPlan) -> list[str]:
-    """Return a note on a measured response time of 0, which only a link faster than its line format gives."""
+    """Return a note on a measured response time of 0, which only a link faster than its line format
+    gives.
+    """
     if station.spec.turnaround_ms != 0:
         return []
-    return [f"  reserve   at 0 ms the link may be faster than {station.spec.line_format}, and a higher rate may fit"]
+    return [
+        f"  reserve   at 0 ms the link may be faster than {station.spec.line_format}, and a higher"
+        " rate may fit"
+    ]
 
 
 def _auto_lines(station: StationPlan, demand: Demand, rate_hz: float) -> list[str]:
@@ -178,12 +240,16 @@ def _auto_lines(station: StationPlan, demand: Demand, rate_hz: float) -> list[st
     if station.asked_rate != AS_AUTO:
         return []
     assumed = (
-        "turnaround_ms of the line file" if station.spec.turnaround_ms is not None else "0 ms: the line file has no turnaround_ms"
+        "turnaround_ms of the line file"
+        if station.spec.turnaround_ms is not None
+        else "0 ms: the line file has no turnaround_ms"
     )
     most_ms = 1000 * demand.greatest_turnaround_s(rate_hz, KEPT_BY_AUTO)
     return [
-        f"  auto      the highest of {SOME_RATES} Hz that leaves a fifth of the link free: {rate_hz:g} Hz up to {most_ms:.2f} ms "
-        "response time",
+        (
+            f"  auto      the highest of {SOME_RATES} Hz that leaves a fifth of the link free:"
+            f" {rate_hz:g} Hz up to {most_ms:.2f} ms response time"
+        ),
         f"  assumed   {assumed}; `run` measures the response time, then chooses",
     ]
 
@@ -194,4 +260,7 @@ def _slowest_line(station: StationPlan, demand: Demand, rate_hz: float) -> list[
     if slowest_s is None or slowest_s <= station.turnaround_s:
         return []
     load, best = demand.load(rate_hz, slowest_s), demand.best_rate_hz(slowest_s)
-    return [f"  slowest   {load:.1%} of the link at {1000 * slowest_s:g} ms, the manual's maximum; highest rate {best:g} Hz"]
+    return [
+        f"  slowest   {load:.1%} of the link at {1000 * slowest_s:g} ms, the manual's maximum;"
+        f" highest rate {best:g} Hz"
+    ]

@@ -32,7 +32,16 @@ if TYPE_CHECKING:
 SHOWN = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 RUNNING = "running"  # the outcome of a station that has none yet
 ALSO_SHOWN = (
-    *("station.ready", "link.back", "robot.on", "unit.begin", "unit.again", "unit.finish", "unit.next", "run.goal"),
+    *(
+        "station.ready",
+        "link.back",
+        "robot.on",
+        "unit.begin",
+        "unit.again",
+        "unit.finish",
+        "unit.next",
+        "run.goal",
+    ),
     "alarm.episode.cleared",
 )
 COLUMNS: Final = (
@@ -54,11 +63,16 @@ def event_line(event: EventRow, job: str | None = None) -> str:
     """Return an event as one line: time of day, severity, job of a batch, station, text."""
     text = event.text.removeprefix(f"{event.station}: ")
     of = "" if job is None else f"{job}: "
-    return f"{moment(event.time / 1e6)}  {event.severity.value:8}  {of}{event.station or 'run'}: {text}"
+    return (
+        f"{moment(event.time / 1e6)}  {event.severity.value:8}  {of}{event.station or 'run'}:"
+        f" {text}"
+    )
 
 
 class EventFilter:
-    """Passes the events to show during a run; a safe state only after a report that the tool was not safe."""
+    """Passes the events to show during a run; a safe state only after a report that the tool was
+    not safe.
+    """
 
     def __init__(self) -> None:
         self._unsafe: set[tuple[str | None, int | None]] = set()
@@ -99,7 +113,9 @@ class Lines:
 
 
 class Screen(Lines):
-    """Live table for a terminal, with the events above it. A process beside the run counts the joints (`live.joint_numbers`)."""
+    """Live table for a terminal, with the events above it. A process beside the run counts the
+    joints (`live.joint_numbers`).
+    """
 
     def __init__(self, printer: Printer, duration_s: float | None, known: Metadata | None) -> None:
         super().__init__(printer)
@@ -111,7 +127,9 @@ class Screen(Lines):
         self._joints: JointNumbers | None = None
 
     def begun(self, folder: Path) -> None:
-        self._printer.print(f"recording into {folder}; Ctrl-C ends the run and makes the tools safe")
+        self._printer.print(
+            f"recording into {folder}; Ctrl-C ends the run and makes the tools safe"
+        )
         from jbclog.live.joint_numbers import JointNumbers
 
         self._joints = JointNumbers(folder, SystemClock())
@@ -139,25 +157,39 @@ class Screen(Lines):
         joints = self._joints_of(contexts)
         rows = [cells for context in contexts for cells in _cells(context, joints)]
         title = [span_of(time.monotonic() - self._began, self._duration_s), *map(goal_text, goals)]
-        title += [text for text in (f"order {self._order}" if self._order else "", units_text(self._units)) if text]
-        return fitting_table(" · ".join(title), COLUMNS, rows, self._printer.console.width, joints_notes(joints))
+        title += [
+            text
+            for text in (f"order {self._order}" if self._order else "", units_text(self._units))
+            if text
+        ]
+        return fitting_table(
+            " · ".join(title), COLUMNS, rows, self._printer.console.width, joints_notes(joints)
+        )
 
     def _joints_of(self, contexts: list[SessionContext]) -> dict[Key, Joints]:
         if self._joints is None:
             return {}
         found, rest = self._joints.look(has_ended=False), self._joints.not_counted
-        return {key: found.get(key, rest) for context in contexts for key in ((context.name, port) for port in context.ports)}
+        return {
+            key: found.get(key, rest)
+            for context in contexts
+            for key in ((context.name, port) for port in context.ports)
+        }
 
 
 def goal_text(goal: Goal) -> str:
-    """``3 of 40 units``; ``17 of 200 joints so far``, which is provisional; ``to 200 joints`` before the first count."""
+    """``3 of 40 units``; ``17 of 200 joints so far``, which is provisional; ``to 200 joints``
+    before the first count.
+    """
     if goal.reached is None:
         return f"to {goal.wanted} {goal.what}"
     return f"{goal.reached} of {goal.wanted} {goal.what}{' so far' if goal.what == JOINTS else ''}"
 
 
 def coverage_text(due: int, obtained: int) -> str:
-    """Return the share of the readings due that were obtained: ``99.8 %``. Never rounded up to all of them."""
+    """Return the share of the readings due that were obtained: ``99.8 %``. Never rounded up to all
+    of them.
+    """
     if not due:
         return "unknown"
     return f"{floor(1000 * obtained / due) / 10:.1f} %"
@@ -166,8 +198,8 @@ def coverage_text(due: int, obtained: int) -> str:
 def _cells(context: SessionContext, joints: Mapping[Key, Joints]) -> Iterator[tuple[str, ...]]:
     """Return a row for each port of a recorded station; one row for a station that is not recorded.
 
-    Alarms are counted per station, and stand in its first row. Lost are readings that were due and not obtained. Joints are those
-    that had ended some seconds ago.
+    Alarms are counted per station, and stand in its first row. Lost are readings that were due and
+    not obtained. Joints are those that had ended some seconds ago.
     """
     alarms = str(context.facts.alarms or "")
     if context.facts.outcome != RUNNING or not context.ports:
@@ -188,12 +220,23 @@ def _cells(context: SessionContext, joints: Mapping[Key, Joints]) -> Iterator[tu
         due, obtained = context.count_readings(port.number)
         counts = coverage_text(due, obtained), str(due - obtained or "")
         found = joints_text(joints.get((context.name, port.number)))
-        yield context.name, str(port.number), _tip(context, port), wanted, _status(context, port), alarms, found, *counts
+        yield (
+            context.name,
+            str(port.number),
+            _tip(context, port),
+            wanted,
+            _status(context, port),
+            alarms,
+            found,
+            *counts,
+        )
         alarms = ""
 
 
 def joints_text(joints: Joints | None) -> str:
-    """Return how many joints a port has so far; a dash before the first count, nothing for a tool that makes none."""
+    """Return how many joints a port has so far; a dash before the first count, nothing for a tool
+    that makes none.
+    """
     if joints is None or not joints.is_supported:
         return ""
     if joints.is_awaited:
@@ -202,17 +245,24 @@ def joints_text(joints: Joints | None) -> str:
 
 
 def joints_notes(joints: Mapping[Key, Joints]) -> list[str]:
-    """Return the age of an older count, and why the joints of ports are unknown: one line for each reason."""
+    """Return the age of an older count, and why the joints of ports are unknown: one line for each
+    reason.
+    """
     from jbclog.app.watch.words import joints_age
 
     ports: dict[str, list[str]] = {}
     for (station, port), one in joints.items():
         if one.is_supported and not one.is_awaited and one.why:
             ports.setdefault(one.why, []).append(f"{station} port {port}")
-    ages = {age.strip(" ()") for one in joints.values() if one.is_supported and (age := joints_age(one))}
+    ages = {
+        age.strip(" ()") for one in joints.values() if one.is_supported and (age := joints_age(one))
+    }
     lines = [f"joints unknown, {', '.join(of)}: {why}" for why, of in ports.items()]
     more = (
-        [f"joints of other ports are unknown for {len(lines) - MOST_NOTES} more reasons; `jbclog watch` has them"]
+        [
+            f"joints of other ports are unknown for {len(lines) - MOST_NOTES} more reasons; `jbclog"
+            " watch` has them"
+        ]
         if len(lines) > MOST_NOTES
         else []
     )
@@ -230,20 +280,33 @@ def _status(context: SessionContext, port: PortState) -> str:
     if not context.connected:
         return "disconnected"
     if port.states:  # OMEGA, one word per signal
-        return ", ".join(str(port.states[signal.name][0]) for signal in context.family.signals if signal.name in port.states)
+        return ", ".join(
+            str(port.states[signal.name][0])
+            for signal in context.family.signals
+            if signal.name in port.states
+        )
     if port.status is None:
         return "unknown"
     return context.family.status.state(port.status)
 
 
-def observer(duration_s: float | None, color: Color = Color.AUTO, *, quiet: bool, known: Metadata | None = None) -> Lines:
-    """Return the live table on a terminal, lines elsewhere and with --json. `known`: what was said about the run."""
+def observer(
+    duration_s: float | None,
+    color: Color = Color.AUTO,
+    *,
+    quiet: bool,
+    known: Metadata | None = None,
+) -> Lines:
+    """Return the live table on a terminal, lines elsewhere and with --json. `known`: what was said
+    about the run.
+    """
     printer = Printer(color)
     return Screen(printer, duration_s, known) if is_terminal() and not quiet else Lines(printer)
 
 
-# -- background observer ------------------------------------------------------------------------------------------------------
-# A terminal stopped by Ctrl-S, or a pipe that nobody reads, must not block the run: the guard ends a run that stalls for 2 s.
+# -- background observer ---------------------------------------------------------------------------
+# A terminal stopped by Ctrl-S, or a pipe that nobody reads, must not block the run: the guard ends
+# a run that stalls for 2 s.
 
 STDERR: Final = 2
 WAITING_MOST: Final = 1000  # notifications while stderr blocks; the record has all of them
@@ -254,7 +317,9 @@ Notification = Callable[[], None]
 
 
 class BackgroundObserver:
-    """Forwards the notifications of a run to `observer` in a thread, as soon as stderr accepts text. `close` ends it."""
+    """Forwards the notifications of a run to `observer` in a thread, as soon as stderr accepts
+    text. `close` ends it.
+    """
 
     def __init__(self, observer: Lines) -> None:
         self._observer = observer

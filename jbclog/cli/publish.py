@@ -28,18 +28,25 @@ NICENESS: Final = 10
 
 @reports_errors
 def publish(
-    path: Path = typer.Argument(..., metavar="RUN|DIR", help="Sealed run, or folder of runs.", show_default=False),
-    store: Path = typer.Argument(..., metavar="STORE", help="Folder, network share, or s3://BUCKET/PATH.", show_default=False),
-    follow: bool = typer.Option(False, "--follow", help="Keep publishing what is sealed or annotated in DIR, until Ctrl-C."),
+    path: Path = typer.Argument(
+        ..., metavar="RUN|DIR", help="Sealed run, or folder of runs.", show_default=False
+    ),
+    store: Path = typer.Argument(
+        ..., metavar="STORE", help="Folder, network share, or s3://BUCKET/PATH.", show_default=False
+    ),
+    follow: bool = typer.Option(
+        False, "--follow", help="Keep publishing what is sealed or annotated in DIR, until Ctrl-C."
+    ),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object per run."),
 ) -> None:
     """Publish sealed runs into a plant's store.
 
-    The store is a set of Delta Lake tables, which pandas, DuckDB, Polars and Spark read without jbclog. A run is checked first, and
-    published once and whole: publishing it again changes nothing; after an annotation it adds a version. Several computers may
-    publish at the same time. Refuses a place where one could overwrite another's commit. Credentials of S3 come from the
-    environment (AWS_ACCESS_KEY_ID and others). Exit code 4: a run was refused, or the store is away. With --follow a store that
-    goes away is tried again until it is back.
+    The store is a set of Delta Lake tables, which pandas, DuckDB, Polars and Spark read without
+    jbclog. A run is checked first, and published once and whole: publishing it again changes
+    nothing; after an annotation it adds a version. Several computers may publish at the same time.
+    Refuses a place where one could overwrite another's commit. Credentials of S3 come from the
+    environment (AWS_ACCESS_KEY_ID and others). Exit code 4: a run was refused, or the store is
+    away. With --follow a store that goes away is tried again until it is back.
 
     \b
     Example:
@@ -107,5 +114,10 @@ def _facts(one: Outcome | Skipped) -> dict[str, object]:
     from jbclog.app.publish.folder import Skipped
 
     if isinstance(one, Skipped):
-        return {"run": str(one.folder), "result": "skipped" if one.is_open else "refused", "version": None, "why": str(one)}
+        return {
+            "run": str(one.folder),
+            "result": "skipped" if one.is_open else "refused",
+            "version": None,
+            "why": str(one),
+        }
     return {**asdict(one), "why": None}

@@ -27,19 +27,26 @@ def read(
     ctx: typer.Context,
     station: str = options.STATION_NAMED,
     signal: str | None = typer.Argument(
-        None, metavar="SIGNAL", help="Value; without it, lists the names.", show_default=False, autocompletion=complete_signal
+        None,
+        metavar="SIGNAL",
+        help="Value; without it, lists the names.",
+        show_default=False,
+        autocompletion=complete_signal,
     ),
     line: Path = options.LINE,
     port: int | None = options.PORT,
     tool: int | None = options.TOOL,
     condition: int | None = options.CONDITION,
-    everything: bool = typer.Option(False, "--all", help="Read all values whose reading changes nothing."),
+    everything: bool = typer.Option(
+        False, "--all", help="Read all values whose reading changes nothing."
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Read one value of a station, or all.
 
-    Reads every port without --port, and the connected tool without --tool. Without a name, lists the names with units, ranges and
-    manual. Sends only queries. Refuses a station that a run holds, and names the run.
+    Reads every port without --port, and the connected tool without --tool. Without a name, lists
+    the names with units, ranges and manual. Sends only queries. Refuses a station that a run holds,
+    and names the run.
 
     \b
     Example:
@@ -56,7 +63,11 @@ def read(
         return
     if signal is not None and everything:
         raise UsageError(f"give {signal!r} or --all, not both")
-    seen = _All(asked, access, as_json=as_json) if signal is None else _Named(signal, asked, access, as_json=as_json)
+    seen = (
+        _All(asked, access, as_json=as_json)
+        if signal is None
+        else _Named(signal, asked, access, as_json=as_json)
+    )
     seen.ask(target)
     if seen.failed:
         raise typer.Exit(StartRefused.exit_code)
@@ -139,7 +150,9 @@ class _Named(_Seen):
                 echo(text if self._is_only_one(reading.place) else f"{reading.place}: {text}")
         elif reading.value is None:
             self.failed += 1
-            note(f"error: {contact.name}: {title(reading.command, reading.place)}: {reading.problem}")
+            note(
+                f"error: {contact.name}: {title(reading.command, reading.place)}: {reading.problem}"
+            )
         elif not self._as_json:
             text = shown(reading.value, reading.command, contact.family)
             echo(text if self._is_only_one(reading.place) else f"{reading.place}: {text}")
@@ -147,7 +160,11 @@ class _Named(_Seen):
 
 def _absent_text(reading: ReadResult) -> str:
     """That the station does not have it, which an OMEGA says by silence."""
-    return "unknown to this station (N 00004)" if reading.reason == "nak4" else "unknown to this station (it does not answer it)"
+    return (
+        "unknown to this station (N 00004)"
+        if reading.reason == "nak4"
+        else "unknown to this station (it does not answer it)"
+    )
 
 
 class _All(_Seen):
@@ -159,11 +176,18 @@ class _All(_Seen):
         from jbclog.session.manual.read import only_by_name, read_all
 
         if any(number is not None for number in self.asked):
-            raise UsageError("--all reads every port and the connected tools: omit --port, --tool and --condition")
+            raise UsageError(
+                "--all reads every port and the connected tools: omit --port, --tool and"
+                " --condition"
+            )
         ask(target, read_all(target, self.take), self.access)
         if self._as_json:
             echo_json({"station": target.name, "values": self._facts})
-        left_out = [f"{one.name} ({why_only_by_name(one)})" for one in only_by_name(self._contact.family)] if self._contact else []
+        left_out = (
+            [f"{one.name} ({why_only_by_name(one)})" for one in only_by_name(self._contact.family)]
+            if self._contact
+            else []
+        )
         if left_out:
             note(f"note: read these by name: {', '.join(left_out)}")
 

@@ -18,13 +18,16 @@ if TYPE_CHECKING:
 
 @reports_errors
 def recover(
-    folder: Path = typer.Argument(..., metavar="DIR", help="Run folder, or folder of runs.", show_default=False),
+    folder: Path = typer.Argument(
+        ..., metavar="DIR", help="Run folder, or folder of runs.", show_default=False
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Finish runs that a crash left open.
 
-    Finalizes every committed row and notes in the manifest that the run was lost and what may be missing. Running it again changes
-    nothing. Skips a run in progress. Exit code 5: tools of a run may still be hot.
+    Finalizes every committed row and notes in the manifest that the run was lost and what may be
+    missing. Running it again changes nothing. Skips a run in progress. Exit code 5: tools of a run
+    may still be hot.
 
     \b
     Example:
@@ -54,4 +57,10 @@ def _lines(folder: Path, done: list[Recovery]) -> list[str]:
 
 
 def _facts(one: Recovery) -> dict[str, object]:
-    return {"run": str(one.folder), "outcome": one.outcome.value, "text": one.text, "rows": dict(one.rows), "safe": one.is_safe}
+    return {
+        "run": str(one.folder),
+        "outcome": one.outcome.value,
+        "text": one.text,
+        "rows": dict(one.rows),
+        "safe": one.is_safe,
+    }

@@ -32,28 +32,38 @@ SAME = "decoded tables are equal"
 def replay(
     run: Path = options.RUN,
     folder: Path | None = typer.Option(
-        None, "--dir", metavar="DIR", help=f"Folder for ports and line file.  [default: {SERVED_IN}]"
+        None,
+        "--dir",
+        metavar="DIR",
+        help=f"Folder for ports and line file.  [default: {SERVED_IN}]",
     ),
-    tcp: str | None = typer.Option(None, metavar="HOST:PORT", help="First TCP port; one port per station."),
-    out: Path | None = typer.Option(None, "--record", metavar="DIR", help="Reproduce the run at once below DIR and compare."),
+    tcp: str | None = typer.Option(
+        None, metavar="HOST:PORT", help="First TCP port; one port per station."
+    ),
+    out: Path | None = typer.Option(
+        None, "--record", metavar="DIR", help="Reproduce the run at once below DIR and compare."
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Replay a run recorded with --wire, or reproduce it.
 
-    Serves virtual stations that answer with the recorded bytes after the recorded time, including corrupt, late and missing
-    answers and lost links. A station gives no answer from after a recorded write until that write comes. A repeated query gets the
-    previous answer; the end shows how many. DIR/line.toml is the line file for `run`: its path is the first line of stdout; the
+    Serves virtual stations that answer with the recorded bytes after the recorded time, including
+    corrupt, late and missing answers and lost links. A station gives no answer from after a
+    recorded write until that write comes. A repeated query gets the previous answer; the end shows
+    how many. DIR/line.toml is the line file for `run`: its path is the first line of stdout; the
     command that records the run again is printed on stderr.
 
-    A run recorded from served stations has the same settings, counters, kinds of events and fast signals on each tick. These may
-    differ: times, how late a tick was and how long its scan took; the row of a slow reading, which is taken when the link is free;
-    and, with corrupt, late or lost answers, the few ticks that such a reading delays. With --rate max the number of
-    rows may differ.
+    A run recorded from served stations has the same settings, counters, kinds of events and fast
+    signals on each tick. These may
+    differ: times, how late a tick was and how long its scan took; the row of a slow reading, which
+    is taken when the link is free; and, with corrupt, late or lost answers, the few ticks that such
+    a reading delays. With --rate max the number of rows may differ.
 
-    --record uses no ports and does not wait: it reproduces the samples, events, settings and counters of all stations to the last
-    row, except when rows were written and the recorder's own events, and prints how many rows were compared. Exit code 1: a
-    difference, nothing compared, or captures that hold less than a run that was not cut off. The last line of stdout is the new
-    run folder.
+    --record uses no ports and does not wait: it reproduces the samples, events, settings and
+    counters of all stations to the last row, except when rows were written and the recorder's own
+    events, and prints how many rows were compared. Exit code 1: a difference, nothing compared, or
+    captures that hold less than a run that was not cut off. The last line of stdout is the new run
+    folder.
 
     \b
     Example:
@@ -77,7 +87,7 @@ def replay(
         raise typer.Exit(_record(recording, out, doubts, as_json=as_json))
 
 
-# -- serve ----------------------------------------------------------------------------------------------------------------------
+# -- serve -----------------------------------------------------------------------------------------
 
 
 def _serve(recording: Recording, folder: Path, tcp: str | None) -> None:
@@ -92,7 +102,10 @@ def _serve(recording: Recording, folder: Path, tcp: str | None) -> None:
     server.stop_on_signals()
     echo(str(folder / SERVED_LINE))
     count = len(stations)
-    note(f"{count} recorded station{' is' if count == 1 else 's are'} ready; stop with Ctrl-C. In another terminal:")
+    note(
+        f"{count} recorded station{' is' if count == 1 else 's are'} ready; stop with Ctrl-C. In"
+        " another terminal:"
+    )
     note(f"  {shlex.join(_command(recording, folder / SERVED_LINE))}")
     server.run()
     for station in stations:
@@ -100,31 +113,61 @@ def _serve(recording: Recording, folder: Path, tcp: str | None) -> None:
 
 
 def _command(recording: Recording, line: Path) -> list[str]:
-    """Return the command that repeats the run. The line file holds its rates, as far as they are known."""
+    """Return the command that repeats the run. The line file holds its rates, as far as they are
+    known.
+    """
     from jbclog.app.replay import plan_of
 
     plan, metadata = plan_of(recording), recording.metadata
     rate = None if recording.rates_hz else recording.first.rate
     options = [("--rate", f"{rate:g}" if isinstance(rate, float) else rate)]
-    options += [("--duration", None if recording.sampled_s is None else f"{recording.sampled_s:g}s")]
-    options += [("--operator", metadata.operator), ("--order", metadata.order), ("--product", metadata.product)]
-    options += [("--unit", unit) for unit in metadata.units] + [("--tag", f"{name}={text}") for name, text in metadata.tags.items()]
-    options += [("--wire-lot", lot) for lot in metadata.wire_lots] + [("--flux-lot", lot) for lot in metadata.flux_lots]
+    options += [
+        ("--duration", None if recording.sampled_s is None else f"{recording.sampled_s:g}s")
+    ]
+    options += [
+        ("--operator", metadata.operator),
+        ("--order", metadata.order),
+        ("--product", metadata.product),
+    ]
+    options += [("--unit", unit) for unit in metadata.units] + [
+        ("--tag", f"{name}={text}") for name, text in metadata.tags.items()
+    ]
+    options += [("--wire-lot", lot) for lot in metadata.wire_lots] + [
+        ("--flux-lot", lot) for lot in metadata.flux_lots
+    ]
     options += [("--tip", tip) for tip in metadata.tips]
-    words = ["jbclog", "run", "--line", str(line), *(word for name, text in options if text for word in (name, text))]
-    return words + ["--allow-omega-write"] * plan.wanted.allow_omega_write + ["--allow-missing"] * plan.wanted.allow_missing
+    words = [
+        "jbclog",
+        "run",
+        "--line",
+        str(line),
+        *(word for name, text in options if text for word in (name, text)),
+    ]
+    return (
+        words
+        + ["--allow-omega-write"] * plan.wanted.allow_omega_write
+        + ["--allow-missing"] * plan.wanted.allow_missing
+    )
 
 
 def _print_misses(station: ReplayedStation) -> None:
     if station.strange:
-        note(f"{station.name}: {station.strange} queries are not in the recording and got no answer")
+        note(
+            f"{station.name}: {station.strange} queries are not in the recording and got no answer"
+        )
     if again := sum(station.repeated.values()):
-        note(f"{station.name}: {again} queries came more often than recorded and got the previous answer")
+        note(
+            f"{station.name}: {again} queries came more often than recorded and got the previous"
+            " answer"
+        )
     if station.left_out:
-        note(f"{station.name}: {station.left_out} recorded queries did not come; their answers were skipped")
+        note(
+            f"{station.name}: {station.left_out} recorded queries did not come; their answers were"
+            " skipped"
+        )
 
 
-# -- reproduce ------------------------------------------------------------------------------------------------------------------
+# -- reproduce -------------------------------------------------------------------------------------
 
 
 class _Silent:
@@ -146,7 +189,14 @@ def _record(recording: Recording, out: Path, doubts: Sequence[str], *, as_json: 
     held = compare(recording, again)
     left = [_astray_text(name, astray, recording) for name, astray in again.left.items()]
     if as_json:
-        echo_json({"run": str(again.result.folder), **_held_json(held), "left": left, "doubts": list(doubts)})
+        echo_json(
+            {
+                "run": str(again.result.folder),
+                **_held_json(held),
+                "left": left,
+                "doubts": list(doubts),
+            }
+        )
     else:
         _print(again, held, left)
     return 0 if held is not None and held.is_same and not doubts else 1
@@ -155,8 +205,15 @@ def _record(recording: Recording, out: Path, doubts: Sequence[str], *, as_json: 
 def _held_json(held: Held | None) -> dict[str, object]:
     if held is None:
         return {"same": False, "differences": None, "compared": None, "uncompared": [UNSEALED]}
-    compared = {table: {"rows": rows, "recorded": recorded} for table, (rows, recorded) in held.counts.items()}
-    found = {"differences": held.comparison.differences, "compared": compared, "uncompared": held.uncompared}
+    compared = {
+        table: {"rows": rows, "recorded": recorded}
+        for table, (rows, recorded) in held.counts.items()
+    }
+    found = {
+        "differences": held.comparison.differences,
+        "compared": compared,
+        "uncompared": held.uncompared,
+    }
     return {"same": held.is_same, **found}
 
 
@@ -182,7 +239,11 @@ def _print_held(held: Held) -> None:
     elif differences:
         note(f"{len(differences)} differences")
     else:
-        note("not proven: the captures hold less than the run" if held.uncompared else "not proven: a session left its recording")
+        note(
+            "not proven: the captures hold less than the run"
+            if held.uncompared
+            else "not proven: a session left its recording"
+        )
 
 
 def _astray_text(name: str, astray: Divergence, recording: Recording) -> str:

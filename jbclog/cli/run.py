@@ -44,51 +44,92 @@ def run(
         help="Serials, one per line, from a barcode reader (-), pipe or file.",
         show_default=False,
     ),
-    wire_lot: list[str] = typer.Option([], metavar="LOT", help="Lot of the solder wire; repeatable."),
+    wire_lot: list[str] = typer.Option(
+        [], metavar="LOT", help="Lot of the solder wire; repeatable."
+    ),
     flux_lot: list[str] = typer.Option([], metavar="LOT", help="Lot of the flux; repeatable."),
-    tip: list[str] = typer.Option([], metavar="[STATION[:PORT]=]ID", help="Tip of all tools, one station or one port; repeatable."),
-    tag: list[str] = typer.Option([], metavar="NAME=VALUE", help="Tag stored with the run; repeatable."),
-    wire: bool = typer.Option(False, "--wire", help="Record a serial capture, for `jbclog replay`."),
+    tip: list[str] = typer.Option(
+        [],
+        metavar="[STATION[:PORT]=]ID",
+        help="Tip of all tools, one station or one port; repeatable.",
+    ),
+    tag: list[str] = typer.Option(
+        [], metavar="NAME=VALUE", help="Tag stored with the run; repeatable."
+    ),
+    wire: bool = typer.Option(
+        False, "--wire", help="Record a serial capture, for `jbclog replay`."
+    ),
     no_guard: bool = typer.Option(False, "--no-guard", help="Run without the guard process."),
     allow_omega_write: bool = options.ALLOW_OMEGA_WRITE,
-    allow_missing: bool = typer.Option(False, "--allow-missing", help="Start without stations that are missing or refuse."),
-    report: bool = typer.Option(False, "--report", help="Write the report at the end, as `jbclog report` does."),
+    allow_missing: bool = typer.Option(
+        False, "--allow-missing", help="Start without stations that are missing or refuse."
+    ),
+    report: bool = typer.Option(
+        False, "--report", help="Write the report at the end, as `jbclog report` does."
+    ),
     color: Color = options.COLOR,
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Apply a recipe, confirm every setting, and record.
 
-    Starts all stations together, or none: reads and checks each, writes what cannot heat, then setpoints and status, and reads
-    every setting back. Ctrl-C ends the run, puts the tools in their safe state and closes the record. The last line of stdout is
-    the run folder. The lines of a regular --units file are units from the start; other sources are read during the run.
+    Starts all stations together, or none: reads and checks each, writes what cannot heat, then
+    setpoints and status, and reads every setting back. Ctrl-C ends the run, puts the tools in their
+    safe state and closes the record. The last line of stdout is the run folder. The lines of a
+    regular --units file are units from the start; other sources are read during the run.
 
-    --until-units and --until-joints end the run at that number, --duration at the latest; exit code 1: the run ends with fewer.
+    --until-units and --until-joints end the run at that number, --duration at the latest; exit code
+    1: the run ends with fewer.
 
     \b
     Example:
       jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --duration 15m --operator "A. Rossi" --order 88123
-    """
+    """  # noqa: E501  # a command is copied as one line
     never_wait()
-    several = {"--unit": [*unit, *listed(units)], "--tag": tag, "--wire-lot": wire_lot, "--flux-lot": flux_lot, "--tip": tip}
+    several = {
+        "--unit": [*unit, *listed(units)],
+        "--tag": tag,
+        "--wire-lot": wire_lot,
+        "--flux-lot": flux_lot,
+        "--tip": tip,
+    }
     said = options.metadata(operator, order, product, several)
     source = source_of(units)
     said = replace(said, reads_units=source is not None)
-    wanted = options.wanted(line, recipe, stations, duration, rate, said, allow_omega_write=allow_omega_write)
+    wanted = options.wanted(
+        line, recipe, stations, duration, rate, said, allow_omega_write=allow_omega_write
+    )
     wanted = replace(
-        wanted, allow_missing=allow_missing, wire=wire, guard=not no_guard, until_units=until_units, until_joints=until_joints
+        wanted,
+        allow_missing=allow_missing,
+        wire=wire,
+        guard=not no_guard,
+        until_units=until_units,
+        until_joints=until_joints,
     )
     raise typer.Exit(record(wanted, out, source, color, report=report, as_json=as_json))
 
 
-def record(wanted: RunOptions, out: Path, units: LineSource | None, color: Color, *, report: bool, as_json: bool) -> int:
+def record(
+    wanted: RunOptions,
+    out: Path,
+    units: LineSource | None,
+    color: Color,
+    *,
+    report: bool,
+    as_json: bool,
+) -> int:
     """Run the job, print its result and return its exit code."""
     from jbclog.app.run.runner import Job, carry_out
     from jbclog.cli.progress import BackgroundObserver, observer
 
-    shown = BackgroundObserver(observer(wanted.duration_s, color, quiet=as_json, known=wanted.metadata))
+    shown = BackgroundObserver(
+        observer(wanted.duration_s, color, quiet=as_json, known=wanted.metadata)
+    )
     try:
         with without_echo(units):
-            result = carry_out(Job(wanted, out), shown, units=units, missed=shown.missed, planned=_print_notes)
+            result = carry_out(
+                Job(wanted, out), shown, units=units, missed=shown.missed, planned=_print_notes
+            )
     finally:
         shown.close()
     page = _report(result) if report else None
@@ -111,10 +152,15 @@ def _print_notes(plan: Plan) -> None:
 
 
 def _print(result: Result, page: Path | None) -> None:
-    """Print a line for each station with findings, and three for the verdict; the report has the rest."""
+    """Print a line for each station with findings, and three for the verdict; the report has the
+    rest.
+    """
     for text in _finding_lines(result):
         note(text)
-    note(f"verdict: {result.manifest.verdict}; exit code {result.exit_code.value}{_first_reason(result)}")
+    note(
+        f"verdict: {result.manifest.verdict}; exit code"
+        f" {result.exit_code.value}{_first_reason(result)}"
+    )
     note(tools_text(result.manifest.stations))
     note(f"report: {page}" if page else f"Next: jbclog report {result.folder}")
     echo(str(result.folder))
@@ -128,14 +174,22 @@ def _finding_lines(result: Result) -> list[str]:
         if finding.text == VERDICT_FINDING.format(result.manifest.verdict):
             continue  # has a line of its own
         name = next((name for name in names if finding.text.startswith(f"{name}: ")), finding.text)
-        text = finding.text.removeprefix(f"{name}: ") if name in lines else f"exit {finding.code.value}: {finding.text}"
+        text = (
+            finding.text.removeprefix(f"{name}: ")
+            if name in lines
+            else f"exit {finding.code.value}: {finding.text}"
+        )
         lines[name] = f"{lines[name]}; {text}" if name in lines else text
     return list(lines.values())
 
 
 def _first_reason(result: Result) -> str:
-    """Return the most severe reason of the verdict, and the number of the others; nothing where another finding explains it."""
-    reasons = verdict_reasons(result.manifest.verdict_rules) if result.exit_code is Exit.NOT_FINE else []
+    """Return the most severe reason of the verdict, and the number of the others; nothing where
+    another finding explains it.
+    """
+    reasons = (
+        verdict_reasons(result.manifest.verdict_rules) if result.exit_code is Exit.NOT_FINE else []
+    )
     if not reasons:
         return ""
     return f". {reasons[0]}{f', and {len(reasons) - 1} more' if len(reasons) > 1 else ''}"
@@ -147,21 +201,25 @@ def _facts(result: Result) -> dict[str, object]:
         "run": str(result.folder),
         "verdict": manifest.verdict,
         "exit_code": result.exit_code.value,
-        "findings": [{"code": one.code.value, "text": one.text} for one in in_order(result.findings)],
+        "findings": [
+            {"code": one.code.value, "text": one.text} for one in in_order(result.findings)
+        ],
         "rules": [rule for rule in manifest.verdict_rules if rule["result"] != "pass"],
         "goals": [asdict(goal) for goal in manifest.goals],
         "safe_state": {facts.name: facts.safe_state for facts in manifest.stations},
     }
 
 
-# -- units ------------------------------------------------------------------------------------------------------------------
+# -- units -----------------------------------------------------------------------------------------
 
 LONGEST_LIST: Final = 1_000_000  # bytes of a plain file
 KEYBOARD: Final = 0
 
 
 def listed(name: str | None) -> list[str]:
-    """Return the serials of a regular file; none for a source that is read during the run. Raises `UsageError`."""
+    """Return the serials of a regular file; none for a source that is read during the run. Raises
+    `UsageError`.
+    """
     from jbclog.transport.typed_lines import is_plain_file, lines_of_file
 
     if name is None or not is_plain_file(name):
@@ -172,7 +230,9 @@ def listed(name: str | None) -> list[str]:
 def _serial(name: str, line: TypedLine) -> str:
     """Return the serial. Raises `UsageError` if it is too long or holds hidden characters."""
     if not line.is_clear or not line.is_whole:
-        raise UsageError(f"--units {name}: {line.text:.60}: not a serial (too long, or hidden characters)")
+        raise UsageError(
+            f"--units {name}: {line.text:.60}: not a serial (too long, or hidden characters)"
+        )
     check_text(f"--units {name}", line.text)
     return line.text
 
@@ -186,8 +246,16 @@ def source_of(name: str | None) -> LineSource | None:
 
 @contextmanager
 def without_echo(source: LineSource | None) -> Iterator[None]:
-    """Switch the terminal's echo off, so that the input of a barcode reader does not spoil the live table."""
-    if source is None or source.name != "stdin" or not source.is_typed or not is_terminal() or not _is_ours():
+    """Switch the terminal's echo off, so that the input of a barcode reader does not spoil the live
+    table.
+    """
+    if (
+        source is None
+        or source.name != "stdin"
+        or not source.is_typed
+        or not is_terminal()
+        or not _is_ours()
+    ):
         yield
         return
     import termios
@@ -204,14 +272,16 @@ def without_echo(source: LineSource | None) -> Iterator[None]:
 
 
 def _is_ours() -> bool:
-    """Return whether this program is in the foreground; the system stops a background one that changes the terminal."""
+    """Return whether this program is in the foreground; the system stops a background one that
+    changes the terminal.
+    """
     try:
         return os.tcgetpgrp(KEYBOARD) == os.getpgrp()
     except OSError:
         return False
 
 
-# -- reasons of a verdict -----------------------------------------------------------------------------------------------------
+# -- reasons of a verdict --------------------------------------------------------------------------
 
 MOST_SEVERE_FIRST = ("fail", "missing", "deviation")
 
@@ -220,7 +290,9 @@ RuleFacts = dict[str, object]
 
 
 def verdict_reasons(rules: Iterable[RuleFacts]) -> list[str]:
-    """Return each failed or missing rule's sentence once, with its places and rule names, most severe first."""
+    """Return each failed or missing rule's sentence once, with its places and rule names, most
+    severe first.
+    """
     broken = sorted((rule for rule in rules if rule["result"] in MOST_SEVERE_FIRST), key=_severity)
     same: dict[tuple[str, str], list[RuleFacts]] = {}
     for rule in broken:

@@ -20,18 +20,34 @@ from jbclog.core.text import shortened
 if TYPE_CHECKING:
     from jbclog.record.find_runs import Found, Unreadable
 
-MOST_TEXT: Final = 300  # characters of what was given at a start, which has at most 200; --json has all
+# characters of what was given at a start, which has at most 200; --json has all
+MOST_TEXT: Final = 300
 WIDEST: Final = 30  # of a column on a terminal, in characters
-HEADS: Final = ("started", "line", "recipe", "operator", "order", "product", "units", "verdict", "state", "run")
+HEADS: Final = (
+    "started",
+    "line",
+    "recipe",
+    "operator",
+    "order",
+    "product",
+    "units",
+    "verdict",
+    "state",
+    "run",
+)
 NOTHING: Final = "-"
-VERDICTS: Final = ("ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED")  # judge.Verdict, which loads slowly
+# judge.Verdict, which loads slowly
+VERDICTS: Final = ("ACCEPT", "ACCEPT WITH DEVIATIONS", "REJECT", "INCONCLUSIVE", "NOT JUDGED")
 STATES: Final = ("running", "crashed", "ended", "cut short", "ended with error", "recovered")
-OLD_STATES: Final = ("sealed", "success", "aborted", "failed", "lost")  # of the manifest, which release 1 showed
+# of the manifest, which release 1 showed
+OLD_STATES: Final = ("sealed", "success", "aborted", "failed", "lost")
 
 
 @reports_errors
 def runs(
-    folder: Path = typer.Argument(Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store."),
+    folder: Path = typer.Argument(
+        Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store."
+    ),
     operator: str | None = typer.Option(None, metavar="NAME", help="Operator."),
     order: str | None = typer.Option(None, metavar="NUMBER", help="Work order."),
     product: str | None = typer.Option(None, metavar="NAME", help="Product."),
@@ -39,25 +55,37 @@ def runs(
     wire_lot: str | None = typer.Option(None, metavar="LOT", help="Lot of the solder wire."),
     flux_lot: str | None = typer.Option(None, metavar="LOT", help="Lot of the flux."),
     tip: str | None = typer.Option(None, metavar="ID", help="Tip."),
-    tag: list[str] = typer.Option([], metavar="NAME=VALUE", help="Tag stored with the run; repeatable."),
+    tag: list[str] = typer.Option(
+        [], metavar="NAME=VALUE", help="Tag stored with the run; repeatable."
+    ),
     recipe: str | None = typer.Option(None, metavar="NAME[@REVISION]", help="Recipe name."),
     line: str | None = typer.Option(None, metavar="NAME", help="Line name."),
     station: str | None = typer.Option(None, metavar="NAME", help="Station name."),
-    verdict: str | None = typer.Option(None, metavar="VERDICT", help="Verdict: ACCEPT, REJECT, ..."),
-    state: str | None = typer.Option(
-        None, metavar="STATE", help="running, crashed, ended, cut short, ended with error, recovered."
+    verdict: str | None = typer.Option(
+        None, metavar="VERDICT", help="Verdict: ACCEPT, REJECT, ..."
     ),
-    since: str | None = typer.Option(None, metavar="TIME", help="Earliest start: 2026-11-21 or 2026-11-21T08:00, UTC."),
-    until: str | None = typer.Option(None, metavar="TIME", help="Latest start, UTC; a day is included."),
+    state: str | None = typer.Option(
+        None,
+        metavar="STATE",
+        help="running, crashed, ended, cut short, ended with error, recovered.",
+    ),
+    since: str | None = typer.Option(
+        None, metavar="TIME", help="Earliest start: 2026-11-21 or 2026-11-21T08:00, UTC."
+    ),
+    until: str | None = typer.Option(
+        None, metavar="TIME", help="Latest start, UTC; a day is included."
+    ),
     no_cache: bool = options.NO_CACHE,
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object per run."),
 ) -> None:
     """Find runs by operator, order, unit, time, verdict and more.
 
-    The state shows how a run ended, whatever its verdict: ended (as planned), cut short (by a signal before its planned end),
-    ended with error (a station, the record or a safe state), recovered (after a crash).
+    The state shows how a run ended, whatever its verdict: ended (as planned), cut short (by a
+    signal before its planned end), ended with error (a station, the record or a safe state),
+    recovered (after a crash).
 
-    A text must match completely; `*` matches any characters. Finds serials read during a run once it is sealed.
+    A text must match completely; `*` matches any characters. Finds serials read during a run once
+    it is sealed.
 
     \b
     Example:
@@ -100,25 +128,42 @@ def runs(
         _print(those, folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
 
 
-def _expect_word(option: str, text: str | None, words: Sequence[str], more: Sequence[str] = ()) -> None:
+def _expect_word(
+    option: str, text: str | None, words: Sequence[str], more: Sequence[str] = ()
+) -> None:
     """Raise `UsageError` for an unknown word: an empty result would look like a good one."""
     if text is not None and "*" not in text and text not in (*words, *more):
         raise UsageError(f"{option} {text}: must be one of {', '.join(words)}")
 
 
 def moment(option: str, text: str | None, *, is_end: bool = False) -> datetime | None:
-    """Return a day or time, UTC without a zone; with `is_end` a day means its end. Raises `UsageError`."""
+    """Return a day or time, UTC without a zone; with `is_end` a day means its end. Raises
+    `UsageError`.
+    """
     if text is None:
         return None
     try:
         found = datetime.fromisoformat(text.strip())
         found = found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
-        return found + timedelta(days=1) if is_end and len(text.strip()) <= len("2026-11-21") else found
+        return (
+            found + timedelta(days=1)
+            if is_end and len(text.strip()) <= len("2026-11-21")
+            else found
+        )
     except (ValueError, OverflowError):
-        raise UsageError(f"{option} {text}: give a day such as 2026-11-21, or a time such as 2026-11-21T08:00") from None
+        raise UsageError(
+            f"{option} {text}: give a day such as 2026-11-21, or a time such as 2026-11-21T08:00"
+        ) from None
 
 
-def _print(those: Iterable[Found | Unreadable], folder: Path, *, unit: str | None, is_sought: bool, as_json: bool) -> None:
+def _print(
+    those: Iterable[Found | Unreadable],
+    folder: Path,
+    *,
+    unit: str | None,
+    is_sought: bool,
+    as_json: bool,
+) -> None:
     from jbclog.record.find_runs import Found
 
     found: list[Found] = []
@@ -139,15 +184,32 @@ def _print(those: Iterable[Found | Unreadable], folder: Path, *, unit: str | Non
 
 def facts(run: Found) -> dict[str, object]:
     """Return a run as JSON data; `run` is its folder."""
-    known = {one.name: getattr(run, one.name) for one in fields(run) if one.name not in ("folder", "manifest_sha256")}
+    known = {
+        one.name: getattr(run, one.name)
+        for one in fields(run)
+        if one.name not in ("folder", "manifest_sha256")
+    }
     return {"run": str(run.folder), **known, "shown_state": run.shown_state}
 
 
 def cells(run: Found, unit: str | None = None) -> tuple[str, ...]:
     """Return a run as a row of the table, with the unit that was searched for."""
     started = (run.started or NOTHING)[:16].replace("T", " ")
-    texts = (run.line, ", ".join(run.recipes), run.operator, run.order, run.product, several(run.units, unit), run.verdict)
-    return (started, *(shortened(text or NOTHING, MOST_TEXT) for text in texts), run.shown_state, str(run.folder))
+    texts = (
+        run.line,
+        ", ".join(run.recipes),
+        run.operator,
+        run.order,
+        run.product,
+        several(run.units, unit),
+        run.verdict,
+    )
+    return (
+        started,
+        *(shortened(text or NOTHING, MOST_TEXT) for text in texts),
+        run.shown_state,
+        str(run.folder),
+    )
 
 
 def several(texts: Sequence[str], sought: str | None = None) -> str:

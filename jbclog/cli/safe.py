@@ -19,25 +19,43 @@ if TYPE_CHECKING:
 
 COLD_C = 60.0
 NOT_COLD = 1  # exit code
-ORDERED = {"stand": "set to stand", "extractor": "set to extractor", "cooling": "set to cool", "off": "switched off"}
-ALREADY = {"stand": "already in stand", "sleep": "already asleep", "hibernation": "already in hibernation"}
+ORDERED = {
+    "stand": "set to stand",
+    "extractor": "set to extractor",
+    "cooling": "set to cool",
+    "off": "switched off",
+}
+ALREADY = {
+    "stand": "already in stand",
+    "sleep": "already asleep",
+    "hibernation": "already in hibernation",
+}
 
 
 @reports_errors
 def safe(
     ctx: typer.Context,
     line: Path = options.LINE,
-    wait: bool = typer.Option(False, "--wait", help="Wait until every tool is below --below, 30 min at most."),
+    wait: bool = typer.Option(
+        False, "--wait", help="Wait until every tool is below --below, 30 min at most."
+    ),
     below: float | None = typer.Option(
-        None, "--below", metavar="C", min=1, max=600, help="Temperature limit of --wait, °C; default: 60.", show_default=False
+        None,
+        "--below",
+        metavar="C",
+        min=1,
+        max=600,
+        help="Temperature limit of --wait, °C; default: 60.",
+        show_default=False,
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Put every tool of a line in its safe state, now.
 
-    Ends a run that holds the line, by force after 3 s. Then stops the feeders, sets each tool to its safe state and reads it back;
-    leaves a resting tool as it is. Safe is not cold: prints each tool's temperature and when it goes to sleep. Exit code 5: a tool
-    is not confirmed safe; 1: with --wait, a tool is not known to be below the limit after 30 min.
+    Ends a run that holds the line, by force after 3 s. Then stops the feeders, sets each tool to
+    its safe state and reads it back; leaves a resting tool as it is. Safe is not cold: prints each
+    tool's temperature and when it goes to sleep. Exit code 5: a tool is not confirmed safe; 1: with
+    --wait, a tool is not known to be below the limit after 30 min.
 
     \b
     Example:
@@ -81,13 +99,17 @@ def safe(
 
 
 def _exit_code(stations: list[StationMadeSafe]) -> int:
-    """Return 5 if a tool is not confirmed safe, else 1 if one is not known to be below the limit."""
+    """Return 5 if a tool is not confirmed safe, else 1 if one is not known to be below the
+    limit.
+    """
     if not all(made.is_safe for made in stations):
         return Unsafe.exit_code
     return NOT_COLD if any(tool.is_cold is False for made in stations for tool in made.tools) else 0
 
 
-def _print_wait(stations: list[StationMadeSafe], limit_c: float, waited_s: float, *, as_json: bool) -> None:
+def _print_wait(
+    stations: list[StationMadeSafe], limit_c: float, waited_s: float, *, as_json: bool
+) -> None:
     """Print for each tool whether it is below the limit."""
     from jbclog.session.manual.safe import duration
 
@@ -95,17 +117,30 @@ def _print_wait(stations: list[StationMadeSafe], limit_c: float, waited_s: float
         for tool in made.tools:
             place, celsius = f"{made.target.name} port {tool.port}", _celsius(tool)
             if not tool.is_cold:
-                last = "" if tool.temperature_c is not None or tool.last_c is None else f" (last read {tool.last_c:g} °C)"
-                note(f"error: {place}: {celsius}{last}, not known to be below {limit_c:g} °C after {duration(waited_s)}")
+                last = (
+                    ""
+                    if tool.temperature_c is not None or tool.last_c is None
+                    else f" (last read {tool.last_c:g} °C)"
+                )
+                note(
+                    f"error: {place}: {celsius}{last}, not known to be below {limit_c:g} °C after"
+                    f" {duration(waited_s)}"
+                )
             elif not as_json:
-                echo(f"{place} ({tool.tool or 'tool unknown'}): {celsius}, below {limit_c:g} °C after {duration(waited_s)}")
+                echo(
+                    f"{place} ({tool.tool or 'tool unknown'}): {celsius}, below {limit_c:g} °C"
+                    f" after {duration(waited_s)}"
+                )
 
 
 def lines(made: StationMadeSafe) -> list[str]:
     """Return the result of a station, a line per tool."""
     name = made.target.name
     found = [f"{name}: feeder {made.feeder}"] if made.feeder else []
-    found += [f"{name} port {tool.port} ({tool.tool or 'tool unknown'}): {_state(tool)}" for tool in made.tools]
+    found += [
+        f"{name} port {tool.port} ({tool.tool or 'tool unknown'}): {_state(tool)}"
+        for tool in made.tools
+    ]
     found += [f"{name} port {port}: no tool" for port in made.empty]
     if not found and made.family is not None and made.problem:
         return [f"{name}: NOT SAFE, no safe state, temperature not known"]
@@ -117,7 +152,9 @@ def _state(tool: MadeSafe) -> str:
     if tool.state is None:
         return f"NOT SAFE, {_celsius(tool)}"
     parts = ["NOT SAFE"] if not tool.is_safe else []
-    parts.append(ALREADY.get(tool.state, f"already in {tool.state}") if tool.rested else _ordered(tool))
+    parts.append(
+        ALREADY.get(tool.state, f"already in {tool.state}") if tool.rested else _ordered(tool)
+    )
     parts.append(_celsius(tool))
     if tool.state.startswith("extractor"):
         parts.append("cold or cooling")
@@ -143,7 +180,9 @@ def troubles(made: StationMadeSafe) -> list[str]:
     found = [f"{name}: {made.problem}"] if made.problem else []
     if made.feeder == "running":
         found.append(f"{name}: feeder not stopped; switch the station off")
-    return found + [f"{name} port {tool.port}: {tool.problem}" for tool in made.tools if tool.problem]
+    return found + [
+        f"{name} port {tool.port}: {tool.problem}" for tool in made.tools if tool.problem
+    ]
 
 
 def _facts(runs: list[EndedRun], stations: list[StationMadeSafe], code: int) -> dict[str, object]:

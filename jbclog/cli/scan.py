@@ -19,10 +19,12 @@ if TYPE_CHECKING:
     from jbclog.core.serial_line import LineFormat
     from jbclog.session.discovery.found import PortReport, ScanPlan, StationFound, Turnaround
 
-# -- result -------------------------------------------------------------------------------------------------------------------
+# -- result ----------------------------------------------------------------------------------------
 
 NOT_PROVEN = "not known until the first write"
-NO_PORTS = "no USB serial port found: plug the adapter in, or name the port: `jbclog scan /dev/ttyS0`"
+NO_PORTS = (
+    "no USB serial port found: plug the adapter in, or name the port: `jbclog scan /dev/ttyS0`"
+)
 
 
 def print_progress(report: PortReport, *, quiet: bool) -> None:
@@ -35,7 +37,13 @@ def _title(report: PortReport) -> str:
         return "no station" if report.tried else "not scanned"
     found = report.station
     family = f"family {found.family.name}" if found.family else "unknown family"
-    return f"{found.model}, {family}" if found.model else family if found.family else "a station that reports no model"
+    return (
+        f"{found.model}, {family}"
+        if found.model
+        else family
+        if found.family
+        else "a station that reports no model"
+    )
 
 
 def print_no_ports(*, as_json: bool) -> None:
@@ -60,7 +68,10 @@ def print_found(reports: list[PortReport], wanted: Path | None, written: Path | 
         if is_complete(reports):
             echo(f"written: {written}. Next: jbclog plan RECIPE --line {written}")
         else:
-            echo(f"written: {written}, no station active yet: enter the family and remove the # before its lines.")
+            echo(
+                f"written: {written}, no station active yet: enter the family and remove the #"
+                " before its lines."
+            )
 
 
 def _lines(report: PortReport) -> Iterator[str]:
@@ -140,7 +151,11 @@ def facts_of(reports: list[PortReport], written: Path | None) -> dict[str, objec
         for data, lines in _sent(reports).items()
         for line, count in lines.items()
     ]
-    return {"ports": [_port_facts(report) for report in reports], "sent": sent, "written": str(written) if written else None}
+    return {
+        "ports": [_port_facts(report) for report in reports],
+        "sent": sent,
+        "written": str(written) if written else None,
+    }
 
 
 def _port_facts(report: PortReport) -> dict[str, object]:
@@ -149,7 +164,10 @@ def _port_facts(report: PortReport) -> dict[str, object]:
     return {
         "url": report.url,
         "station": _station_facts(report.station) if report.station else None,
-        "findings": [{"kind": one.kind, "where": one.where, "what": one.what, "step": one.step} for one in diagnose(report)],
+        "findings": [
+            {"kind": one.kind, "where": one.where, "what": one.what, "step": one.step}
+            for one in diagnose(report)
+        ],
         "tried": [str(line) for line in report.tried],
         "untried": [str(line) for line in report.untried],
         "garbage": {str(line): data.hex() for line, data in report.garbage.items()},
@@ -172,16 +190,18 @@ def _station_facts(found: StationFound) -> dict[str, object]:
         "refusal": found.refusal,
         "error": found.error,
         "tools": {str(port): tool for port, tool in found.tools.items()},
-        "turnaround_ms": {"median": turnaround.median_ms, "p99": turnaround.p99_ms, "n": turnaround.answered}
-        if turnaround
-        else None,
+        "turnaround_ms": (
+            {"median": turnaround.median_ms, "p99": turnaround.p99_ms, "n": turnaround.answered}
+            if turnaround
+            else None
+        ),
         "faster_link": turnaround.faster if turnaround else None,
         "trouble": found.trouble,
         "not_taken": list(found.not_answered),
     }
 
 
-# -- scan ---------------------------------------------------------------------------------------------------------------------
+# -- scan ------------------------------------------------------------------------------------------
 
 _ADDRESSES = re.compile(r"(\d{1,2})(?:-(\d{1,2}))?", re.ASCII)
 
@@ -190,24 +210,38 @@ _ADDRESSES = re.compile(r"(\d{1,2})(?:-(\d{1,2}))?", re.ASCII)
 def scan(
     ctx: typer.Context,
     urls: list[str] = typer.Argument(
-        None, metavar="URL", help="Device, socket://HOST:PORT or rfc2217://HOST:PORT; default: USB serial ports."
+        None,
+        metavar="URL",
+        help="Device, socket://HOST:PORT or rfc2217://HOST:PORT; default: USB serial ports.",
     ),
-    write: Path | None = typer.Option(None, "--write", "-w", metavar="FILE", help="Line file to write."),
+    write: Path | None = typer.Option(
+        None, "--write", "-w", metavar="FILE", help="Line file to write."
+    ),
     force: bool = typer.Option(False, "--force", help="Overwrite the file of --write."),
-    thorough: bool = typer.Option(False, "--thorough", help="Try all 72 line formats of the older stations."),
+    thorough: bool = typer.Option(
+        False, "--thorough", help="Try all 72 line formats of the older stations."
+    ),
     addresses: str | None = typer.Option(
-        None, metavar="LIST", help="More addresses, such as 2,5 or 1-99; default: 1, none, 10.", show_default=False
+        None,
+        metavar="LIST",
+        help="More addresses, such as 2,5 or 1-99; default: 1, none, 10.",
+        show_default=False,
     ),
     seconds: float | None = typer.Option(
-        None, min=0.5, max=3600, metavar="S", help="Time limit per port, in seconds.", show_default=False
+        None,
+        min=0.5,
+        max=3600,
+        metavar="S",
+        help="Time limit per port, in seconds.",
+        show_default=False,
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Find stations and their link settings.
 
-    Tries the usual baud rates, formats and addresses, and the OMEGA protocol. Sends only queries that change and clear nothing, and
-    lists them at the end. Skips ports in use. Exit code 1: a named port has no station that jbclog can drive, or no station was
-    found.
+    Tries the usual baud rates, formats and addresses, and the OMEGA protocol. Sends only queries
+    that change and clear nothing, and lists them at the end. Skips ports in use. Exit code 1: a
+    named port has no station that jbclog can drive, or no station was found.
 
     \b
     Example:
@@ -221,8 +255,13 @@ def scan(
     if not wanted:
         print_no_ports(as_json=as_json)
         raise typer.Exit(1)
-    note(f"scanning {count_of(len(wanted), 'port')}, {max(plan.seconds for _, plan in wanted):.0f} s each at most")
-    reports = search(wanted, lambda report: print_progress(report, quiet=as_json), options.port_access(ctx))
+    note(
+        f"scanning {count_of(len(wanted), 'port')}, {max(plan.seconds for _, plan in wanted):.0f} s"
+        " each at most"
+    )
+    reports = search(
+        wanted, lambda report: print_progress(report, quiet=as_json), options.port_access(ctx)
+    )
     written = _write(write, reports)
     if as_json:
         echo_json(facts_of(reports, written))
@@ -232,7 +271,7 @@ def scan(
         raise typer.Exit(1)
 
 
-# -- options ----------------------------------------------------------------------------------------------------------------
+# -- options ---------------------------------------------------------------------------------------
 
 
 def _ports(urls: list[str] | None) -> list[str]:
@@ -246,12 +285,17 @@ def _ports(urls: list[str] | None) -> list[str]:
     for url in urls:
         problem = url_problem(url)
         if problem:
-            raise UsageError(f"{problem}. A port is a device such as /dev/ttyUSB0, socket://HOST:PORT or rfc2217://HOST:PORT")
+            raise UsageError(
+                f"{problem}. A port is a device such as /dev/ttyUSB0, socket://HOST:PORT or"
+                " rfc2217://HOST:PORT"
+            )
         known.setdefault(os.path.realpath(url) if is_path(url) else url, url)
     return list(known.values())
 
 
-def _plan(url: str, addresses: tuple[int | None, ...], *, thorough: bool, seconds: float | None) -> ScanPlan:
+def _plan(
+    url: str, addresses: tuple[int | None, ...], *, thorough: bool, seconds: float | None
+) -> ScanPlan:
     from jbclog.session.discovery.found import plan_for
 
     return plan_for(url, thorough=thorough, addresses=addresses, limit_s=seconds)

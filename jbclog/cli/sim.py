@@ -18,15 +18,23 @@ if TYPE_CHECKING:
 @reports_errors
 def sim(
     line: Path = typer.Argument(..., metavar="LINE", help="Line file.", show_default=False),
-    folder: Path = typer.Option(Path("virtual"), "--dir", metavar="DIR", help="Folder for ports and line file."),
-    tcp: str | None = typer.Option(None, metavar="HOST:PORT", help="First TCP port; one port per station."),
-    no_joints: bool = typer.Option(False, "--no-joints", help="Let the tips rest, for example to try `jbclog verify`."),
-    log: Path | None = typer.Option(None, metavar="FILE", help="Log of every query and answer (JSON lines)."),
+    folder: Path = typer.Option(
+        Path("virtual"), "--dir", metavar="DIR", help="Folder for ports and line file."
+    ),
+    tcp: str | None = typer.Option(
+        None, metavar="HOST:PORT", help="First TCP port; one port per station."
+    ),
+    no_joints: bool = typer.Option(
+        False, "--no-joints", help="Let the tips rest, for example to try `jbclog verify`."
+    ),
+    log: Path | None = typer.Option(
+        None, metavar="FILE", help="Log of every query and answer (JSON lines)."
+    ),
 ) -> None:
     """Serve a line's stations as virtual ones, until Ctrl-C.
 
-    Creates a port below DIR for each station, and DIR/line.toml, the line file for `plan` and `run`; its path is the first line of
-    stdout. Never touches absolute device paths in LINE.
+    Creates a port below DIR for each station, and DIR/line.toml, the line file for `plan` and
+    `run`; its path is the first line of stdout. Never touches absolute device paths in LINE.
 
     \b
     Example:
@@ -42,7 +50,11 @@ def sim(
     served = folder / SERVED_LINE
     echo(str(served))
     note(f"{_count(len(loaded.stations))} ready; stop with Ctrl-C. In another terminal:")
-    recipe = "" if all(station.recipe for station in loaded.stations) else "profiles/recipes/sn100c-tht.toml "
+    recipe = (
+        ""
+        if all(station.recipe for station in loaded.stations)
+        else "profiles/recipes/sn100c-tht.toml "
+    )
     note(f"  jbclog run {recipe}--line {served} --duration 60s")
     server.run()
     wire_file.close()
@@ -57,7 +69,9 @@ def _wire_file(log: Path | None) -> ByteLog:
     try:
         return ByteLog(log)
     except (OSError, ValueError) as error:
-        raise UsageError(f"--log {log}: cannot write: {getattr(error, 'strerror', None) or error}") from error
+        raise UsageError(
+            f"--log {log}: cannot write: {getattr(error, 'strerror', None) or error}"
+        ) from error
 
 
 def _count(stations: int) -> str:

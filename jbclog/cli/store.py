@@ -21,19 +21,29 @@ WORDS = ("check", "compact", "vacuum")
 
 @reports_errors
 def store(
-    word: str = typer.Argument(..., metavar="check|compact|vacuum", help="What to do.", show_default=False),
-    store: Path = typer.Argument(..., metavar="STORE", help="Folder, network share, or s3://BUCKET/PATH.", show_default=False),
-    older_than: str = typer.Option(
-        "24h", "--older-than", metavar="TIME", help="check: age from which an interrupted publisher's rows are removed."
+    word: str = typer.Argument(
+        ..., metavar="check|compact|vacuum", help="What to do.", show_default=False
     ),
-    days: float = typer.Option(7.0, "--days", metavar="N", help="vacuum: keep files of the last N days, 7 or more."),
+    store: Path = typer.Argument(
+        ..., metavar="STORE", help="Folder, network share, or s3://BUCKET/PATH.", show_default=False
+    ),
+    older_than: str = typer.Option(
+        "24h",
+        "--older-than",
+        metavar="TIME",
+        help="check: age from which an interrupted publisher's rows are removed.",
+    ),
+    days: float = typer.Option(
+        7.0, "--days", metavar="N", help="vacuum: keep files of the last N days, 7 or more."
+    ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Check a plant's store, join its small files, or free space.
 
-    `check` compares each run's rows and each file with what was published, and removes rows that interrupted publishers left,
-    unless a publisher is at work; exit code 1: damage. `compact` joins small files, also beside publishers. `vacuum` deletes files
-    that no version of the last days needs; it is refused below seven days, and beside a publisher.
+    `check` compares each run's rows and each file with what was published, and removes rows that
+    interrupted publishers left, unless a publisher is at work; exit code 1: damage. `compact` joins
+    small files, also beside publishers. `vacuum` deletes files that no version of the last days
+    needs; it is refused below seven days, and beside a publisher.
 
     \b
     Example:
@@ -74,7 +84,11 @@ def _check(place: Place, older_than: timedelta, *, as_json: bool) -> None:
         note(*found.notes, *found.leftovers, *(f"removed: {text}" for text in found.removed))
         for text in found.findings:
             echo(text)
-        result = f"{len(found.findings)} finding{'s' * (len(found.findings) > 1)}" if found.findings else "no differences"
+        result = (
+            f"{len(found.findings)} finding{'s' * (len(found.findings) > 1)}"
+            if found.findings
+            else "no differences"
+        )
         echo(f"{place}: {result} ({found.runs} run{'s' * (found.runs != 1)})")
     if found.findings:
         raise typer.Exit(1)
@@ -85,12 +99,22 @@ def _compact(place: Place, *, as_json: bool) -> None:
 
     found = compact(place)
     if as_json:
-        echo_json({"store": str(place), "tables": {name: {"replaced": old, "by": new} for name, (old, new) in found.items()}})
+        echo_json(
+            {
+                "store": str(place),
+                "tables": {
+                    name: {"replaced": old, "by": new} for name, (old, new) in found.items()
+                },
+            }
+        )
         return
     for name, (old, new) in found.items():
         if old:
             echo(f"{name}: {old} files joined into {new}")
-    echo(f"{place}: {sum(old for old, _ in found.values())} files joined; `jbclog store vacuum` deletes them after seven days")
+    echo(
+        f"{place}: {sum(old for old, _ in found.values())} files joined; `jbclog store vacuum`"
+        " deletes them after seven days"
+    )
 
 
 def _vacuum(place: Place, days: float, *, as_json: bool) -> None:

@@ -1,7 +1,7 @@
 """The standard streams: open from the start, and non-blocking while a tool is hot.
 
-A caller may have closed a stream or use a locale without °C. A serial port must never get the number of a closed stream, or every
-note would be sent to the station.
+A caller may have closed a stream or use a locale without °C. A serial port must never get the
+number of a closed stream, or every note would be sent to the station.
 """
 
 from __future__ import annotations
@@ -19,13 +19,15 @@ from typing import IO, TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
-# -- streams ------------------------------------------------------------------------------------------------------------------
+# -- streams ---------------------------------------------------------------------------------------
 
 _NUMBERS: Final = (0, 1, 2)
 
 
 def make_usable() -> None:
-    """Open the null device for each closed stream; write characters that cannot be encoded as escapes."""
+    """Open the null device for each closed stream; write characters that cannot be encoded as
+    escapes.
+    """
     for number in _NUMBERS:
         _open_null_at(number)
     sys.stdin = sys.stdin or open(0, encoding="utf-8", closefd=False)  # noqa: SIM115  # it is the program's, to its end
@@ -60,9 +62,11 @@ def _open_null_at(number: int) -> None:
         os.set_inheritable(number, True)
 
 
-# -- non-blocking output ------------------------------------------------------------------------------------------------------
-# A terminal stopped by Ctrl-S, or a pipe without a reader, must not block a verb that holds hot tools. Such a verb calls
-# `never_wait`: a thread writes its output. What is not accepted within `END_S` after the end is lost; the record has it all.
+# -- non-blocking output ---------------------------------------------------------------------------
+# A terminal stopped by Ctrl-S, or a pipe without a reader, must not block a verb that holds hot
+# tools. Such a verb calls
+# `never_wait`: a thread writes its output. What is not accepted within `END_S` after the end is
+# lost; the record has it all.
 
 WAITING_MOST: Final = 1 << 20  # bytes
 PIECE: Final = 512
@@ -72,8 +76,9 @@ END_S: Final = 2.0
 class NonblockingOutput(io.RawIOBase):
     """Write to `descriptor` in a thread. `write` never blocks; `settle` does, for `END_S` in all.
 
-    Streams that lead to the same terminal or file share one object, so that their texts keep their order: a live table on stderr
-    would else be erased after data was written to stdout, and take the data with it.
+    Streams that lead to the same terminal or file share one object, so that their texts keep their
+    order: a live table on stderr would else be erased after data was written to stdout, and take
+    the data with it.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -139,7 +144,9 @@ def _write(descriptor: int, data: bytes) -> bool:
 
 
 def never_wait() -> None:
-    """Make stdout and stderr non-blocking from now on. Leaves streams without a descriptor as they are."""
+    """Make stdout and stderr non-blocking from now on. Leaves streams without a descriptor as they
+    are.
+    """
     made: list[NonblockingOutput] = []
     for name, descriptor in (("stdout", 1), ("stderr", 2)):
         stream = getattr(sys, name)

@@ -1,4 +1,6 @@
-"""What a terminal shows of time and severity: local time with its zone, and colours. Files and pipes get UTC, and no colour."""
+"""What a terminal shows of time and severity: local time with its zone, and colours. Files and
+pipes get UTC, and no colour.
+"""
 
 from __future__ import annotations
 
@@ -25,11 +27,18 @@ def console(color: Color) -> Console:
     from rich.console import Console
 
     plain = color is Color.NEVER or (color is Color.AUTO and bool(os.environ.get("NO_COLOR")))
-    return Console(stderr=True, highlight=False, no_color=plain, force_terminal=True if color is Color.ALWAYS else None)
+    return Console(
+        stderr=True,
+        highlight=False,
+        no_color=plain,
+        force_terminal=True if color is Color.ALWAYS else None,
+    )
 
 
 class Printer:
-    """Prints lines on stderr, in the colour of their severity where there are colours; wraps them on a terminal."""
+    """Prints lines on stderr, in the colour of their severity where there are colours; wraps them
+    on a terminal.
+    """
 
     def __init__(self, color: Color) -> None:
         self.console = console(color)
@@ -47,13 +56,21 @@ def started_live(console: Console) -> Live:
     """Return a started live display that leaves stdout alone: that is for data."""
     from rich.live import Live
 
-    live = Live(console=console, auto_refresh=False, transient=True, redirect_stdout=False, redirect_stderr=False)
+    live = Live(
+        console=console,
+        auto_refresh=False,
+        transient=True,
+        redirect_stdout=False,
+        redirect_stderr=False,
+    )
     live.start()
     return live
 
 
 class Column(NamedTuple):
-    """A column of a live table. On a narrow terminal columns go in the order of `dropped`; those without it stay."""
+    """A column of a live table. On a narrow terminal columns go in the order of `dropped`; those
+    without it stay.
+    """
 
     name: str
     is_number: bool = False
@@ -61,9 +78,15 @@ class Column(NamedTuple):
 
 
 def fitting_table(
-    title: str, columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int, notes: Sequence[str] = ()
+    title: str,
+    columns: Sequence[Column],
+    rows: Sequence[Sequence[str]],
+    width: int,
+    notes: Sequence[str] = (),
 ) -> Group:
-    """Return the title, the table with as many of its columns as fit into `width` cells, and the notes below it."""
+    """Return the title, the table with as many of its columns as fit into `width` cells, and the
+    notes below it.
+    """
     from rich.console import Group
     from rich.table import Table
     from rich.text import Text
@@ -80,18 +103,29 @@ def fitting_table(
 def fitting(
     columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int, *, gap: int = 3
 ) -> tuple[Sequence[Column], Sequence[Sequence[str]]]:
-    """Return the columns that fit into `width` cells, and the rows without the others. `gap`: blanks and lines of a column."""
+    """Return the columns that fit into `width` cells, and the rows without the others. `gap`:
+    blanks and lines of a column.
+    """
     shown = _fitting(columns, rows, width, gap)
     places = [columns.index(column) for column in shown]
     return shown, [[row[place] for place in places] for row in rows]
 
 
-def _fitting(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int, gap: int) -> list[Column]:
+def _fitting(
+    columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int, gap: int
+) -> list[Column]:
     from rich.cells import cell_len
 
-    needs = {one: gap + max(map(cell_len, (one.name, *(row[at] for row in rows)))) for at, one in enumerate(columns)}
-    empty = {one for at, one in enumerate(columns) if not any(row[at] for row in rows)}  # these go before all others
-    first_out = sorted((one for one in columns if one.dropped is not None), key=lambda one: (one not in empty, one.dropped or 0))
+    needs = {
+        one: gap + max(map(cell_len, (one.name, *(row[at] for row in rows))))
+        for at, one in enumerate(columns)
+    }
+    # these go before all others
+    empty = {one for at, one in enumerate(columns) if not any(row[at] for row in rows)}
+    first_out = sorted(
+        (one for one in columns if one.dropped is not None),
+        key=lambda one: (one not in empty, one.dropped or 0),
+    )
     left = list(columns)
     while first_out and sum(needs[one] for one in left) > width:
         left.remove(first_out.pop(0))
@@ -115,8 +149,13 @@ def span(passed_s: float) -> str:
 
 
 def span_of(passed_s: float, duration_s: float | None) -> str:
-    """Return how much of a duration has passed, and what is left: ``12 s of 20 s, 8 s left``. Never more than all of it."""
+    """Return how much of a duration has passed, and what is left: ``12 s of 20 s, 8 s left``. Never
+    more than all of it.
+    """
     if duration_s is None:
         return span(passed_s)
     left_s = duration_s - passed_s
-    return f"{span(min(passed_s, duration_s))} of {span(duration_s)}, {f'{span(left_s)} left' if left_s > 0.5 else 'ending'}"
+    return (
+        f"{span(min(passed_s, duration_s))} of {span(duration_s)},"
+        f" {f'{span(left_s)} left' if left_s > 0.5 else 'ending'}"
+    )

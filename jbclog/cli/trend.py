@@ -23,10 +23,18 @@ PICTURES = (".png", ".svg", ".pdf")
 
 @reports_errors
 def trend(
-    folder: Path = typer.Argument(Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store."),
-    metric: str = typer.Option("idle_error_c", "--metric", "-m", metavar="NAME", help="Metric; `list` shows all."),
-    station: str | None = typer.Option(None, "--station", "-s", metavar="NAME", help="Station; default: all."),
-    port: int | None = typer.Option(None, "--port", "-p", min=1, max=4, metavar="N", help="Port number; default: all."),
+    folder: Path = typer.Argument(
+        Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store."
+    ),
+    metric: str = typer.Option(
+        "idle_error_c", "--metric", "-m", metavar="NAME", help="Metric; `list` shows all."
+    ),
+    station: str | None = typer.Option(
+        None, "--station", "-s", metavar="NAME", help="Station; default: all."
+    ),
+    port: int | None = typer.Option(
+        None, "--port", "-p", min=1, max=4, metavar="N", help="Port number; default: all."
+    ),
     lower: float | None = typer.Option(None, metavar="VALUE", help="Lower specification limit."),
     upper: float | None = typer.Option(None, metavar="VALUE", help="Upper specification limit."),
     line: str | None = typer.Option(None, metavar="NAME", help="Line name."),
@@ -34,9 +42,15 @@ def trend(
     product: str | None = typer.Option(None, metavar="NAME", help="Product."),
     order: str | None = typer.Option(None, metavar="NUMBER", help="Work order."),
     since: str | None = typer.Option(None, metavar="TIME", help="Earliest start: 2026-11-21, UTC."),
-    until: str | None = typer.Option(None, metavar="TIME", help="Latest start, UTC; a day is included."),
-    plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."),
-    html: Path | None = typer.Option(None, "--html", metavar="FILE", help="HTML page with chart and table."),
+    until: str | None = typer.Option(
+        None, metavar="TIME", help="Latest start, UTC; a day is included."
+    ),
+    plot: Path | None = typer.Option(
+        None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."
+    ),
+    html: Path | None = typer.Option(
+        None, "--html", metavar="FILE", help="HTML page with chart and table."
+    ),
     scheduler: str | None = typer.Option(
         None, metavar="ADDRESS", help="Dask scheduler, whose workers read a store: tcp://HOST:8786."
     ),
@@ -45,9 +59,10 @@ def trend(
 ) -> None:
     """Show a metric over many runs: control chart, capability.
 
-    Takes one value per run and port. Control limits require 20 runs, capability 30 and a specification limit. Refuses a figure, and
-    gives the reason, if the values are too few, autocorrelated, not resolved or not stable. The figures describe the record; none
-    proves that a joint is good.
+    Takes one value per run and port. Control limits require 20 runs, capability 30 and a
+    specification limit. Refuses a figure, and gives the reason, if the values are too few,
+    autocorrelated, not resolved or not stable. The figures describe the record; none proves that a
+    joint is good.
 
     \b
     Example:
@@ -74,7 +89,13 @@ def trend(
 
 
 def _runs(
-    folder: Path, line: str | None, recipe: str | None, product: str | None, order: str | None, since: str | None, until: str | None
+    folder: Path,
+    line: str | None,
+    recipe: str | None,
+    product: str | None,
+    order: str | None,
+    since: str | None,
+    until: str | None,
 ) -> Runs:
     from jbclog.analysis.opening import open_runs
     from jbclog.cli.runs import moment
@@ -82,7 +103,9 @@ def _runs(
     if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
     begin, end = moment("--since", since), moment("--until", until, is_end=True)
-    return open_runs(folder, line=line, recipe=recipe, product=product, order=order, since=begin, until=end)
+    return open_runs(
+        folder, line=line, recipe=recipe, product=product, order=order, since=begin, until=end
+    )
 
 
 def _expect_picture(plot: Path | None) -> None:
@@ -97,7 +120,10 @@ def _list(*, as_json: bool) -> None:
     if as_json:
         echo_json({"metrics": rows})
         return
-    echo_table(("metric", "unit", "definition"), [(row["metric"], row["unit"], row["definition"]) for row in rows])
+    echo_table(
+        ("metric", "unit", "definition"),
+        [(row["metric"], row["unit"], row["definition"]) for row in rows],
+    )
 
 
 def _print(found: list[Trend], runs: Runs, metric: str, *, as_json: bool) -> None:
@@ -107,7 +133,13 @@ def _print(found: list[Trend], runs: Runs, metric: str, *, as_json: bool) -> Non
     if as_json:
         body = [exact_figures(facts(one)) for one in found]
         echo_json(
-            {"folder": str(runs.folder), "runs": len(runs), "metric": metric, "definition": metric_text(metric), "trends": body}
+            {
+                "folder": str(runs.folder),
+                "runs": len(runs),
+                "metric": metric,
+                "definition": metric_text(metric),
+                "trends": body,
+            }
         )
         return
     for one in found:
@@ -116,7 +148,14 @@ def _print(found: list[Trend], runs: Runs, metric: str, *, as_json: bool) -> Non
     note(f"{metric}: {metric_text(metric)}" if found else f"{runs.folder}: no run has {metric}")
 
 
-def _draw(found: list[Trend], metric: str, lower: float | None, upper: float | None, plot: Path | None, html: Path | None) -> None:
+def _draw(
+    found: list[Trend],
+    metric: str,
+    lower: float | None,
+    upper: float | None,
+    plot: Path | None,
+    html: Path | None,
+) -> None:
     from jbclog.analysis.plots import trend_figure
     from jbclog.analysis.trend_words import page
 
@@ -127,7 +166,9 @@ def _draw(found: list[Trend], metric: str, lower: float | None, upper: float | N
         if html is not None:
             html.write_text(page(found, metric, figure), encoding="utf-8")
     except OSError as error:
-        raise RecordError(f"{plot if html is None else html} cannot write: {error.strerror or error}") from error
+        raise RecordError(
+            f"{plot if html is None else html} cannot write: {error.strerror or error}"
+        ) from error
     for path in (plot, html):
         if path is not None:
             note(f"written: {path}")

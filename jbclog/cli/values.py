@@ -37,7 +37,11 @@ def plain(value: Value | None, command: Command, family: Family) -> object:
 def reading_facts(contact: Contact, reading: ReadResult, time: str) -> dict[str, object]:
     """Return a reading as JSON data; a `value` of null has a `reason`."""
     command, place, value = reading.command, reading.place, reading.value
-    facts: dict[str, object] = {"station": contact.name, "command": command.name, **place_facts(place)}
+    facts: dict[str, object] = {
+        "station": contact.name,
+        "command": command.name,
+        **place_facts(place),
+    }
     facts |= {
         "value": plain(value, command, contact.family),
         "unit": command.unit,
@@ -46,7 +50,11 @@ def reading_facts(contact: Contact, reading: ReadResult, time: str) -> dict[str,
         "manual": command.manual,
         "time": time,
     }
-    return facts if value is not None else facts | {"reason": reading.reason, "problem": reading.problem}
+    return (
+        facts
+        if value is not None
+        else facts | {"reason": reading.reason, "problem": reading.problem}
+    )
 
 
 def place_facts(place: Place) -> dict[str, object]:
@@ -57,25 +65,37 @@ def place_facts(place: Place) -> dict[str, object]:
 def list_rows(family: Family, kind: CommandFilter) -> list[tuple[str, ...]]:
     """Return the names of a family as rows of `HEADS`."""
     return [
-        (entry.name, entry.unit or "-", entry.scope, "; ".join(filter(None, (entry.values, entry.remark))) or "-", entry.manual)
+        (
+            entry.name,
+            entry.unit or "-",
+            entry.scope,
+            "; ".join(filter(None, (entry.values, entry.remark))) or "-",
+            entry.manual,
+        )
         for entry in entries(family, kind)
     ]
 
 
 def list_facts(name: str, family: Family, kind: CommandFilter) -> dict[str, object]:
     """Return the names of a family as JSON data."""
-    return {"station": name, "family": family.name, "names": [_entry_facts(entry) for entry in entries(family, kind)]}
+    return {
+        "station": name,
+        "family": family.name,
+        "names": [_entry_facts(entry) for entry in entries(family, kind)],
+    }
 
 
 def _entry_facts(entry: NameEntry) -> dict[str, object]:
     return dict(entry._asdict())
 
 
-# -- names --------------------------------------------------------------------------------------------------------------------
+# -- names -----------------------------------------------------------------------------------------
 
 
 def print_names(target: Target, kind: CommandFilter, access: PortAccess, *, as_json: bool) -> None:
-    """Print every name of `kind` that the station has; identifies a station of family "auto" first."""
+    """Print every name of `kind` that the station has; identifies a station of family "auto"
+    first.
+    """
     family = target.family or ask(target, open_contact(target), access).family
     if as_json:
         echo_json(list_facts(target.name, family, kind))
@@ -86,18 +106,28 @@ def print_names(target: Target, kind: CommandFilter, access: PortAccess, *, as_j
 
 def _heading(target: Target, family: Family) -> str:
     ports = target.ports or family.ports
-    known = "all ports that answer" if ports is None else f"port{'s' if len(ports) > 1 else ''} {', '.join(map(str, ports))}"
+    known = (
+        "all ports that answer"
+        if ports is None
+        else f"port{'s' if len(ports) > 1 else ''} {', '.join(map(str, ports))}"
+    )
     return f"{target.name}: {family.title}, {known}"
 
 
-# -- result of a write --------------------------------------------------------------------------------------------------------
+# -- result of a write -----------------------------------------------------------------------------
 
 FINE: Final = 0
 
 
 def call(verb: str, target: Target, change: WriteRequest, line: Path) -> str:
     """Return the command line for a change at the same station and place."""
-    words = ["jbclog", verb, target.name, change.name, *([change.text] if change.text is not None else [])]
+    words = [
+        "jbclog",
+        verb,
+        target.name,
+        change.name,
+        *([change.text] if change.text is not None else []),
+    ]
     for name in ("port", "tool"):
         number = getattr(change.place, name)
         words += [f"--{name}", str(number)] if number is not None else []
@@ -105,11 +135,17 @@ def call(verb: str, target: Target, change: WriteRequest, line: Path) -> str:
 
 
 def exit_code(written: WriteResult) -> int:
-    """Return 5 if an order to rest or to stop a motor is not confirmed, else 3 if the write is not."""
+    """Return 5 if an order to rest or to stop a motor is not confirmed, else 3 if the write is
+    not.
+    """
     if written.is_fine:
         return FINE
     contact = _contact(written)
-    return Unsafe.exit_code if written.is_sent and is_order_to_rest(contact, written) else StartRefused.exit_code
+    return (
+        Unsafe.exit_code
+        if written.is_sent and is_order_to_rest(contact, written)
+        else StartRefused.exit_code
+    )
 
 
 def _contact(written: WriteResult) -> Contact:
@@ -129,7 +165,10 @@ def result(written: WriteResult) -> str:
     if outcome == WriteOutcome.UNCHANGED:
         return f"{name}: already {_text(written, written.value)}; nothing sent"
     if outcome == WriteOutcome.CONFIRMED:
-        return f"{name}: {_done(written)}, {'read back' if _is_to_cool(written) else 'confirmed'}{_before(written)}"
+        return (
+            f"{name}: {_done(written)},"
+            f" {'read back' if _is_to_cool(written) else 'confirmed'}{_before(written)}"
+        )
     if outcome in (WriteOutcome.MISMATCH, WriteOutcome.REFUSED, WriteOutcome.UNCONFIRMED):
         requested = "" if is_order(command) else f"requested {_text(written, written.value)}, "
         sent = "sent, not confirmed: " if outcome == WriteOutcome.UNCONFIRMED else ""
@@ -141,21 +180,31 @@ def result(written: WriteResult) -> str:
 
 
 def _is_to_cool(written: WriteResult) -> bool:
-    """Return whether a soldering tool was set to extractor: the status shows the order, not that the tool cools."""
+    """Return whether a soldering tool was set to extractor: the status shows the order, not that
+    the tool cools.
+    """
     contact, word = _contact(written), written.readback
     is_status = _command(written) is contact.family.command_of("status")
-    return is_status and contact.family.status.tens_rests and isinstance(word, tuple) and bool(word[3])
+    return (
+        is_status and contact.family.status.tens_rests and isinstance(word, tuple) and bool(word[3])
+    )
 
 
 def _done(written: WriteResult) -> str:
-    """Return the value now. After an order to rest, the tool may already be asleep when it is read back."""
+    """Return the value now. After an order to rest, the tool may already be asleep when it is read
+    back.
+    """
     if written.readback is None:
         return "done" if is_order(_command(written)) else _text(written, written.value)
     return _text(written, written.readback)
 
 
 def _left_open(written: WriteResult) -> str:
-    return f"feeding is {written.readback}" if written.readback is not None else "it cannot be read back"
+    return (
+        f"feeding is {written.readback}"
+        if written.readback is not None
+        else "it cannot be read back"
+    )
 
 
 def _text(written: WriteResult, value: Value | None) -> str:
@@ -172,11 +221,18 @@ def notes(written: WriteResult, target: Target, change: WriteRequest, line: Path
     """Return what the user has to know or do next."""
     command = _command(written)
     contact = _contact(written)
-    if written.value is not None and (text := inferred_note(command, written.value, contact.family.manual)) is not None:
+    if (
+        written.value is not None
+        and (text := inferred_note(command, written.value, contact.family.manual)) is not None
+    ):
         yield f"{command.name}: {text}"
     if written.at_work:
         yield _unattended(written, target, line)
-    if written.outcome == WriteOutcome.CONFIRMED and command.name == "status" and written.readback != written.value:
+    if (
+        written.outcome == WriteOutcome.CONFIRMED
+        and command.name == "status"
+        and written.readback != written.value
+    ):
         yield _changed_state(written)
     if written.outcome == WriteOutcome.CONFIRMED and _is_to_cool(written):
         yield _cooling_not_seen(written, target, line)
@@ -189,12 +245,18 @@ def notes(written: WriteResult, target: Target, change: WriteRequest, line: Path
     if command.name == "restart" and written.is_fine:
         yield "volatile settings are lost; check the selected temperatures with `jbclog read`"
     if command.name == "factory_reset" and written.is_fine:
-        yield "the previous settings are in the file named above; they are not restored automatically"
+        yield (
+            "the previous settings are in the file named above; they are not restored automatically"
+        )
 
 
 def _unattended(written: WriteResult, target: Target, line: Path) -> str:
     """Warn that a tool or feeder keeps working: a station has no watchdog."""
-    contact, place, surely = _contact(written), written.place, "" if written.is_fine else " or may be"
+    contact, place, surely = (
+        _contact(written),
+        written.place,
+        "" if written.is_fine else " or may be",
+    )
     if place.port is None:
         stop = call("write", target, WriteRequest("stop_feeding", None, place), line)
         return f"the feeder is{surely} running unattended. To stop it: {stop}"
@@ -211,18 +273,31 @@ def _unattended(written: WriteResult, target: Target, line: Path) -> str:
 
 
 def _cooling_not_seen(written: WriteResult, target: Target, line: Path) -> str:
-    """Warn that the tool may still heat: a station without an extractor may accept and show the order all the same."""
+    """Warn that the tool may still heat: a station without an extractor may accept and show the
+    order all the same.
+    """
     contact, place = _contact(written), written.place
     stand = call("write", target, WriteRequest("status", "stand", place), line)
     shows = contact.family.command_of("temperature_c")
-    look = "" if shows is None else f"Check with `{call('read', target, WriteRequest(shows.name, None, place), line)}`. "
-    return f"the station shows the order, but may keep heating the tool in port {place.port}. {look}If it does not cool: {stand}"
+    look = (
+        ""
+        if shows is None
+        else f"Check with `{call('read', target, WriteRequest(shows.name, None, place), line)}`. "
+    )
+    return (
+        f"the station shows the order, but may keep heating the tool in port {place.port}. {look}If"
+        f" it does not cool: {stand}"
+    )
 
 
 def _changed_state(written: WriteResult) -> str:
     """Explain why a state other than the ordered one was read back and is correct."""
     asked, found = _text(written, written.value), _text(written, written.readback)
-    has_cooled = not _contact(written).family.status.tens_rests and "cooling" in asked and "cooling" not in found
+    has_cooled = (
+        not _contact(written).family.status.tens_rests
+        and "cooling" in asked
+        and "cooling" not in found
+    )
     why = "the tool has already cooled down" if has_cooled else "the station changed it by itself"
     return f"ordered {asked}, read back {found}: {why}"
 

@@ -28,18 +28,31 @@ SHORTEST: Final = 16  # characters of a token
 
 @reports_errors
 def watch(
-    path: Path = typer.Argument(Path("runs"), metavar="RUN|DIR", help="A run, or a folder of runs: its newest one."),
+    path: Path = typer.Argument(
+        Path("runs"), metavar="RUN|DIR", help="A run, or a folder of runs: its newest one."
+    ),
     web: bool = typer.Option(False, "--web", help="Serve a page instead of using the terminal."),
-    port: int = typer.Option(8765, metavar="PORT", min=0, max=65535, help="TCP port of the page; 0 takes a free one."),
-    address: str = typer.Option("127.0.0.1", metavar="ADDRESS", help="Address of the page; others than loopback need a token."),
+    port: int = typer.Option(
+        8765, metavar="PORT", min=0, max=65535, help="TCP port of the page; 0 takes a free one."
+    ),
+    address: str = typer.Option(
+        "127.0.0.1",
+        metavar="ADDRESS",
+        help="Address of the page; others than loopback need a token.",
+    ),
     token: str | None = typer.Option(
-        None, metavar="TEXT", envvar="JBCLOG_WATCH_TOKEN", help="Token of the page, 16 characters or more.", show_default=False
+        None,
+        metavar="TEXT",
+        envvar="JBCLOG_WATCH_TOKEN",
+        help="Token of the page, 16 characters or more.",
+        show_default=False,
     ),
 ) -> None:
     """Watch a run while it is recorded.
 
-    Shows each port with its condition, the last minute, alarms, joints and coverage, the events as they come, and a station in
-    detail. Only reads: watching neither slows down nor changes a run. A value that is stale or not read is never shown as known.
+    Shows each port with its condition, the last minute, alarms, joints and coverage, the events as
+    they come, and a station in detail. Only reads: watching neither slows down nor changes a run. A
+    value that is stale or not read is never shown as known.
 
     \b
     Example:
@@ -81,7 +94,9 @@ def _serve(path: Path, address: str, port: int, token: str | None) -> None:
     from jbclog.live import follow
 
     if token is not None and (len(token) < SHORTEST or not token.isascii()):
-        raise UsageError(f"--token must have {SHORTEST} ASCII characters or more (got {len(token)})")
+        raise UsageError(
+            f"--token must have {SHORTEST} ASCII characters or more (got {len(token)})"
+        )
     if token is None and not is_loopback(address):
         token = secrets.token_urlsafe(SHORTEST)
     opened = listening(address, port)
@@ -91,11 +106,16 @@ def _serve(path: Path, address: str, port: int, token: str | None) -> None:
     with opened, follow(path, joints=True) as follower:
         if follower.poll() is None:
             note(words.no_run(path))
-        _run_until_signal(PageServer(follower.poll, Access(address, token), path, QueueFollower(path).poll), opened)
+        _run_until_signal(
+            PageServer(follower.poll, Access(address, token), path, QueueFollower(path).poll),
+            opened,
+        )
 
 
 def _run_until_signal(server: PageServer, opened: socket.socket) -> None:
-    """Serve until SIGINT or SIGTERM. The server raises the signal again when it has shut down, which would kill this process."""
+    """Serve until SIGINT or SIGTERM. The server raises the signal again when it has shut down,
+    which would kill this process.
+    """
     ended: list[signal.Signals] = []
 
     def stop(number: signal.Signals) -> None:

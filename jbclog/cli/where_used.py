@@ -22,24 +22,40 @@ HEADS = ("started", "tips", "order", "units", "verdict", "run")
 
 @reports_errors
 def where_used(
-    folder: Path = typer.Argument(Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store."),
-    station: str = typer.Option(..., "--station", "-s", metavar="NAME", help="Station name.", show_default=False),
-    port: int | None = typer.Option(None, "--port", "-p", min=1, max=4, metavar="N", help="Port number.", show_default=False),
-    tip: str | None = typer.Option(None, metavar="ID", help="Tip; runs without a named tip are included.", show_default=False),
+    folder: Path = typer.Argument(
+        Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store."
+    ),
+    station: str = typer.Option(
+        ..., "--station", "-s", metavar="NAME", help="Station name.", show_default=False
+    ),
+    port: int | None = typer.Option(
+        None, "--port", "-p", min=1, max=4, metavar="N", help="Port number.", show_default=False
+    ),
+    tip: str | None = typer.Option(
+        None, metavar="ID", help="Tip; runs without a named tip are included.", show_default=False
+    ),
     since: str | None = typer.Option(
-        None, metavar="TIME", help="Day or time, UTC; default: the last passed verification.", show_default=False
+        None,
+        metavar="TIME",
+        help="Day or time, UTC; default: the last passed verification.",
+        show_default=False,
     ),
     verifications: Path | None = typer.Option(
-        None, "--verifications", metavar="DIR", help="Folder with verifications.jsonl; default: DIR.", show_default=False
+        None,
+        "--verifications",
+        metavar="DIR",
+        help="Folder with verifications.jsonl; default: DIR.",
+        show_default=False,
     ),
     no_cache: bool = options.NO_CACHE,
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """List the runs that used a tip since its last pass.
 
-    Starts from the last failed verification: lists every run between the pass before it and the pass after it, with its units
-    where they are known. A store has no verifications: give their folder, or a time. Exit code 1: a manifest or the file of
-    verifications cannot be read, so the list may be incomplete.
+    Starts from the last failed verification: lists every run between the pass before it and the
+    pass after it, with its units where they are known. A store has no verifications: give their
+    folder, or a time. Exit code 1: a manifest or the file of verifications cannot be read, so the
+    list may be incomplete.
 
     \b
     Example:
@@ -56,14 +72,27 @@ def where_used(
         raise UsageError(NO_FOLDER.format(folder))
     if is_store(folder):
         if since is None and verifications is None:
-            raise UsageError("a store has no verifications: give --verifications DIR, or --since TIME")
+            raise UsageError(
+                "a store has no verifications: give --verifications DIR, or --since TIME"
+            )
         place = place_of(folder)
         runs = StoredFolders(place)
-        found = suspects(place.path, station, port, tip, moment("--since", since), runs.find, verifications, runs.folder_of)
+        found = suspects(
+            place.path,
+            station,
+            port,
+            tip,
+            moment("--since", since),
+            runs.find,
+            verifications,
+            runs.folder_of,
+        )
     else:
         with nullcontext() if no_cache else run_index() as index:
             search = find if index is None else index.find
-            found = suspects(folder, station, port, tip, moment("--since", since), search, verifications)
+            found = suspects(
+                folder, station, port, tip, moment("--since", since), search, verifications
+            )
     if as_json:
         echo_json(facts(found))
     else:
@@ -82,7 +111,10 @@ def where_used(
 
 def row(used: Used) -> tuple[str, ...]:
     """Return a run as a row of `HEADS`."""
-    places = ", ".join(f"port {port} {tip or '(tip not named)'}" for port, tip in zip(used.ports, used.tips, strict=True))
+    places = ", ".join(
+        f"port {port} {tip or '(tip not named)'}"
+        for port, tip in zip(used.ports, used.tips, strict=True)
+    )
     units = f"{len(used.units)} units: {', '.join(used.units)}" if used.units else "units not known"
     started = (used.started or "-")[:16].replace("T", " ")
     return started, places, used.order or "no order", units, used.verdict or "-", str(used.folder)
@@ -91,7 +123,11 @@ def row(used: Used) -> tuple[str, ...]:
 def facts(found: Suspect) -> dict[str, object]:
     """Return the result as JSON data; `run` is a run's folder."""
     runs = [
-        {"run": str(used.folder), **{key: value for key, value in asdict(used).items() if key != "folder"}} for used in found.runs
+        {
+            "run": str(used.folder),
+            **{key: value for key, value in asdict(used).items() if key != "folder"},
+        }
+        for used in found.runs
     ]
     return {
         "bad": None if found.bad is None else asdict(found.bad),

@@ -27,7 +27,11 @@ def write(
     ctx: typer.Context,
     station: str = options.STATION_NAMED,
     setting: str | None = typer.Argument(
-        None, metavar="SETTING", help="Setting; without it, lists the names.", show_default=False, autocompletion=complete_setting
+        None,
+        metavar="SETTING",
+        help="Setting; without it, lists the names.",
+        show_default=False,
+        autocompletion=complete_setting,
     ),
     value: str | None = typer.Argument(
         None,
@@ -58,9 +62,10 @@ def write(
 ) -> None:
     """Write one setting by name and read it back.
 
-    Without a name, lists the settings and their values. A dangerous setting requires --yes-i-mean, and all settings are saved to a
-    file first; restart and factory_reset require every tool at 60 °C or below. Refuses a station that a run holds, and names the
-    run. Exit code 3: refused or not confirmed; 5: an order to rest is not confirmed.
+    Without a name, lists the settings and their values. A dangerous setting requires --yes-i-mean,
+    and all settings are saved to a file first; restart and factory_reset require every tool at 60
+    °C or below. Refuses a station that a run holds, and names the run. Exit code 3: refused or not
+    confirmed; 5: an order to rest is not confirmed.
 
     \b
     Example:
@@ -74,7 +79,9 @@ def write(
 
     target = target_in(line, station)
     if yes_i_mean is not None and yes_i_mean != station:
-        raise UsageError(f"--yes-i-mean {yes_i_mean}: must be {station}, the station to write; nothing sent")
+        raise UsageError(
+            f"--yes-i-mean {yes_i_mean}: must be {station}, the station to write; nothing sent"
+        )
     access = options.port_access(ctx)
     if setting is None:
         print_names(target, writable, access, as_json=as_json)
@@ -113,7 +120,14 @@ class _Writing:
     """One write: sends it, prints the result and returns its exit code."""
 
     def __init__(
-        self, target: Target, change: WriteRequest, line: Path, snapshot: Path | None, access: PortAccess, *, as_json: bool
+        self,
+        target: Target,
+        change: WriteRequest,
+        line: Path,
+        snapshot: Path | None,
+        access: PortAccess,
+        *,
+        as_json: bool,
     ) -> None:
         from jbclog.session.manual.write import WriteResult
 
@@ -132,7 +146,10 @@ class _Writing:
         from jbclog.session.manual.write import write_value
 
         if self._change.name == "run_condition":
-            note(f"note: waiting up to {COMPLETION_S:g} s: the controller answers when the joint is done")
+            note(
+                f"note: waiting up to {COMPLETION_S:g} s: the controller answers when the joint is"
+                " done"
+            )
         steps = write_value(self._target, self._change, self._keep, self._written)
         try:
             ask(self._target, steps, self._access, may_write=True)
@@ -149,7 +166,10 @@ class _Writing:
         self._kept = keep_snapshot(snapshot, self._change.name, self._snapshot, self._access)
         conditions = [str(one.condition) for one in snapshot.settings if one.condition is not None]
         if conditions and len(conditions) == len(snapshot.settings):
-            what = f"solder condition {', '.join(conditions)} of {snapshot.station}, and nothing else of it, saved"
+            what = (
+                f"solder condition {', '.join(conditions)} of {snapshot.station}, and nothing else"
+                " of it, saved"
+            )
         else:
             what = f"{len(snapshot.settings)} settings of {snapshot.station} saved"
         note(f"note: {what} in {self._kept}")

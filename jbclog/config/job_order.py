@@ -9,10 +9,10 @@ from datetime import date, datetime, time, timedelta
 from enum import StrEnum
 from typing import Final, Protocol
 
-# Times of day are local. ``22:00`` is the next 22:00; one that has just passed counts as now, for a batch started a little
-# late. Jobs in sequence form a timetable: a later job's time comes after those before it, so ``02:00`` behind ``22:00`` is
-# the next morning's. Daylight saving: a skipped time is the moment of the skip, as in cron; of a repeated one the next
-# counts.
+# Times of day are local. ``22:00`` is the next 22:00; one that has just passed counts as now, for a
+# batch started a little late. Jobs in sequence form a timetable: a later job's time comes after
+# those before it, so ``02:00`` behind ``22:00`` is the next morning's. Daylight saving: a skipped
+# time is the moment of the skip, as in cron; of a repeated one the next counts.
 
 JUST_PASSED_S: Final = 600.0
 DAYS: Final = 3  # a day may have no such time, or have had it
@@ -60,19 +60,25 @@ def read_at(text: str) -> At | None:
     if found is None:
         return None
     try:
-        return At(time.fromisoformat(found[2]), None if found[1] is None else date.fromisoformat(found[1]))
+        return At(
+            time.fromisoformat(found[2]), None if found[1] is None else date.fromisoformat(found[1])
+        )
     except ValueError:
         return None
 
 
 def due(at: At, after_s: float, zone: Zone) -> float | None:
-    """Return the first due moment from `after_s` on, seconds since 1970 UTC; None if its date is over."""
+    """Return the first due moment from `after_s` on, seconds since 1970 UTC; None if its date is
+    over.
+    """
     if at.date is not None:
         days = [at.date]
     else:
         first = zone.wall(after_s).date() - timedelta(days=1)
         days = [first + timedelta(days=number) for number in range(DAYS + 1)]
-    moments = sorted(moment for day in days for moment in _moments(datetime.combine(day, at.time), zone))
+    moments = sorted(
+        moment for day in days for moment in _moments(datetime.combine(day, at.time), zone)
+    )
     return next((moment for moment in moments if moment >= after_s), None)
 
 
@@ -105,7 +111,9 @@ class OnFailure(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A job in the queue. `places`: what it needs for itself, its stations and the reader of its units."""
+    """A job in the queue. `places`: what it needs for itself, its stations and the reader of its
+    units.
+    """
 
     name: str
     places: frozenset[str]
@@ -115,10 +123,11 @@ class Turn:
 
 
 def in_turn(turns: Iterable[Turn]) -> list[Turn]:
-    """The jobs in the order in which they take a place: that of the file, but behind those that they wait for.
+    """The jobs in the order in which they take a place: that of the file, but behind those that
+    they wait for.
 
-    The first of them that has not ended can always begin, once what runs has ended and its time has come: no two wait for each
-    other. `after` must not go in a circle (`circle`).
+    The first of them that has not ended can always begin, once what runs has ended and its time has
+    come: no two wait for each other. `after` must not go in a circle (`circle`).
     """
     left, placed, found = list(turns), set[str](), list[Turn]()
     while left:
@@ -130,7 +139,9 @@ def in_turn(turns: Iterable[Turn]) -> list[Turn]:
 
 
 def circle(after: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return jobs that wait for each other in a circle, with the first again at the end; empty if there are none."""
+    """Return jobs that wait for each other in a circle, with the first again at the end; empty if
+    there are none.
+    """
     left = dict(after)
     while True:
         free = [name for name, others in left.items() if not any(one in left for one in others)]
@@ -149,15 +160,20 @@ def _around(left: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def due_times(turns: Sequence[Turn], begin_s: float, zone: Zone) -> dict[str, float | None]:
-    """When each of the jobs that wait for a time is due, seconds since 1970 UTC; None where its date is over.
+    """When each of the jobs that wait for a time is due, seconds since 1970 UTC; None where its
+    date is over.
 
     `turns` in the order of `in_turn`. A job's time is not before that of any that it comes after.
     """
     found: dict[str, float | None] = {}
     earliest: dict[str, float] = {}
     for number, turn in enumerate(turns):
-        before = [one for one in turns[:number] if one.name in turn.after or one.places & turn.places]
-        earliest[turn.name] = max((earliest[one.name] for one in before), default=begin_s - JUST_PASSED_S)
+        before = [
+            one for one in turns[:number] if one.name in turn.after or one.places & turn.places
+        ]
+        earliest[turn.name] = max(
+            (earliest[one.name] for one in before), default=begin_s - JUST_PASSED_S
+        )
         if turn.at is not None:
             moment = found[turn.name] = due(turn.at, earliest[turn.name], zone)
             earliest[turn.name] = earliest[turn.name] if moment is None else moment

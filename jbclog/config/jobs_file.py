@@ -1,4 +1,6 @@
-"""A jobs file: the jobs of a batch, their stations, their times, and what a failed one means for the others."""
+"""A jobs file: the jobs of a batch, their stations, their times, and what a failed one means for
+the others.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +14,28 @@ from pydantic import AfterValidator, Field
 
 from jbclog.config.durations import EXAMPLES, span_s
 from jbclog.config.job_order import AT_ALLOWED, OnFailure, circle, read_at
-from jbclog.config.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
+from jbclog.config.schema import (
+    NAME_ALLOWED,
+    FromList,
+    Name,
+    Table,
+    read_table,
+    said,
+    shown,
+    unknown,
+)
 from jbclog.config.toml_reader import KeyPath, TomlText, hidden, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
 from jbclog.protocol.commands.family import FAMILIES
 
-IS_NO_BATCH: Final = "this is no jobs file; one has [batch] with the line, and a [[job]] for each job"
+IS_NO_BATCH: Final = (
+    "this is no jobs file; one has [batch] with the line, and a [[job]] for each job"
+)
 GOALS: Final = ("units", "joints")  # a duration beside one of them is the bound
-END_ALLOWED: Final = 'give one end: duration = "15m", units = 40 or joints = 200; a duration beside units or joints is its bound'
+END_ALLOWED: Final = (
+    'give one end: duration = "15m", units = 40 or joints = 200; a duration beside units or joints'
+    " is its bound"
+)
 _POLICIES: Final = "one of stop, skip, continue"
 LONGEST_TEXT: Final = 200
 MOST: Final = 1_000_000
@@ -44,7 +60,9 @@ def _family(name: str) -> str:
 
 
 def _rate(value: object) -> object:
-    if value in ("auto", "fit", "max") or (isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= 1000):
+    if value in ("auto", "fit", "max") or (
+        isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= 1000
+    ):
         return value
     raise said(f"{shown(value)} is not allowed; {RATES}")
 
@@ -66,19 +84,33 @@ class JobTable(Table):
     """A table `[[job]]` of the file."""
 
     name: Name = Field(description=NAME_ALLOWED)
-    recipe: Path | None = Field(None, strict=False, description="a recipe file's path, from this file's folder")
+    recipe: Path | None = Field(
+        None, strict=False, description="a recipe file's path, from this file's folder"
+    )
     stations: Annotated[tuple[Name, ...], FromList] | None = Field(
         None, min_length=1, description="a list of stations of the line, by name"
     )
-    families: Annotated[tuple[Annotated[str, AfterValidator(_family)], ...], FromList] | None = Field(
-        None, min_length=1, description=f"a list of some of {', '.join(FAMILIES)}: all stations of these"
+    families: Annotated[tuple[Annotated[str, AfterValidator(_family)], ...], FromList] | None = (
+        Field(
+            None,
+            min_length=1,
+            description=f"a list of some of {', '.join(FAMILIES)}: all stations of these",
+        )
     )
     duration: Annotated[str, AfterValidator(_span)] | None = Field(None, description=EXAMPLES)
-    units: int | None = Field(None, ge=1, le=MOST, description=f"how many units, a whole number from 1 to {MOST}")
-    joints: int | None = Field(None, ge=1, le=MOST, description=f"how many joints, a whole number from 1 to {MOST}")
-    units_from: Text | None = Field(None, description="a barcode reader's device, or a pipe, that serials are read from")
+    units: int | None = Field(
+        None, ge=1, le=MOST, description=f"how many units, a whole number from 1 to {MOST}"
+    )
+    joints: int | None = Field(
+        None, ge=1, le=MOST, description=f"how many joints, a whole number from 1 to {MOST}"
+    )
+    units_from: Text | None = Field(
+        None, description="a barcode reader's device, or a pipe, that serials are read from"
+    )
     at: Annotated[str, AfterValidator(_at)] | None = Field(None, description=AT_ALLOWED)
-    after: Annotated[tuple[Name, ...], FromList] = Field((), description="a list of other jobs, by name")
+    after: Annotated[tuple[Name, ...], FromList] = Field(
+        (), description="a list of other jobs, by name"
+    )
     on_failure: Policy | None = Field(None, description=_POLICIES)
     operator: Text | None = Field(None, description=TEXT_ALLOWED)
     order: Text | None = Field(None, description=TEXT_ALLOWED)
@@ -91,7 +123,10 @@ class JobTable(Table):
     rate: Annotated[object, AfterValidator(_rate)] | None = Field(None, description=RATES)
     wire: bool = Field(False, description="true or false: whether every byte is kept with its time")
     allow_omega_write: bool = Field(False, description="true or false")
-    allow_missing: bool = Field(False, description="true or false: whether it starts without stations that are missing or refuse")
+    allow_missing: bool = Field(
+        False,
+        description="true or false: whether it starts without stations that are missing or refuse",
+    )
 
 
 class BatchTables(Table):
@@ -124,8 +159,12 @@ class JobsFile:
         return None if job.units_from is None else str(self.path.absolute().parent / job.units_from)
 
     def asked(self, job: JobTable) -> str:
-        """Return what a job asks for as one line of JSON: it is stored, and compared when the batch is resumed."""
-        given = job.model_dump(mode="json", exclude_defaults=True) | {"on_failure": self.policy(job).value}
+        """Return what a job asks for as one line of JSON: it is stored, and compared when the batch
+        is resumed.
+        """
+        given = job.model_dump(mode="json", exclude_defaults=True) | {
+            "on_failure": self.policy(job).value
+        }
         return json.dumps({"line": str(self.line)} | given, ensure_ascii=False, sort_keys=True)
 
     def problem(self, place: int, key: KeyPath, text: str) -> Problem:
@@ -134,7 +173,9 @@ class JobsFile:
 
 
 def load_jobs(path: Path, line: Path | None = None) -> JobsFile:
-    """Read a jobs file, for another `line` if one is given. Raises Problems with all its mistakes."""
+    """Read a jobs file, for another `line` if one is given. Raises Problems with all its
+    mistakes.
+    """
     return parse_jobs(read_text(path), path, line)
 
 
@@ -151,7 +192,12 @@ def parse_jobs(text: str, path: Path, line: Path | None = None) -> JobsFile:
     if problems or tables is None:
         raise Problems(shortened(problems))
     placed = (line or path.absolute().parent / tables.batch.line).absolute()
-    return JobsFile(source, placed, tuple(job for job in jobs if job is not None), OnFailure(tables.batch.on_failure))
+    return JobsFile(
+        source,
+        placed,
+        tuple(job for job in jobs if job is not None),
+        OnFailure(tables.batch.on_failure),
+    )
 
 
 def _job_tables(source: TomlText) -> Iterator[tuple[int, dict[str, object]]]:
@@ -161,7 +207,9 @@ def _job_tables(source: TomlText) -> Iterator[tuple[int, dict[str, object]]]:
             yield place, table
 
 
-def _read_job(source: TomlText, place: int, table: dict[str, object], problems: list[Problem]) -> JobTable | None:
+def _read_job(
+    source: TomlText, place: int, table: dict[str, object], problems: list[Problem]
+) -> JobTable | None:
     at: KeyPath = ("job", place)
     job, wrong, _ = read_table(JobTable, source, at, table)
     problems += wrong
@@ -177,9 +225,15 @@ def _of_one(source: TomlText, at: KeyPath, table: dict[str, object]) -> Iterator
     for key in goals[1:]:
         yield source.problem((*at, key), f"stands beside {goals[0]}; {END_ALLOWED}")
     if "stations" in table and "families" in table:
-        yield source.problem((*at, "families"), "stands beside stations; give one of the two, or none for the whole line")
+        yield source.problem(
+            (*at, "families"),
+            "stands beside stations; give one of the two, or none for the whole line",
+        )
     if "units" in table and "units_from" not in table:
-        yield source.problem((*at, "units_from"), "missing; units are counted by their serials: name the reader's device or a pipe")
+        yield source.problem(
+            (*at, "units_from"),
+            "missing; units are counted by their serials: name the reader's device or a pipe",
+        )
 
 
 def _between(source: TomlText) -> Iterator[Problem]:
@@ -190,16 +244,26 @@ def _between(source: TomlText) -> Iterator[Problem]:
         name = table.get("name")
         if isinstance(name, str) and places.setdefault(name, place) != place:
             line = source.lines.get(("job", places[name], "name"))
-            yield source.problem(("job", place, "name"), f"{shown(name)} is the name of two jobs, first in line {line}")
+            yield source.problem(
+                ("job", place, "name"),
+                f"{shown(name)} is the name of two jobs, first in line {line}",
+            )
     after = {str(table.get("name")): _after(table) for _, table in tables}
     for place, table in tables:
         for number, other in enumerate(_after(table)):
             if other not in places:
-                yield source.problem(("job", place, "after", number), f"{shown(other)} is {unknown(other, [*places])}")
-    around = circle({name: [one for one in others if one in after] for name, others in after.items()})
+                yield source.problem(
+                    ("job", place, "after", number),
+                    f"{shown(other)} is {unknown(other, [*places])}",
+                )
+    around = circle(
+        {name: [one for one in others if one in after] for name, others in after.items()}
+    )
     if around:
         way = " waits for ".join(around)
-        yield source.problem(("job", places.get(around[0], 0), "after"), f"{way}: none of them could begin")
+        yield source.problem(
+            ("job", places.get(around[0], 0), "after"), f"{way}: none of them could begin"
+        )
 
 
 def _after(table: dict[str, object]) -> list[str]:

@@ -14,7 +14,16 @@ from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, PlainValidator
 
-from jbclog.config.schema import NAME_ALLOWED, FromList, Name, Table, read_table, said, shown, unknown
+from jbclog.config.schema import (
+    NAME_ALLOWED,
+    FromList,
+    Name,
+    Table,
+    read_table,
+    said,
+    shown,
+    unknown,
+)
 from jbclog.config.sim_spec import SimSpec
 from jbclog.config.toml_reader import KeyPath, TomlText, hidden, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
@@ -30,11 +39,15 @@ def is_path(url: str) -> bool:
 
 
 def checked_url(value: str) -> str:
-    """Return a valid device path or pyserial URL unchanged; a relative path stays below the line file's folder."""
+    """Return a valid device path or pyserial URL unchanged; a relative path stays below the line
+    file's folder.
+    """
     if "://" not in value:
         path = PurePosixPath(value)
         if ".." in path.parts and not path.is_absolute():
-            raise said(f"{shown(value)} is not allowed; a relative path stays below the line file's folder")
+            raise said(
+                f"{shown(value)} is not allowed; a relative path stays below the line file's folder"
+            )
         return value
     problem = url_problem(value)
     if problem:
@@ -62,7 +75,9 @@ def is_served_here(url: str) -> bool:
 
 
 def tcp_port(url: str) -> str | None:
-    """Return ``host:port`` of socket:// and rfc2217://, with one name for this machine; None for other URLs. Resolves no names."""
+    """Return ``host:port`` of socket:// and rfc2217://, with one name for this machine; None for
+    other URLs. Resolves no names.
+    """
     if scheme_of(url) not in ("socket", "rfc2217") or not _has_host_and_port(url):
         return None
     parts = urlsplit(url)
@@ -90,8 +105,8 @@ AUTO: Final = "auto"
 LONGEST_MODEL: Final = 16
 IS_A_RECIPE: Final = "this is a recipe; a line file has [line] and a [[station]] for each station"
 ONE_EACH: Final = (
-    "; the manuals print RS-232, which is point to point: one port and one station, whatever their addresses. "
-    "Connect the other station to a port or an adapter of its own, and name that"
+    "; the manuals print RS-232, which is point to point: one port and one station, whatever their"
+    " addresses. Connect the other station to a port or an adapter of its own, and name that"
 )
 _DRIVEN: Final = ", ".join((*FAMILIES, AUTO))
 
@@ -114,7 +129,10 @@ def _model(name: str) -> str:
     """Return the name as R-SMN is read, without leading blanks."""
     bare = name.strip(" ")
     if not (1 <= len(bare) <= LONGEST_MODEL and bare.isascii() and bare.isprintable()):
-        raise said(f"{shown(name)} is not allowed; 1 to {LONGEST_MODEL} printable characters, as the station gives its model")
+        raise said(
+            f"{shown(name)} is not allowed; 1 to {LONGEST_MODEL} printable characters, as the"
+            " station gives its model"
+        )
     return bare
 
 
@@ -143,22 +161,32 @@ class StationTable(Table):
 
     name: Name = Field(description=NAME_ALLOWED)
     url: Annotated[str, AfterValidator(checked_url)] = Field(
-        min_length=1, max_length=1024, description="a device path, socket://HOST:PORT or rfc2217://HOST:PORT"
+        min_length=1,
+        max_length=1024,
+        description="a device path, socket://HOST:PORT or rfc2217://HOST:PORT",
     )
     family: Annotated[str, AfterValidator(_family)] = Field(description=f"one of {_DRIVEN}")
     model: Annotated[str, AfterValidator(_model)] | None = Field(
         None, description="the model name that the station gives, driven as `family` says"
     )
-    baudrate: Annotated[int, AfterValidator(_baudrate)] = Field(19200, description="bits per second, default 19200 (omega 9600)")
-    format: Annotated[str, AfterValidator(_format)] = Field("8N1", description="a line format such as 8N1, 8E1 or 8O2")
+    baudrate: Annotated[int, AfterValidator(_baudrate)] = Field(
+        19200, description="bits per second, default 19200 (omega 9600)"
+    )
+    format: Annotated[str, AfterValidator(_format)] = Field(
+        "8N1", description="a line format such as 8N1, 8E1 or 8O2"
+    )
     address: Annotated[int | None, PlainValidator(_address)] = Field(
         1, description="1 to 99, or false for frames without addresses"
     )
     ports: Annotated[tuple[PortNumber, ...], FromList, AfterValidator(_in_order)] | None = Field(
         None, min_length=1, max_length=4, description="a list of ports from 1 to 4"
     )
-    turnaround_ms: float | None = Field(None, ge=0, le=5000, description="milliseconds from 0 to 5000")
-    recipe: Path | None = Field(None, strict=False, description="a recipe file's path, from the line file's folder")
+    turnaround_ms: float | None = Field(
+        None, ge=0, le=5000, description="milliseconds from 0 to 5000"
+    )
+    recipe: Path | None = Field(
+        None, strict=False, description="a recipe file's path, from the line file's folder"
+    )
     rated_power_w: float | None = Field(None, gt=0, le=10_000, description="watts, more than 0")
     sim: SimSpec | None = Field(None, description="a table that describes the virtual station")
 
@@ -166,8 +194,8 @@ class StationTable(Table):
 class StationSpec(StationTable):
     """One control unit on one serial line.
 
-    `url` and `recipe` are absolute where they are paths; `written_url` is the url as it stands in the file.
-    `address` None means frames without addresses. `ports` None means the family's own.
+    `url` and `recipe` are absolute where they are paths; `written_url` is the url as it stands in
+    the file. `address` None means frames without addresses. `ports` None means the family's own.
     """
 
     written_url: str = ""
@@ -192,16 +220,24 @@ class LineTable(Table):
 
 
 class Replay(Table):
-    """What `jbclog replay` writes into the line file for the run: the stations are a recorded run, and this is its pace.
+    """What `jbclog replay` writes into the line file for the run: the stations are a recorded run,
+    and this is its pace.
 
-    `rate_hz` are the rates of the recorded run, by station, `first_tick` the number of the first tick and `first_in_s` the time
-    from the last request before it until it was due. `speed` is 1; other speeds existed before release 3.
+    `rate_hz` are the rates of the recorded run, by station, `first_tick` the number of the first
+    tick and `first_in_s` the time from the last request before it until it was due. `speed` is 1;
+    other speeds existed before release 3.
     """
 
     speed: float = Field(1.0, ge=1.0, le=1.0, description="1")
-    rate_hz: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field({}, description="Hz by the stations' names")
-    first_tick: dict[str, Annotated[int, Field(ge=0)]] = Field({}, description="numbers by the stations' names")
-    first_in_s: dict[str, Annotated[float, Field(ge=0, le=3600)]] = Field({}, description="seconds by the stations' names")
+    rate_hz: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field(
+        {}, description="Hz by the stations' names"
+    )
+    first_tick: dict[str, Annotated[int, Field(ge=0)]] = Field(
+        {}, description="numbers by the stations' names"
+    )
+    first_in_s: dict[str, Annotated[float, Field(ge=0, le=3600)]] = Field(
+        {}, description="seconds by the stations' names"
+    )
 
     def begin(self, station: str) -> tuple[int, float] | None:
         """Return the number of a station's first tick, and the seconds until it was due."""
@@ -260,7 +296,9 @@ def parse_line(text: str, path: Path) -> Line:
     problems = hidden(source)
     tables, wrong, _ = read_table(LineTables, source, (), source.tables)
     problems += wrong
-    stations = [_read_station(source, place, table, problems) for place, table in _station_tables(source)]
+    stations = [
+        _read_station(source, place, table, problems) for place, table in _station_tables(source)
+    ]
     problems += _between_stations(source, path)
     if problems or tables is None:
         raise Problems(shortened(problems))
@@ -275,7 +313,9 @@ def _station_tables(source: TomlText) -> Iterator[tuple[int, dict[str, object]]]
             yield place, table
 
 
-def _read_station(source: TomlText, place: int, table: dict[str, object], problems: list[Problem]) -> StationTable | None:
+def _read_station(
+    source: TomlText, place: int, table: dict[str, object], problems: list[Problem]
+) -> StationTable | None:
     at: KeyPath = ("station", place)
     station, wrong, _ = read_table(StationTable, source, at, table)
     problems += wrong
@@ -287,30 +327,43 @@ def _read_station(source: TomlText, place: int, table: dict[str, object], proble
     return station
 
 
-def _accepted_model(source: TomlText, at: KeyPath, table: dict[str, object], family: Family | None) -> Iterator[Problem]:
+def _accepted_model(
+    source: TomlText, at: KeyPath, table: dict[str, object], family: Family | None
+) -> Iterator[Problem]:
     """Yield a problem of a model that the family cannot drive."""
     model = table.get("model")
     if not isinstance(model, str):
         return
     if table.get("family") == AUTO:
-        yield source.problem((*at, "model"), 'is driven as a family says: name that family in place of "auto"')
+        yield source.problem(
+            (*at, "model"), 'is driven as a family says: name that family in place of "auto"'
+        )
     elif family is not None and (problem := model_problem(family, model.strip(" "))) is not None:
         yield source.problem((*at, "model"), problem)
 
 
-def _without_addresses(source: TomlText, at: KeyPath, family: Family, address: object) -> Iterator[Problem]:
+def _without_addresses(
+    source: TomlText, at: KeyPath, family: Family, address: object
+) -> Iterator[Problem]:
     if family.protocol == OMEGA and isinstance(address, int) and not isinstance(address, bool):
-        yield source.problem((*at, "address"), f"the frames of family {family.name} have no addresses; leave it out")
+        yield source.problem(
+            (*at, "address"), f"the frames of family {family.name} have no addresses; leave it out"
+        )
 
 
-def _within_family(source: TomlText, at: KeyPath, family: Family, ports: object) -> Iterator[Problem]:
+def _within_family(
+    source: TomlText, at: KeyPath, family: Family, ports: object
+) -> Iterator[Problem]:
     """Yield problems of ports that the family does not have."""
     if family.ports is None or not isinstance(ports, list):
         return
     for place, port in enumerate(ports):
         if port in (1, 2, 3, 4) and port not in family.ports:
             allowed = ", ".join(map(str, family.ports))
-            yield source.problem((*at, "ports", place), f"the family {family.name} has no port {port}; it has {allowed}")
+            yield source.problem(
+                (*at, "ports", place),
+                f"the family {family.name} has no port {port}; it has {allowed}",
+            )
 
 
 def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
@@ -322,18 +375,24 @@ def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
     yield from _shared(source, "url", urls, "is the port of two stations", ONE_EACH)
 
 
-def _shared(source: TomlText, key: str, values: Iterable[tuple[int, object]], text: str, why: str = "") -> Iterator[Problem]:
+def _shared(
+    source: TomlText, key: str, values: Iterable[tuple[int, object]], text: str, why: str = ""
+) -> Iterator[Problem]:
     first: dict[str, int] = {}
     tables = dict(_station_tables(source))
     for place, value in values:
         if isinstance(value, str) and first.setdefault(value, place) != place:
             line = source.lines.get(("station", first[value], key))
             written = tables[place].get(key)
-            yield source.problem(("station", place, key), f"{shown(written)} {text}, first in line {line}{why}")
+            yield source.problem(
+                ("station", place, key), f"{shown(written)} {text}, first in line {line}{why}"
+            )
 
 
 def _same_port(url: object, path: Path) -> object:
-    """Return a key that is equal for URLs of one port: device links are followed, options of a TCP port ignored."""
+    """Return a key that is equal for URLs of one port: device links are followed, options of a TCP
+    port ignored.
+    """
     if not isinstance(url, str) or not url:
         return url
     if not is_path(url):
@@ -365,10 +424,16 @@ Described = tuple[StationTable, str]
 """A station, and a comment above it or nothing."""
 
 
-def line_text(name: str, stations: Iterable[Described], heading: str, replay: Replay | None = None) -> str:
-    """Format a line file that `parse_line` reads as the same stations; `heading` and texts become comments."""
+def line_text(
+    name: str, stations: Iterable[Described], heading: str, replay: Replay | None = None
+) -> str:
+    """Format a line file that `parse_line` reads as the same stations; `heading` and texts become
+    comments.
+    """
     parts = ["\n".join(_station(station, said)) for station, said in stations]
-    return f"{line_comment(heading)}[line]\nname = {quoted(name)}\n{_replay(replay)}" + "".join(parts)
+    return f"{line_comment(heading)}[line]\nname = {quoted(name)}\n{_replay(replay)}" + "".join(
+        parts
+    )
 
 
 def _replay(replay: Replay | None) -> str:
@@ -428,5 +493,7 @@ def _keys(station: StationTable) -> Iterator[str]:
 
 
 def quoted(text: str) -> str:
-    """Format a TOML basic string; its escapes are JSON's, except for DEL, which JSON does not escape."""
+    """Format a TOML basic string; its escapes are JSON's, except for DEL, which JSON does not
+    escape.
+    """
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -18,10 +18,12 @@ from jbclog.protocol.commands.ranges import range_problem
 
 # Checks beyond the schema: the families' ranges and steps, and conflicts between keys.
 #
-# Only what a manual prints is held against a value (`Command.limits`); what the station alone knows, its highest
-# and lowest temperature, is checked live (`settings.live_problems`).
+# Only what a manual prints is held against a value (`Command.limits`); what the station alone
+# knows, its highest and lowest temperature, is checked live (`settings.live_problems`).
 
-SOLDERING: Final = tuple(name for name, family in FAMILIES.items() if "sleep_delay" in family.commands)
+SOLDERING: Final = tuple(
+    name for name, family in FAMILIES.items() if "sleep_delay" in family.commands
+)
 SECTION_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
     "temperature": SOLDERING,
     "sleep": SOLDERING,
@@ -29,8 +31,12 @@ SECTION_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
     "alarm": SOLDERING,
     "port": SOLDERING,
     "feeder": tuple(name for name, family in FAMILIES.items() if family.has_feeder),
-    "air": tuple(name for name, family in FAMILIES.items() if "selected_air_temperature" in family.commands),
-    "omega": tuple(name for name, family in FAMILIES.items() if "store_condition" in family.commands),
+    "air": tuple(
+        name for name, family in FAMILIES.items() if "selected_air_temperature" in family.commands
+    ),
+    "omega": tuple(
+        name for name, family in FAMILIES.items() if "store_condition" in family.commands
+    ),
 }
 """The families that a section of settings speaks to."""
 
@@ -43,10 +49,15 @@ LIMIT_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """The families that a limit of `[acceptance]` is about."""
 
-SAFE_STATES: Final[Mapping[str, tuple[str, ...]]] = {name: family.safe_states for name, family in FAMILIES.items()}
-STATUSES: Final[Mapping[str, tuple[str, ...]]] = {name: family.run_statuses for name, family in FAMILIES.items()}
+SAFE_STATES: Final[Mapping[str, tuple[str, ...]]] = {
+    name: family.safe_states for name, family in FAMILIES.items()
+}
+STATUSES: Final[Mapping[str, tuple[str, ...]]] = {
+    name: family.run_statuses for name, family in FAMILIES.items()
+}
 WITH_SUCTION: Final = tuple(name for name, family in FAMILIES.items() if family.status.has_suction)
-LONGEST_FEED_S: Final = 600.0  # no joint takes ten minutes of wire; a slip of the decimal point does
+# no joint takes ten minutes of wire; a slip of the decimal point does
+LONGEST_FEED_S: Final = 600.0
 COOLING_DELAYS: Final = ("sleep.delay_min", "hibernation.delay_min")
 
 
@@ -64,11 +75,15 @@ def problems_between(recipe: Recipe) -> Iterator[Problem]:
     yield from _foreign_limits(recipe)
     limits = recipe.source.tables.get("acceptance")
     if isinstance(limits, Mapping) and not set(limits) - {"confidence"}:
-        yield recipe.problem(("acceptance",), "names no limit; without the table the run is not judged")
+        yield recipe.problem(
+            ("acceptance",), "names no limit; without the table the run is not judged"
+        )
 
 
 def no_cooldown(recipe: Recipe) -> Iterator[Problem]:
-    """Yield the delays that the recipe switches off although its safe state, or the fallback, may be stand, which never cools."""
+    """Yield the delays that the recipe switches off although its safe state, or the fallback, may
+    be stand, which never cools.
+    """
     families = [FAMILIES[name] for name in recipe.families if name in FAMILIES]
     if not any(family.may_stand_at_last(recipe.safe_state(family.name)) for family in families):
         return
@@ -77,7 +92,9 @@ def no_cooldown(recipe: Recipe) -> Iterator[Problem]:
         for one in (asked[key] for key in COOLING_DELAYS if key in asked):
             if one.value is OFF:
                 yield recipe.problem(
-                    one.key, 'is "off", so a tool in stand never cools; give minutes, or run.allow_no_cooldown = true'
+                    one.key,
+                    'is "off", so a tool in stand never cools; give minutes, or'
+                    " run.allow_no_cooldown = true",
                 )
 
 
@@ -85,12 +102,16 @@ def _foreign_sections(recipe: Recipe) -> Iterator[Problem]:
     for section, families in SECTION_FAMILIES.items():
         if (section,) in recipe.source.lines and not set(families) & set(recipe.families):
             listed, belongs = ", ".join(recipe.families), ", ".join(families)
-            yield recipe.problem((section,), f"fits none of the families listed ({listed}); it is for {belongs}")
+            yield recipe.problem(
+                (section,), f"fits none of the families listed ({listed}); it is for {belongs}"
+            )
 
 
 def _foreign_limits(recipe: Recipe) -> Iterator[Problem]:
     for name, families in LIMIT_FAMILIES.items():
-        if getattr(recipe.acceptance, name, None) is not None and not set(families) & set(recipe.families):
+        if getattr(recipe.acceptance, name, None) is not None and not set(families) & set(
+            recipe.families
+        ):
             listed, belongs = ", ".join(recipe.families), ", ".join(families)
             text = f"fits none of the families listed ({listed}); it is for {belongs}"
             yield recipe.problem(("acceptance", name), text)
@@ -99,18 +120,34 @@ def _foreign_limits(recipe: Recipe) -> Iterator[Problem]:
 def _foreign_ports(recipe: Recipe) -> Iterator[Problem]:
     families = [FAMILIES[name] for name in recipe.families if name in FAMILIES]
     for port in recipe.ports_named():
-        if families and not any(family.ports is None or port in family.ports for family in families):
+        if families and not any(
+            family.ports is None or port in family.ports for family in families
+        ):
             yield recipe.problem(
-                ("port", str(port)), f"none of the families listed ({', '.join(recipe.families)}) has a port {port}"
+                ("port", str(port)),
+                f"none of the families listed ({', '.join(recipe.families)}) has a port {port}",
             )
 
 
 def _out_of_range(recipe: Recipe) -> Iterator[Problem]:
-    families = [FAMILIES[name] for name in recipe.families if name in FAMILIES] or list(FAMILIES.values())
+    families = [FAMILIES[name] for name in recipe.families if name in FAMILIES] or list(
+        FAMILIES.values()
+    )
     for one in _everything_asked(recipe):
         name = COMMAND_OF.get(one.setting)
-        commands = [family.commands[name] for family in families if name in family.commands] if name else []
-        problem = next((text for command in commands if (text := range_problem(command, one.value)) is not None), None)
+        commands = (
+            [family.commands[name] for family in families if name in family.commands]
+            if name
+            else []
+        )
+        problem = next(
+            (
+                text
+                for command in commands
+                if (text := range_problem(command, one.value)) is not None
+            ),
+            None,
+        )
         if problem is not None:
             yield recipe.problem(one.key, problem)
 
@@ -131,20 +168,29 @@ def _states(recipe: Recipe) -> Iterator[Problem]:
         yield from _state(recipe, "status", run.status, STATUSES)
     if "safe_suction" in run.model_fields_set and not set(WITH_SUCTION) & set(recipe.families):
         listed, belongs = ", ".join(recipe.families), ", ".join(WITH_SUCTION)
-        yield recipe.problem(("run", "safe_suction"), f"fits none of the families listed ({listed}); it is for {belongs}")
+        yield recipe.problem(
+            ("run", "safe_suction"),
+            f"fits none of the families listed ({listed}); it is for {belongs}",
+        )
 
 
-def _state(recipe: Recipe, key: str, state: str, table: Mapping[str, tuple[str, ...]]) -> Iterator[Problem]:
+def _state(
+    recipe: Recipe, key: str, state: str, table: Mapping[str, tuple[str, ...]]
+) -> Iterator[Problem]:
     for family in recipe.families:
         if state not in table[family]:
             possible = ", ".join(table[family]) or "nothing"
             yield recipe.problem(
-                ("run", key), f'"{state}" is not allowed on {family}, which the recipe lists; it allows {possible}'
+                ("run", key),
+                f'"{state}" is not allowed on {family}, which the recipe lists; it allows'
+                f" {possible}",
             )
 
 
 def _temperatures(recipe: Recipe, asked: Mapping[str, Asked]) -> Iterator[Problem]:
-    """Yield limits and temperatures of a port that contradict each other; an alarm that is off is ignored."""
+    """Yield limits and temperatures of a port that contradict each other; an alarm that is off is
+    ignored.
+    """
     select, sleep = asked.get("temperature.select_c"), asked.get("sleep.temperature_c")
     high, low = _armed(asked, "high"), _armed(asked, "low")
     yield from _below(recipe, select, high, "must be above", "must be below")
@@ -159,16 +205,32 @@ def _armed(asked: Mapping[str, Asked], side: str) -> Asked | None:
 
 
 def _below(
-    recipe: Recipe, low: Asked | None, high: Asked | None, above: str, below: str, *, equal: bool = False
+    recipe: Recipe,
+    low: Asked | None,
+    high: Asked | None,
+    above: str,
+    below: str,
+    *,
+    equal: bool = False,
 ) -> Iterator[Problem]:
-    """Yield a problem if `low` is not below `high`, at the port's own key of the two, else at the limit's."""
-    if low is None or high is None or not isinstance(low.value, int) or not isinstance(high.value, int):
+    """Yield a problem if `low` is not below `high`, at the port's own key of the two, else at the
+    limit's.
+    """
+    if (
+        low is None
+        or high is None
+        or not isinstance(low.value, int)
+        or not isinstance(high.value, int)
+    ):
         return
     if low.value < high.value or (equal and low.value == high.value):
         return
     blame_low = _rank(low) >= _rank(high)
     one, other = (low, high) if blame_low else (high, low)
-    yield recipe.problem(one.key, f"{one.value} °C {below if blame_low else above} {other.setting} ({other.value} °C)")
+    yield recipe.problem(
+        one.key,
+        f"{one.value} °C {below if blame_low else above} {other.setting} ({other.value} °C)",
+    )
 
 
 def _rank(one: Asked) -> tuple[bool, bool]:
@@ -178,17 +240,31 @@ def _rank(one: Asked) -> tuple[bool, bool]:
 def _feeder(recipe: Recipe) -> Iterator[Problem]:
     """Yield lengths and speeds that contradict each other."""
     feeder = recipe.feeder
-    if feeder.length_mm is not None and feeder.backward_mm is not None and feeder.backward_mm > feeder.length_mm:
-        yield recipe.problem(("feeder", "backward_mm"), f"pulls back more than feeder.length_mm ({feeder.length_mm:g} mm) feeds")
+    if (
+        feeder.length_mm is not None
+        and feeder.backward_mm is not None
+        and feeder.backward_mm > feeder.length_mm
+    ):
+        yield recipe.problem(
+            ("feeder", "backward_mm"),
+            f"pulls back more than feeder.length_mm ({feeder.length_mm:g} mm) feeds",
+        )
 
 
 def long_feed(recipe: Recipe) -> str | None:
     """That one feed takes very long, for a plan: no manual prints how long it may take."""
     feeder = recipe.feeder
-    if feeder.length_mm is None or feeder.speed_mm_s is None or feeder.length_mm / feeder.speed_mm_s <= LONGEST_FEED_S:
+    if (
+        feeder.length_mm is None
+        or feeder.speed_mm_s is None
+        or feeder.length_mm / feeder.speed_mm_s <= LONGEST_FEED_S
+    ):
         return None
     seconds, at = feeder.length_mm / feeder.speed_mm_s, feeder.speed_mm_s
-    return f"feeder.length_mm: one feed takes {seconds:.0f} s at {at:g} mm/s; is the decimal point where it belongs?"
+    return (
+        f"feeder.length_mm: one feed takes {seconds:.0f} s at {at:g} mm/s; is the decimal point"
+        " where it belongs?"
+    )
 
 
 def warnings(recipe: Recipe) -> list[Problem]:
@@ -222,11 +298,15 @@ def parse_recipe(text: str, path: Path = Path("recipe.toml")) -> Recipe:
 
 
 def _recipe(tables: RecipeTables, source: TomlText) -> Recipe:
-    return Recipe.model_construct(**{name: getattr(tables, name) for name in RecipeTables.model_fields}, source=source)
+    return Recipe.model_construct(
+        **{name: getattr(tables, name) for name in RecipeTables.model_fields}, source=source
+    )
 
 
 def _what_is_left(source: TomlText, wrong: list[KeyPath]) -> RecipeTables | None:
-    """Return the recipe without its wrong keys, so that conflicts between the others are reported, too."""
+    """Return the recipe without its wrong keys, so that conflicts between the others are reported,
+    too.
+    """
     data = copy.deepcopy(source.tables)
     for key in reversed(wrong):  # from the end, so that places in lists stay what they were
         _drop(data, source.known(key))

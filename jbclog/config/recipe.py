@@ -1,6 +1,7 @@
 """A recipe, and the order in which its keys are written to a station.
 
-Its tables are in `recipe_sections.py`; `load_recipe.py` checks the families' ranges and conflicts between keys.
+Its tables are in `recipe_sections.py`; `load_recipe.py` checks the families' ranges and conflicts
+between keys.
 """
 
 from __future__ import annotations
@@ -23,17 +24,19 @@ from jbclog.protocol.commands.family import FAMILIES, Family
 # The order of writing lets a run stop anywhere without leaving the tool in a worse state:
 #
 # 1. Sleep and hibernation delay, the way to cool down: a safe state works whatever fails later.
-# 2. Alarms, armed before heat. One switched off loses its delay first, so that a moved limit cannot raise it; one switched
-#    on gets its limit first, and is armed by its delay.
-# 3. The sleep temperature, which is the setpoint of a sleeping tool, and adjust, which moves the tip by up to 50 °C.
+# 2. Alarms, armed before heat. One switched off loses its delay first, so that a moved limit cannot
+#    raise it; one switched on gets its limit first, and is armed by its delay.
+# 3. The sleep temperature, which is the setpoint of a sleeping tool, and adjust, which moves the
+#    tip by up to 50 °C.
 # 4. The selected temperature.
 #
-# Hot air: the work mode first, which defines the rest, then the flow, because a heater without air burns, and the
-# temperature last. The session orders the tool's status after all settings. The feeder comes before the ports: clog
-# detection, the solder wire and its motion, and the mode, which defines those numbers; no setting starts it.
+# Hot air: the work mode first, which defines the rest, then the flow, because a heater without air
+# burns, and the temperature last. The session orders the tool's status after all settings. The
+# feeder comes before the ports: clog detection, the solder wire and its motion, and the mode, which
+# defines those numbers; no setting starts it.
 #
-# `CAN_HEAT` lists commands that can heat a working tool, `CANNOT_HEAT` the others: a run writes the others on all stations
-# before the first of these on any (`session/run/station_run.py`).
+# `CAN_HEAT` lists commands that can heat a working tool, `CANNOT_HEAT` the others: a run writes the
+# others on all stations before the first of these on any (`session/run/station_run.py`).
 
 COMMAND_OF: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -87,7 +90,9 @@ CAN_HEAT: Final[Mapping[str, str]] = MappingProxyType(
         "adjust": "moves a tip that is at work by up to 50 °C",
         "selected_temperature": "is the setpoint of a tip that is at work",
         "work_mode": "puts a profile's setpoints in place of the selected ones",
-        "selected_air_flow": "blows more hot air where the heater is on; and it comes behind the work mode",
+        "selected_air_flow": (
+            "blows more hot air where the heater is on; and it comes behind the work mode"
+        ),
         "selected_external_temperature": "is the setpoint of what the hot air is led by",
         "selected_air_temperature": "is the setpoint of the hot air",
         "status": "puts the tool to work",
@@ -157,7 +162,8 @@ class Recipe(RecipeTables):
         return tuple(sorted(int(name) for name in self.port))
 
     def asked(self, port: int | None = None) -> dict[str, Asked]:
-        """What the port is asked to hold, by setting (``"alarm.high.limit_c"``); its own tables win.
+        """What the port is asked to hold, by setting (``"alarm.high.limit_c"``); its own tables
+        win.
 
         Without a port: what a port without tables of its own is asked to hold.
         """
@@ -178,7 +184,9 @@ class Recipe(RecipeTables):
         return frozenset(port for port in PORTS if "temperature.select_c" in self.asked(port))
 
     def safe_state(self, family: str) -> str:
-        """Return the safe state of every touched tool of this family (docs/reference/safe-states.md)."""
+        """Return the safe state of every touched tool of this family
+        (docs/reference/safe-states.md).
+        """
         known = FAMILIES.get(family)
         if "safe_state" in self.run.model_fields_set or known is None:
             return self.run.safe_state
@@ -190,7 +198,9 @@ class Recipe(RecipeTables):
 
     @property
     def suction(self) -> str:
-        """Return what to do with a hot air station's suction at the start: ``keep``, ``on`` or ``off``."""
+        """Return what to do with a hot air station's suction at the start: ``keep``, ``on`` or
+        ``off``.
+        """
         return self.air.suction or "keep"
 
     def rate_hz(self, family: Family | None) -> float:

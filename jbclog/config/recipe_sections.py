@@ -1,4 +1,6 @@
-"""The tables of a recipe file: each table a class, each key a field. A setting that the file does not name is None."""
+"""The tables of a recipe file: each table a class, each key a field. A setting that the file does
+not name is None.
+"""
 
 from __future__ import annotations
 
@@ -73,10 +75,18 @@ class Feeder(Table):
     mode: Literal["continuous", "discontinuous", "program", "reload"] | None = Field(
         None, description="one of continuous, discontinuous, program, reload"
     )
-    length_mm: float | None = Field(None, ge=0, le=9999.9, description=f"mm in steps of 0.1, {FIVE_DIGITS}")
-    speed_mm_s: float | None = Field(None, gt=0, le=9999.9, description=f"mm/s in steps of 0.1, {FIVE_DIGITS}")
-    diameter_mm: float | None = Field(None, gt=0, le=999.99, description=f"mm in steps of 0.01, {FIVE_DIGITS}")
-    backward_mm: float | None = Field(None, ge=0, le=9999.9, description=f"mm in steps of 0.1, {FIVE_DIGITS}")
+    length_mm: float | None = Field(
+        None, ge=0, le=9999.9, description=f"mm in steps of 0.1, {FIVE_DIGITS}"
+    )
+    speed_mm_s: float | None = Field(
+        None, gt=0, le=9999.9, description=f"mm/s in steps of 0.1, {FIVE_DIGITS}"
+    )
+    diameter_mm: float | None = Field(
+        None, gt=0, le=999.99, description=f"mm in steps of 0.01, {FIVE_DIGITS}"
+    )
+    backward_mm: float | None = Field(
+        None, ge=0, le=9999.9, description=f"mm in steps of 0.1, {FIVE_DIGITS}"
+    )
     clog_detection: Switch | None = None
 
 
@@ -84,17 +94,24 @@ class Air(Table):
     """Hot air (jtse). No manual prints ranges; the station's own limits are checked live."""
 
     temperature_c: int | None = Field(None, description="whole °C")
-    flow_permille: int | None = Field(None, ge=0, le=1000, description="0 to 1000, the share of the station's greatest flow")
+    flow_permille: int | None = Field(
+        None, ge=0, le=1000, description="0 to 1000, the share of the station's greatest flow"
+    )
     external_set_c: int | None = Field(None, description="whole °C")
     mode: Literal["manual", "profile"] | None = Field(None, description="manual or profile")
-    suction: Literal["keep", "on", "off"] | None = Field(None, description="keep, on or off")  # None: keep
+    # None: keep
+    suction: Literal["keep", "on", "off"] | None = Field(None, description="keep, on or off")
 
 
 class Omega(Table):
     """One solder condition (omega): its whole record of fifteen fields."""
 
     condition: Condition = Field(description=CONDITIONS)
-    mode: int = Field(ge=0, le=4, description="0 to 4: special point, special slide, the same without iron up, pre-solder")
+    mode: int = Field(
+        ge=0,
+        le=4,
+        description="0 to 4: special point, special slide, the same without iron up, pre-solder",
+    )
     rise_s: Tenths = Field(description=TENTHS)
     feed1_mm: Tenths = Field(description=TENTHS)
     feed1_mm_s: Tenths = Field(description=TENTHS)
@@ -113,7 +130,9 @@ class Omega(Table):
 
 
 class Sampling(Table):
-    """Hz of the fast signals (None: the family's own; ask `Recipe.asked_rate`), and the ceilings of the slow ones in seconds."""
+    """Hz of the fast signals (None: the family's own; ask `Recipe.asked_rate`), and the ceilings of
+    the slow ones in seconds.
+    """
 
     rate_hz: Rate | None = Field(None, description=RATES)
     alarms_every_s: float = Field(2.0, ge=0.1, le=3600, description="seconds, from 0.1 to 3600")
@@ -121,7 +140,9 @@ class Sampling(Table):
 
 
 class Run(Table):
-    """How the run treats the tools. `status` None: not changed at the start. Ask `Recipe.safe_state` for a family's own."""
+    """How the run treats the tools. `status` None: not changed at the start. Ask
+    `Recipe.safe_state` for a family's own.
+    """
 
     status: Literal["working", "stand", "extractor", "on", "off"] | None = Field(
         None, description="working, stand or extractor (jtse: on, off)"
@@ -129,7 +150,8 @@ class Run(Table):
     safe_state: Literal["stand", "extractor", "cooling", "off"] = Field(
         "stand", description="stand or extractor (jtse: cooling, off)"
     )
-    safe_suction: Literal["keep", "off"] = Field("keep", description="keep or off")  # jtse: at the end
+    # jtse: at the end
+    safe_suction: Literal["keep", "off"] = Field("keep", description="keep or off")
     require_tool: bool = Field(True, description="true or false")
     on_difference: Literal["stop", "continue"] = Field("stop", description="stop or continue")
     on_missing: Literal["stop", "continue"] = Field("stop", description="stop or continue")
@@ -137,7 +159,9 @@ class Run(Table):
 
 
 class Episodes(Table):
-    """What the evaluation of samples adds to a station's alarm limits and delays. `off_delay_s` None: as long as the delay."""
+    """What the evaluation of samples adds to a station's alarm limits and delays. `off_delay_s`
+    None: as long as the delay.
+    """
 
     dead_band_c: float = Field(2.0, ge=0, le=100, description="°C from 0 to 100")
     off_delay_s: float | None = Field(None, ge=0, le=3600, description="seconds from 0 to 3600")
@@ -149,7 +173,9 @@ class Episodes(Table):
 
 
 class Units(Table):
-    """Serials of units that are read during the run. `repeat`: what to do with one that was read before."""
+    """Serials of units that are read during the run. `repeat`: what to do with one that was read
+    before.
+    """
 
     repeat: Literal["continue", "refuse"] = Field("continue", description="continue or refuse")
 
@@ -167,20 +193,28 @@ class Acceptance(Table):
     idle_sd_c: float | None = Field(None, ge=0, description="°C from 0 on")
     alarms_max: int | None = Field(None, ge=0, description="a whole number from 0 on")
     verification_days: float | None = Field(None, ge=0, description="days from 0 on")
-    recovery_p95_s: float | None = Field(None, gt=0, le=10, description="seconds, more than 0 and up to 10")
+    recovery_p95_s: float | None = Field(
+        None, gt=0, le=10, description="seconds, more than 0 and up to 10"
+    )
     recovered_before_next_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
     joints_against_counter_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
-    reached_within_c: float | None = Field(None, gt=0, le=100, description="°C, more than 0 and up to 100")
+    reached_within_c: float | None = Field(
+        None, gt=0, le=100, description="°C, more than 0 and up to 100"
+    )
     at_work_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
     confidence: Confidence = Field(0.95, description='0.95 or "none"')
 
 
 class Joints(Table):
-    """What counts as a joint when joints are looked for. None: learnt from the run, and shown in the report."""
+    """What counts as a joint when joints are looked for. None: learnt from the run, and shown in
+    the report.
+    """
 
     least_dwell_s: float | None = Field(None, ge=0.1, le=60, description="seconds from 0.1 to 60")
     merge_gap_s: float | None = Field(None, ge=0, le=10, description="seconds from 0 to 10")
-    expected_every_s: float | None = Field(None, ge=0.5, le=3600, description="seconds from 0.5 to 3600")
+    expected_every_s: float | None = Field(
+        None, ge=0.5, le=3600, description="seconds from 0.5 to 3600"
+    )
     recovered_within_c: float = Field(3.0, ge=1, le=50, description="°C from 1 to 50")
     wire_decides: bool | None = Field(None, description="true or false")
 
@@ -192,7 +226,9 @@ class RecipeTables(PortSettings):
     """The whole file, table by table."""
 
     recipe: RecipeTable = Field(description="a table [recipe] with name, revision and families")
-    port: Mapping[PortName, PortSettings] = Field(default_factory=dict, description="a port is 1, 2, 3 or 4")
+    port: Mapping[PortName, PortSettings] = Field(
+        default_factory=dict, description="a port is 1, 2, 3 or 4"
+    )
     feeder: Feeder = Feeder()
     air: Air = Air()
     omega: Omega | None = None

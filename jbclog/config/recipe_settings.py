@@ -1,4 +1,6 @@
-"""The settings that a recipe writes on a station: an ordered list for each port, and one for the station."""
+"""The settings that a recipe writes on a station: an ordered list for each port, and one for the
+station.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +21,12 @@ _PLACE: Final = {setting: place for place, setting in enumerate(COMMAND_OF)}
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One value to be written. `port` is None for the whole station; the tool is known at run time only.
+    """One value to be written. `port` is None for the whole station; the tool is known at run time
+    only.
 
-    `command.name` is what stands in the column `setting`; `key` is where the value stands in the recipe. A share
-    (`is_share`) is in per mille until `as_counted` has made of it what the station counts in.
+    `command.name` is what stands in the column `setting`; `key` is where the value stands in the
+    recipe. A share (`is_share`) is in per mille until `as_counted` has made of it what the station
+    counts in.
     """
 
     command: Command
@@ -34,14 +38,20 @@ class Setting:
     @property
     def unit(self) -> str:
         """Return the value's unit, with the base of a percentage."""
-        return f"‰ of the station's {str(self.command.share_of).replace('_', ' ')}" if self.is_share else self.command.unit
+        return (
+            f"‰ of the station's {str(self.command.share_of).replace('_', ' ')}"
+            if self.is_share
+            else self.command.unit
+        )
 
     def shown(self) -> str:
         """Return the value with its unit."""
         return f"{self.value} {self.unit}" if self.is_share else self.command.shown(self.value)
 
     def as_counted(self, held: Mapping[str, Value]) -> Setting | None:
-        """Return the setting with the number to send, given what the station holds; None if that is not known."""
+        """Return the setting with the number to send, given what the station holds; None if that is
+        not known.
+        """
         if not self.is_share:
             return self
         whole = held.get(str(self.command.share_of))
@@ -51,36 +61,50 @@ class Setting:
 
 
 def settings_for(recipe: Recipe, family: Family, port: int) -> list[Setting]:
-    """What is written on `port` of a station of `family`, in the order that `recipe.py` explains."""
+    """What is written on `port` of a station of `family`, in the order that `recipe.py`
+    explains.
+    """
     return [setting for _, setting in _for_port(recipe, family, port)]
 
 
 def station_settings_for(recipe: Recipe, family: Family) -> list[Setting]:
-    """Return the settings of the whole station: the feeder of ale. Empty for families without one."""
+    """Return the settings of the whole station: the feeder of ale. Empty for families without
+    one.
+    """
     wanted = sorted(asked_in(recipe.feeder, ("feeder",)), key=lambda one: _PLACE[one.setting])
     return [setting for one in wanted if (setting := _setting(one, family, None)) is not None]
 
 
 def condition_of(recipe: Recipe, family: Family) -> ConditionRecord | None:
-    """Return the solder condition that the recipe sets on a station of `family`, None if it sets none."""
+    """Return the solder condition that the recipe sets on a station of `family`, None if it sets
+    none.
+    """
     if recipe.omega is None or family.name not in SECTION_FAMILIES["omega"]:
         return None
     return ConditionRecord(*(getattr(recipe.omega, one.name) for one in fields(ConditionRecord)))
 
 
 def foreign_keys(recipe: Recipe, family: Family, ports: Collection[int] | None = None) -> list[str]:
-    """What the recipe asks for and this station does not have, as it stands in the column `setting` (`unsupported`).
+    """What the recipe asks for and this station does not have, as it stands in the column `setting`
+    (`unsupported`).
 
-    Keys of other families' sections by their command's name (``feeder_length``) or, where no driven family has
-    one, by their key (``omega.condition``); and keys of ports beyond `ports` (default: the family's), whole:
-    ``port.3.temperature.select_c``.
+    Keys of other families' sections by their command's name (``feeder_length``) or, where no driven
+    family has one, by their key (``omega.condition``); and keys of ports beyond `ports` (default:
+    the family's), whole: ``port.3.temperature.select_c``.
     """
-    return [*_of_other_families(recipe, family), *_of_other_ports(recipe, family, ports if ports is not None else family.ports)]
+    return [
+        *_of_other_families(recipe, family),
+        *_of_other_ports(recipe, family, ports if ports is not None else family.ports),
+    ]
 
 
-def live_problems(recipe: Recipe, family: Family, port: int, held: Mapping[str, Value]) -> list[str]:
+def live_problems(
+    recipe: Recipe, family: Family, port: int, held: Mapping[str, Value]
+) -> list[str]:
     """Return the problems of settings beyond what the station allows, as read into `held`."""
-    found = ((one, _live_problem(setting, held)) for one, setting in _for_port(recipe, family, port))
+    found = (
+        (one, _live_problem(setting, held)) for one, setting in _for_port(recipe, family, port)
+    )
     return [str(recipe.problem(one.key, text)) for one, text in found if text is not None]
 
 
@@ -92,9 +116,15 @@ def _live_problem(setting: Setting, held: Mapping[str, Value]) -> str | None:
         place = f"{place}, {counted.shown()},"
     if setting.command.within is None:
         return None
-    value, (lowest, highest) = counted.value, (held.get(name) if name else None for name in setting.command.within)
+    value, (lowest, highest) = (
+        counted.value,
+        (held.get(name) if name else None for name in setting.command.within),
+    )
     if not isinstance(highest, int):
-        return f"{place} cannot be checked: the station does not answer its {setting.command.within[1].replace('_', ' ')}"
+        return (
+            f"{place} cannot be checked: the station does not answer its"
+            f" {setting.command.within[1].replace('_', ' ')}"
+        )
     if isinstance(value, int) and value > highest:
         return f"{place} is above the station's maximum of {setting.command.shown(highest)}"
     if isinstance(value, int) and isinstance(lowest, int) and value < lowest:
@@ -103,14 +133,19 @@ def _live_problem(setting: Setting, held: Mapping[str, Value]) -> str | None:
 
 
 def _for_port(recipe: Recipe, family: Family, port: int) -> list[tuple[Asked, Setting]]:
-    air = {one.setting: one for one in asked_in(recipe.air, ("air",)) if one.setting in COMMAND_OF}  # suction is in the status
+    # suction is in the status
+    air = {one.setting: one for one in asked_in(recipe.air, ("air",)) if one.setting in COMMAND_OF}
     asked = recipe.asked(port) | air
     wanted = sorted(asked.values(), key=lambda one: _place(one, asked))
-    return [(one, setting) for one in wanted if (setting := _setting(one, family, port)) is not None]
+    return [
+        (one, setting) for one in wanted if (setting := _setting(one, family, port)) is not None
+    ]
 
 
 def _place(one: Asked, asked: Mapping[str, Asked]) -> float:
-    """Return the setting's place in the order; a delay that switches an alarm off comes just before its limit."""
+    """Return the setting's place in the order; a delay that switches an alarm off comes just before
+    its limit.
+    """
     alarm, _, _ = one.setting.rpartition(".")
     if one.value is OFF and alarm in WHEN_OFF:
         return _PLACE[f"{alarm}.limit_c"] - 0.5
@@ -132,7 +167,9 @@ def _belongs(one: Asked, family: Family) -> bool:
 
 
 def _of_other_families(recipe: Recipe, family: Family) -> Iterator[str]:
-    yield from (COMMAND_OF[one.setting] for one in recipe.asked().values() if not _belongs(one, family))
+    yield from (
+        COMMAND_OF[one.setting] for one in recipe.asked().values() if not _belongs(one, family)
+    )
     for section in ("feeder", "air", "omega"):
         table = getattr(recipe, section)
         if table is not None and family.name not in SECTION_FAMILIES[section]:
@@ -143,4 +180,8 @@ def _of_other_families(recipe: Recipe, family: Family) -> Iterator[str]:
 def _of_other_ports(recipe: Recipe, family: Family, ports: Collection[int] | None) -> Iterator[str]:
     for port in recipe.ports_named():
         is_there = ports is None or port in ports
-        yield from (dotted(one.key) for one in recipe.asked_of(port) if not (is_there and _belongs(one, family)))
+        yield from (
+            dotted(one.key)
+            for one in recipe.asked_of(port)
+            if not (is_there and _belongs(one, family))
+        )

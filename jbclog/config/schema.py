@@ -10,7 +10,15 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Final, Literal, TypeVar, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    ValidationError,
+)
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
@@ -47,10 +55,14 @@ FromList = BeforeValidator(_as_tuple)
 
 NAME_PATTERN = r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}"
 Name = Annotated[str, Field(pattern=rf"^{NAME_PATTERN}\z")]
-NAME_ALLOWED = "1 to 64 of the characters A-Z a-z 0-9 . _ -, the first of them a letter, a digit or _"
+NAME_ALLOWED = (
+    "1 to 64 of the characters A-Z a-z 0-9 . _ -, the first of them a letter, a digit or _"
+)
 
 
-def read_table(row: type[Row], source: TomlText, at: KeyPath, table: object) -> tuple[Row | None, list[Problem], list[KeyPath]]:
+def read_table(
+    row: type[Row], source: TomlText, at: KeyPath, table: object
+) -> tuple[Row | None, list[Problem], list[KeyPath]]:
     """Return the typed table at `at` or None, its problems, and their key paths below `at`."""
     try:
         return row.model_validate(table), [], []
@@ -78,14 +90,23 @@ def _sentence(row: type[Table], key: KeyPath, detail: ErrorDetails) -> str:
     allowed = _allowed(row, key)
     if kind == "missing":
         return f"missing; {allowed}" if allowed else "missing"
-    meant = _nearest(detail["input"], _choices(row, key)) if isinstance(detail["input"], str) else None
-    return f"{shown(detail['input'])} is not allowed; {f'did you mean {meant}?' if meant else allowed or detail['msg'].lower()}"
+    meant = (
+        _nearest(detail["input"], _choices(row, key)) if isinstance(detail["input"], str) else None
+    )
+    return (
+        f"{shown(detail['input'])} is not allowed;"
+        f" {f'did you mean {meant}?' if meant else allowed or detail['msg'].lower()}"
+    )
 
 
 def unknown(name: str, names: list[str]) -> str:
     """Return the message for a name that is not in `names`, with a similar one if there is any."""
     near = _nearest(name, names)
-    return f"unknown; did you mean {near}?" if near else f"unknown; allowed here: {', '.join(names) or 'nothing'}"
+    return (
+        f"unknown; did you mean {near}?"
+        if near
+        else f"unknown; allowed here: {', '.join(names) or 'nothing'}"
+    )
 
 
 def _nearest(name: str, names: Iterable[str]) -> str | None:
@@ -122,7 +143,7 @@ def _choices(row: type[Table], key: KeyPath) -> list[str]:
     """Return the texts that the field at `key` allows, if it allows only some."""
     field = _field(row, key)
     found = get_args(field.annotation) if field is not None else ()
-    return [text for one in found for text in (get_args(one) or (one,)) if isinstance(text, str)]
+    return [text for one in found for text in get_args(one) or (one,) if isinstance(text, str)]
 
 
 def _field(row: type[Table], key: KeyPath) -> FieldInfo | None:
@@ -148,7 +169,9 @@ def _table_at(row: type[BaseModel], key: KeyPath) -> type[BaseModel] | None:
 def _model_in(annotation: object) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for inner in get_args(annotation) if (found := _model_in(inner)) is not None), None)
+    return next(
+        (found for inner in get_args(annotation) if (found := _model_in(inner)) is not None), None
+    )
 
 
 def _is_mapping(annotation: object) -> bool:
@@ -156,7 +179,8 @@ def _is_mapping(annotation: object) -> bool:
     return isinstance(origin, type) and issubclass(origin, Mapping)
 
 
-# Kinds of values in a recipe. They check types only; `load_recipe.py` checks ranges by the command tables.
+# Kinds of values in a recipe. They check types only; `load_recipe.py` checks ranges by the command
+# tables.
 
 FIVE_DIGITS: Final = "as far as five digits go; no manual prints a range"
 TENTHS: Final = "0 to 409.5 in steps of 0.1"
@@ -183,7 +207,9 @@ def _seconds(value: object) -> float | Off:
 
 def _limit(value: object) -> int:
     if value == "off":
-        raise said('"off" is not allowed; no manual prints how to clear a limit: use delay_s = "off"')
+        raise said(
+            '"off" is not allowed; no manual prints how to clear a limit: use delay_s = "off"'
+        )
     if isinstance(value, bool) or not isinstance(value, int):
         raise said(f"{shown(value)} is not allowed; whole °C in steps of 5")
     return value
@@ -252,7 +278,11 @@ LimitC = Annotated[int, PlainValidator(_limit)]
 Rate = Annotated[float | str, PlainValidator(_rate)]
 Confidence = Annotated[float | Literal["none"], PlainValidator(_confidence)]
 Switch = Annotated[str, PlainValidator(_on_off)]
-Families = Annotated[tuple[Annotated[str, AfterValidator(_family)], ...], FromList, AfterValidator(_no_repeats)]
-Required = Annotated[tuple[Annotated[str, AfterValidator(_metadata)], ...], FromList, AfterValidator(_no_repeats)]
+Families = Annotated[
+    tuple[Annotated[str, AfterValidator(_family)], ...], FromList, AfterValidator(_no_repeats)
+]
+Required = Annotated[
+    tuple[Annotated[str, AfterValidator(_metadata)], ...], FromList, AfterValidator(_no_repeats)
+]
 Condition = Annotated[int, AfterValidator(_condition)]
 Tenths = Annotated[float, Field(ge=0, le=409.5), AfterValidator(_tenths)]

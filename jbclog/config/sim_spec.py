@@ -1,7 +1,7 @@
 """The optional table `[station.sim]` of a line file: what the virtual station of that name is like.
 
-`run` and everything on its path ignore it; `jbclog sim` and the tests serve it. Times of faults count from
-the first question that the virtual station hears.
+`run` and everything on its path ignore it; `jbclog sim` and the tests serve it. Times of faults
+count from the first question that the virtual station hears.
 """
 
 from __future__ import annotations
@@ -58,25 +58,27 @@ Tool = Annotated[int, Field(ge=0, le=9)]
 class FaultSpec(Table):
     """One fault, in force from `at_s` for `for_s` seconds; without `for_s` to the end.
 
-    ===============  ===================================================================================
+    ===============  =============================================================================
     silence          the station hears and acts, and its answer does not come
     noise            `bytes_count` random bytes come before the answer
     flip             `bits` bits of the answer are the wrong way round
     late             the answer comes `by_s` seconds late
-    nak              the question is refused with `code` (1 to 6, 99999) and not acted upon; omega ignores it
+    nak              the question is refused with `code` (1 to 6, 99999) and not acted upon; omega
+                     ignores it
     dropout          the cable is out: the port disappears and comes back after `for_s`
     restart          the station restarts: what is volatile is lost, and it is silent for `for_s`
     stuck            the temperature reading stays what it was
-    overheat         tip or air runs away to `by_c` above the upper alarm limit (above the setting if none is set)
+    overheat         tip or air runs away to `by_c` above the upper alarm limit (above the setting
+                     if none is set)
     tool             the tool is exchanged for the one with number `code`; 0 pulls it out
     solder_shortage  omega: there is no solder left
     clog             omega: the solder is clogged
     not_ready        omega: the controller prepares, or has an error
     out_of_range     omega: the temperature is out of its alarm range
-    ===============  ===================================================================================
+    ===============  =============================================================================
 
-    `command` (a name of the family's table), `port` and `only` choose the answers that are struck, and
-    `every` = n strikes each nth of those.
+    `command` (a name of the family's table), `port` and `only` choose the answers that are struck,
+    and `every` = n strikes each nth of those.
     """
 
     kind: FaultKind
@@ -107,12 +109,14 @@ class FaultSpec(Table):
 class SimSpec(Table):
     """The virtual station behind one entry of a line file. Every key has a default.
 
-    `tool` is plugged into every port, `tools` into single ones (0 = none). `family` is the real family if the line file names
-    another. The model reported is `model`, else the line file's, else the family's name. `settings` and `counters` are the initial
-    values by command name, for all ports and tools; ``"off"`` is a value of delays. `quirks` choose among the readings of the
-    manuals where these contradict themselves. `seed`, by default the station's name, decides joints, noise and flipped bits. An
-    omega answers after 0 to 250 ms unless `turnaround_ms` is given, and starts with the conditions in `settings`, such as
-    ``condition_101 = "0065 0 023 ..."``.
+    `tool` is plugged into every port, `tools` into single ones (0 = none). `family` is the real
+    family if the line file names another. The model reported is `model`, else the line file's, else
+    the family's name. `settings` and `counters` are the initial values by command name, for all
+    ports and tools; ``"off"`` is a value of delays. `quirks` choose among the readings of the
+    manuals where these contradict themselves. `seed`, by default the station's name, decides
+    joints, noise and flipped bits. An omega answers after 0 to 250 ms unless `turnaround_ms` is
+    given, and starts with the conditions in `settings`, such as ``condition_101 = "0065 0 023
+    ..."``.
     """
 
     turnaround_ms: float = Field(default=1.0, ge=0, le=10_000)
@@ -126,13 +130,16 @@ class SimSpec(Table):
     joints_per_minute: float = Field(default=12.0, ge=0, le=120)
     joint_seconds: float = Field(default=1.5, gt=0, le=60)
     feed_each_joint: bool = False  # ale: the robot's own switch starts one feed in each joint
-    noise_c: float = Field(default=0.0, ge=0, le=50)  # standard deviation of the temperature reading
-    sensor_error_c: float = Field(default=0.0, ge=-100, le=100)  # reading minus the true tip temperature
+    # standard deviation of the temperature reading
+    noise_c: float = Field(default=0.0, ge=0, le=50)
+    # reading minus the true tip temperature
+    sensor_error_c: float = Field(default=0.0, ge=-100, le=100)
     ambient_c: float = Field(default=23.0, ge=-20, le=60)
     rated_power_w: float | None = Field(default=None, gt=0, le=2000)  # default 130, hot air 900
     thermocouple: bool = True  # jtse: an external thermocouple is plugged in
     suction_each_joint: bool = False  # jtse: a part is lifted off after each joint
-    refuses_unprinted: bool = False  # N 00003 to what is beyond a limit that its own manual does not print, and another does
+    # N 00003 to what is beyond a limit that its own manual does not print, and another does
+    refuses_unprinted: bool = False
     extractor_cools: bool = True  # whether the heater is off in status 00010, which no manual says
     quirks: Annotated[tuple[str, ...], FromList] = ()  # names of `sim/quirks.py`
     settings: dict[str, int | float | str] = Field(default_factory=dict)

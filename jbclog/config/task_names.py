@@ -1,4 +1,6 @@
-"""Names of maintenance tasks that need no tasks file: events of a station that affect its counters."""
+"""Names of maintenance tasks that need no tasks file: events of a station that affect its
+counters.
+"""
 
 from __future__ import annotations
 

@@ -32,7 +32,13 @@ from jbclog.core.errors import Problem, Problems
 DAYS: Final = "days"
 COUNTERS: Final = {
     "life_h": ("plugged_h", "no_tool_h", "sleep_h", "hibernation_h", "work_h", "on_h"),
-    "life_cycles": ("sleep_cycles", "desolder_cycles", "dispensed_cycles", "tool_cycles", "suction_cycles"),
+    "life_cycles": (
+        "sleep_cycles",
+        "desolder_cycles",
+        "dispensed_cycles",
+        "tool_cycles",
+        "suction_cycles",
+    ),
     "life_m": ("dispensed_mm",),
 }
 LIVES: Final = (*COUNTERS, "life_days")
@@ -80,7 +86,9 @@ class TasksFile(Table):
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A task due after `life` of `counter` (in its unit; days for ``days``). `never`: the text if it was never recorded as done."""
+    """A task due after `life` of `counter` (in its unit; days for ``days``). `never`: the text if
+    it was never recorded as done.
+    """
 
     name: str
     title: str
@@ -94,7 +102,9 @@ class Task:
 
     def is_of(self, station: str, family: str | None) -> bool:
         """Whether it applies to this station."""
-        return (self.stations is None or station in self.stations) and (self.families is None or family in self.families)
+        return (self.stations is None or station in self.stations) and (
+            self.families is None or family in self.families
+        )
 
 
 def load_tasks(path: Path) -> tuple[Task, ...]:
@@ -146,20 +156,29 @@ def _of_one(source: TomlText, at: KeyPath, table: dict[str, object]) -> Iterator
         given = f"{' and '.join(lives)} are given" if lives else "no service interval is given"
         yield source.problem(at, f"{given}; exactly one of {', '.join(LIVES)}")
     elif lives == ["life_days"] and counter is not None:
-        yield source.problem((*at, "counter"), "life_days are days of the calendar and take no counter")
+        yield source.problem(
+            (*at, "counter"), "life_days are days of the calendar and take no counter"
+        )
     elif lives != ["life_days"] and counter is None:
-        yield source.problem((*at, "counter"), f"missing; with {lives[0]} one of {', '.join(COUNTERS[lives[0]])}")
+        yield source.problem(
+            (*at, "counter"), f"missing; with {lives[0]} one of {', '.join(COUNTERS[lives[0]])}"
+        )
     elif counter in ALL_COUNTERS and counter not in COUNTERS[lives[0]]:
         yield source.problem(
-            (*at, "counter"), f"{counter} is not counted so; with {lives[0]} one of {', '.join(COUNTERS[lives[0]])}"
+            (*at, "counter"),
+            f"{counter} is not counted so; with {lives[0]} one of {', '.join(COUNTERS[lives[0]])}",
         )
 
 
-def _named(source: TomlText, at: KeyPath, name: object, names: dict[object, int]) -> Iterator[Problem]:
+def _named(
+    source: TomlText, at: KeyPath, name: object, names: dict[object, int]
+) -> Iterator[Problem]:
     if not isinstance(name, str):
         return
     if name in STATED:
-        yield source.problem(at, f"{name} is reserved for an event of a station; give the task another name")
+        yield source.problem(
+            at, f"{name} is reserved for an event of a station; give the task another name"
+        )
     if name in names:
         yield source.problem(at, f"{name} is given twice, first in line {names[name]}")
     names.setdefault(name, source.lines.get(at, 0))

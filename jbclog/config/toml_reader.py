@@ -14,10 +14,11 @@ from typing import NamedTuple
 from jbclog.core.errors import Problem, Problems
 from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
 
-# tomllib reports no positions of keys, and takes 5.8 s for 40 kB of dotted keys (docs/reference/faults.md, F-33). `KeyScan` runs
-# first, over each character once: it finds the line of every key and all keys given twice, and stops at anything larger than our
-# files have. It does not judge syntax: where it cannot continue, tomllib reports on the text up to that line. Other parsers were
-# compared in docs/decisions/0058.
+# tomllib reports no positions of keys, and takes 5.8 s for 40 kB of dotted keys
+# (docs/reference/faults.md, F-33). `KeyScan` runs first, over each character once: it finds the
+# line of every key and all keys given twice, and stops at anything larger than our files have. It
+# does not judge syntax: where it cannot continue, tomllib reports on the text up to that line.
+# Other parsers were compared in docs/decisions/0058.
 
 KeyPath = tuple[str | int, ...]
 """The path of a key: names, and indexes (from 0) of tables in a list: ``("station", 1, "url")``."""
@@ -164,7 +165,11 @@ class KeyScan:
         self._end_of_line()
         self._count(line)
         place: KeyPath = (*self._resolved(parts[:-1], line), parts[-1])
-        self._table = self._next_in_list(place) if is_list else self._declare(self._resolved((parts[-1],), line, place[:-1]), line)
+        self._table = (
+            self._next_in_list(place)
+            if is_list
+            else self._declare(self._resolved((parts[-1],), line, place[:-1]), line)
+        )
         self.lines.setdefault(place, line)
         self.lines.setdefault(self._table, line)
 
@@ -223,7 +228,9 @@ class KeyScan:
     def _scalar(self, token: Token) -> None:
         if token.kind != "word" and token.text not in _IN_SCALARS:
             raise Lost(token.line)
-        while self._ahead.kind in ("word", ".") or (self._ahead.kind == "other" and self._ahead.text in _IN_SCALARS):
+        while self._ahead.kind in ("word", ".") or (
+            self._ahead.kind == "other" and self._ahead.text in _IN_SCALARS
+        ):
             self._take()
 
     def _list(self, path: KeyPath, nesting: int) -> None:
@@ -253,15 +260,19 @@ class KeyScan:
 
 MAX_BYTES = LIMITS[Kind.SETTINGS]
 MAX_PROBLEMS = 100  # of a file; more are only counted
-_HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")  # control, bidirectional and other invisible characters
-_HIDDEN_IN_TEXT = re.compile("[\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")  # can disguise a line
+# control, bidirectional and other invisible characters
+_HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
+# can disguise a line
+_HIDDEN_IN_TEXT = re.compile("[\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _AT_LINE = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
 
 
 @dataclass(frozen=True, slots=True)
 class TomlText:
-    """A file as read: its text (``text.encode()`` gives the file's bytes), its tables, and the lines of its keys."""
+    """A file as read: its text (``text.encode()`` gives the file's bytes), its tables, and the
+    lines of its keys.
+    """
 
     file: str
     text: str
@@ -280,10 +291,19 @@ class TomlText:
 
 
 def shortened(problems: list[Problem]) -> list[Problem]:
-    """Return the problems in the file's order, each once; beyond `MAX_PROBLEMS` only their number."""
+    """Return the problems in the file's order, each once; beyond `MAX_PROBLEMS` only their
+    number.
+    """
     ordered = sorted(dict.fromkeys(problems), key=lambda problem: problem.line or 0)
     rest = len(ordered) - MAX_PROBLEMS
-    return ordered if rest <= 0 else [*ordered[:MAX_PROBLEMS], Problem(ordered[0].file, None, "", f"and {rest} more problems")]
+    return (
+        ordered
+        if rest <= 0
+        else [
+            *ordered[:MAX_PROBLEMS],
+            Problem(ordered[0].file, None, "", f"and {rest} more problems"),
+        ]
+    )
 
 
 def dotted(key: KeyPath) -> str:
@@ -298,7 +318,9 @@ def dotted(key: KeyPath) -> str:
 
 
 def read_text(path: Path, *, links: bool = True) -> str:
-    """Read a file. Raises Problems if it is no ordinary file, too large or not UTF-8; `links` as in `open_foreign`."""
+    """Read a file. Raises Problems if it is no ordinary file, too large or not UTF-8; `links` as in
+    `open_foreign`.
+    """
     try:
         data = read_foreign(path, Kind.SETTINGS, links=links)
     except OSError as error:
@@ -309,7 +331,9 @@ def read_text(path: Path, *, links: bool = True) -> str:
         return data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise Problems([Problem(str(path), line, "", f"is not UTF-8 (byte {error.start})")]) from error
+        raise Problems(
+            [Problem(str(path), line, "", f"is not UTF-8 (byte {error.start})")]
+        ) from error
 
 
 def parse(text: str, file: str) -> TomlText:
@@ -325,7 +349,10 @@ def parse(text: str, file: str) -> TomlText:
     except Lost as error:
         raise Problems([_syntax(plain, file, error.line)]) from error
     if scan.twice:
-        twice = [Problem(file, line, dotted(key), f"given twice, first in line {first}") for key, line, first in scan.twice]
+        twice = [
+            Problem(file, line, dotted(key), f"given twice, first in line {first}")
+            for key, line, first in scan.twice
+        ]
         raise Problems(shortened(twice))
     return TomlText(file, text, _tables(plain, file), scan.lines)
 

@@ -1,8 +1,9 @@
 """A monotonic clock that times everything, and UTC for people.
 
-Durations, due times and time-outs use `monotonic()`, in seconds. UTC is derived from it by an offset, so that a stepped wall
-clock neither moves a sample nor makes a duration negative. On Linux the monotonic clock includes time in which the machine was
-suspended, because tips stay hot meanwhile.
+Durations, due times and time-outs use `monotonic()`, in seconds. UTC is derived from it by an
+offset, so that a stepped wall clock neither moves a sample nor makes a duration negative. On Linux
+the monotonic clock includes time in which the machine was suspended, because tips stay hot
+meanwhile.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ def _elapsed() -> Callable[[], float]:
 
 
 elapsed: Callable[[], float] = _elapsed()
-"""Seconds on a clock that never steps back and includes suspension where the system can count it."""
+"""Seconds on a clock that never steps back and includes suspension where the system can count
+it.
+"""
 
 
 class Clock(Protocol):
@@ -67,7 +70,8 @@ class UtcOffset:
     Between checks all rows have the same offset, so their order stays.
     """
 
-    STEP_S = 0.5  # a larger change is a step (docs/reference/faults.md, F-20); a smaller one is drift
+    # a larger change is a step (docs/reference/faults.md, F-20); a smaller one is drift
+    STEP_S = 0.5
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock

@@ -1,4 +1,6 @@
-"""Files that survive a power cut (complete or absent), and append-only files of hash-chained JSON lines."""
+"""Files that survive a power cut (complete or absent), and append-only files of hash-chained JSON
+lines.
+"""
 
 from __future__ import annotations
 
@@ -64,9 +66,10 @@ def write_new(path: Path, data: bytes) -> None:
 
 # Hash-chained lines: each line of JSON carries the SHA-256 of the line before it and its own.
 #
-# A line that was changed, moved or removed from the middle breaks the chain. Missing last lines show only by comparison with
-# the head, the hash of the last line, kept elsewhere. A line that a crash cut off was never acknowledged: it is reported, does
-# not count, and the next line carries its hash.
+# A line that was changed, moved or removed from the middle breaks the chain. Missing last lines
+# show only by comparison with the head, the hash of the last line, kept elsewhere. A line that a
+# crash cut off was never acknowledged: it is reported, does not count, and the next line carries
+# its hash.
 
 
 class ChainedLine(Protocol):
@@ -86,9 +89,11 @@ Parse = Callable[[bytes], L | None]
 
 @dataclass(frozen=True, slots=True)
 class LineChain(Generic[L]):
-    """The readable lines with their hashes, problems as (line number, text), and the hash of the last line (`head`).
+    """The readable lines with their hashes, problems as (line number, text), and the hash of the
+    last line (`head`).
 
-    `read_to`: the number of the line after which so many were wrong that reading stopped; None if all were read.
+    `read_to`: the number of the line after which so many were wrong that reading stopped; None if
+    all were read.
     """
 
     entries: list[L] = field(default_factory=list)
@@ -119,7 +124,8 @@ def fields_of(line: bytes) -> dict[str, object]:
 def chain_in(data: bytes, first: str, parse: Parse[L], *, what: str, of_first: str) -> LineChain[L]:
     """Parse every line of `data` and list where the chain breaks.
 
-    `first` is the hash that the first line must carry, `of_first` names what it is the hash of, `what` names a line.
+    `first` is the hash that the first line must carry, `of_first` names what it is the hash of,
+    `what` names a line.
     """
     texts = lines_in(data)
     last = 0 if data.endswith(b"\n") else len(texts)
@@ -128,12 +134,19 @@ def chain_in(data: bytes, first: str, parse: Parse[L], *, what: str, of_first: s
 
 
 def chain_of(
-    lines: Iterable[Line], first: str, parse: Parse[L], *, what: str, of_first: str, most_wrong: int | None = None
+    lines: Iterable[Line],
+    first: str,
+    parse: Parse[L],
+    *,
+    what: str,
+    of_first: str,
+    most_wrong: int | None = None,
 ) -> LineChain[L]:
     """Parse the lines one by one as `chain_in` does; stop after `most_wrong` problems."""
     found: LineChain[L] = LineChain()
     previous, seq, number = first, 0, 0
-    unread: Line | None = None  # a line that is not valid, until the next one shows whether a crash cut it off
+    # a line that is not valid, until the next one shows whether a crash cut it off
+    unread: Line | None = None
     line: Line | None = None
     for number, line in enumerate(lines, 1):
         entry = None if line.text is None else parse(line.text)
@@ -160,7 +173,10 @@ def chain_of(
 def _broken(number: int, of_first: str) -> str:
     if number == 1:
         return f"does not carry the hash of {of_first}: one of the two was changed"
-    return "does not carry the hash of the line before it: one of the two was changed, or a line between them is gone"
+    return (
+        "does not carry the hash of the line before it: one of the two was changed, or a line"
+        " between them is gone"
+    )
 
 
 def _unreadable(line: Line, what: str) -> str:
@@ -175,15 +191,27 @@ MOST_FAULTS: Final = 100
 
 
 def first_faults(wrong: list[tuple[int, str]], most: int = MOST_FAULTS) -> list[tuple[int, str]]:
-    """Return the first faults of a file, and one entry for all later ones: a file of nothing but faults must not fill a page."""
+    """Return the first faults of a file, and one entry for all later ones: a file of nothing but
+    faults must not fill a page.
+    """
     if len(wrong) <= most:
         return wrong
-    return [*wrong[:most], (wrong[most][0], f"is wrong, too, as {len(wrong) - most - 1} later lines are")]
+    return [
+        *wrong[:most],
+        (wrong[most][0], f"is wrong, too, as {len(wrong) - most - 1} later lines are"),
+    ]
 
 
 def _is_vouched_for(line: Line, behind: L | None) -> bool:
-    """Whether a crash cut off this line and the next one carries its hash. A complete line was changed, not cut off."""
-    return behind is not None and behind.prev_sha256 == line.sha256 and line.text is not None and not _is_whole(line.text)
+    """Whether a crash cut off this line and the next one carries its hash. A complete line was
+    changed, not cut off.
+    """
+    return (
+        behind is not None
+        and behind.prev_sha256 == line.sha256
+        and line.text is not None
+        and not _is_whole(line.text)
+    )
 
 
 def _is_whole(line: bytes) -> bool:
@@ -202,14 +230,17 @@ def lines_in(data: bytes) -> list[bytes]:
 
 
 def add_line(path: Path, first: str, parse: Parse[L], make: Callable[[int, str], bytes]) -> str:
-    """Append a line to `path`, created if missing; return its hash once it is on the disk. Raises OSError.
+    """Append a line to `path`, created if missing; return its hash once it is on the disk. Raises
+    OSError.
 
     `make` takes the line's number and the hash to carry; the file is locked meanwhile.
     """
     with _locked(path) as descriptor:
         before = os.pread(descriptor, os.fstat(descriptor).st_size, 0)
         lines = lines_in(before)
-        seq = max((entry.seq for line in lines if (entry := parse(line)) is not None), default=0) + 1
+        seq = (
+            max((entry.seq for line in lines if (entry := parse(line)) is not None), default=0) + 1
+        )
         line = make(seq, sha256(lines[-1]) if lines else first)
         _add(descriptor, line, is_ended=not before or before.endswith(b"\n"))
     sync_folder(path.parent)
@@ -220,8 +251,15 @@ Item = TypeVar("Item")
 TAIL: Final = 1 << 20
 
 
-def add_lines(path: Path, first: str, parse: Parse[L], items: Iterable[Item], make: Callable[[Item, int, str], bytes]) -> None:
-    """Append a line for each item to `path`, created if missing; all are on the disk on return. Raises OSError.
+def add_lines(
+    path: Path,
+    first: str,
+    parse: Parse[L],
+    items: Iterable[Item],
+    make: Callable[[Item, int, str], bytes],
+) -> None:
+    """Append a line for each item to `path`, created if missing; all are on the disk on return.
+    Raises OSError.
 
     Reads only the end of the file, so that a long file costs no more.
     """
@@ -237,7 +275,9 @@ def add_lines(path: Path, first: str, parse: Parse[L], items: Iterable[Item], ma
 
 
 def _end_of(descriptor: int, parse: Parse[L]) -> tuple[int, Line | None]:
-    """Return the number of the last readable line (0: none), and the last line. Reads all where the end has no readable one."""
+    """Return the number of the last readable line (0: none), and the last line. Reads all where the
+    end has no readable one.
+    """
     size, last, line = os.fstat(descriptor).st_size, 0, None
     for start in (max(size - TAIL, 0), 0):
         with os.fdopen(os.dup(descriptor), "rb") as file:

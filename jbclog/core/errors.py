@@ -27,8 +27,8 @@
     ├── StartRefused                exit 3: the station, the recipe or the rate does not fit
     ├── WriteForbidden              a write that the run does not allow; it was not sent
     ├── RecordError                 exit 4: the record is, or would become, incomplete
-    │   └── StoreError              a plant's store cannot be read or written, whichever run it is about
-    └── Unsafe                      exit 5: a tool is not in its safe state
+    │   └── StoreError              a plant's store cannot be read or written, whichever run it is
+    about └── Unsafe                      exit 5: a tool is not in its safe state
 
 Alarms and faults *of a station* are rows in `events`, not errors.
 """
@@ -39,7 +39,9 @@ from dataclasses import dataclass
 
 
 class JbclogError(Exception):
-    """Base class. `exit_code` is that of a command that ends by this error (docs/reference/exit-codes.md)."""
+    """Base class. `exit_code` is that of a command that ends by this error
+    (docs/reference/exit-codes.md).
+    """
 
     exit_code = 1
 
@@ -96,7 +98,8 @@ class PortMissing(LinkError):
 
 
 class LinkFlooded(LinkError):
-    """At least `came` bytes arrived within `seconds`; answers of `due` bytes were due and `limit` is the maximum.
+    """At least `came` bytes arrived within `seconds`; answers of `due` bytes were due and `limit`
+    is the maximum.
 
     The true number may be higher: a flooded port is read with pauses.
     """
@@ -111,7 +114,9 @@ class LinkFlooded(LinkError):
 
 
 class OtherStation(LinkError):
-    """The station's identity differs from the one that the run started with, at the latest since `since` (monotonic)."""
+    """The station's identity differs from the one that the run started with, at the latest since
+    `since` (monotonic).
+    """
 
     def __init__(self, text: str, since: float) -> None:
         super().__init__(text)
@@ -154,7 +159,9 @@ class ImplausibleAnswer(StationError):
 
 
 class Refusal(StationError):
-    """The station answered N. `code` is its communication error (manual 002, "Communication Errors")."""
+    """The station answered N. `code` is its communication error (manual 002, "Communication
+    Errors").
+    """
 
     def __init__(self, code: int, text: str) -> None:
         super().__init__(text)
@@ -178,7 +185,9 @@ class NotSupported(Refusal):
 
 
 class Ignored(NotSupported):
-    """OMEGA's refusal: no answer, but one to the next request. The reason is not known (manual 003, 11.2)."""
+    """OMEGA's refusal: no answer, but one to the next request. The reason is not known (manual 003,
+    11.2).
+    """
 
     reason = "timeout"  # as the record shows it
 
@@ -205,7 +214,9 @@ class StartRefused(JbclogError):
 
 
 class WriteForbidden(JbclogError):
-    """A write over a port open for reading only, or one that the run does not list. A fault of this program."""
+    """A write over a port open for reading only, or one that the run does not list. A fault of this
+    program.
+    """
 
 
 class RecordError(JbclogError):
@@ -215,7 +226,9 @@ class RecordError(JbclogError):
 
 
 class StoreError(RecordError):
-    """A plant's store cannot be read or written; that is no fault of the run that is published or read."""
+    """A plant's store cannot be read or written; that is no fault of the run that is published or
+    read.
+    """
 
 
 class Unsafe(JbclogError):
@@ -224,17 +237,21 @@ class Unsafe(JbclogError):
     exit_code = 5
 
 
-NOT_LOADED = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory")  # the dynamic loader, short of memory
+# the dynamic loader, short of memory
+NOT_LOADED = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory")
 
 
 def cause(error: BaseException) -> str:
     """Return the text of `error`, or its meaning if it has none, as `MemoryError` has.
 
-    A library that is loaded late is refused memory with an `ImportError`; some packages call themselves incomplete then.
+    A library that is loaded late is refused memory with an `ImportError`; some packages call
+    themselves incomplete then.
     """
     if isinstance(error, ImportError) and any(text in str(error) for text in NOT_LOADED):
         return f"memory was refused: {error}"
-    return str(error) or ("memory was refused" if isinstance(error, MemoryError) else "it gives no reason")
+    return str(error) or (
+        "memory was refused" if isinstance(error, MemoryError) else "it gives no reason"
+    )
 
 
 def unexpected_error_text(error: BaseException) -> str:

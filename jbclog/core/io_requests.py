@@ -1,8 +1,10 @@
-"""The interface between sessions and drivers: requests that a session yields, and results that a driver sends back.
+"""The interface between sessions and drivers: requests that a session yields, and results that a
+driver sends back.
 
-A session is a generator. It yields a request; a driver (`transport`) carries it out and sends back an `IoResult`. Where the
-link breaks, the driver throws `LinkError` into the session at the failed request; to end a run, or not to start it,
-`RunEnded`. A session never waits, opens nothing and never reads a clock.
+A session is a generator. It yields a request; a driver (`transport`) carries it out and sends back
+an `IoResult`. Where the link breaks, the driver throws `LinkError` into the session at the failed
+request; to end a run, or not to start it, `RunEnded`. A session never waits, opens nothing and
+never reads a clock.
 """
 
 from __future__ import annotations
@@ -35,13 +37,17 @@ class Reopen(NamedTuple):
 
 
 START_STEPS = 3
-"""Steps of a run's start, at whose ends sessions wait for each other: read and check; write what cannot heat; the rest."""
+"""Steps of a run's start, at whose ends sessions wait for each other: read and check; write what
+cannot heat; the rest.
+"""
 
 
 class Gather(NamedTuple):
-    """This session has finished a step of the start; wait until all sessions of the run have. `failure`: why it could not.
+    """This session has finished a step of the start; wait until all sessions of the run have.
+    `failure`: why it could not.
 
-    `NotStarted` is thrown, here or at an earlier request, where another session failed; `LeftOut` where this one is too late.
+    `NotStarted` is thrown, here or at an earlier request, where another session failed; `LeftOut`
+    where this one is too late.
     """
 
     step: int
@@ -49,9 +55,11 @@ class Gather(NamedTuple):
 
 
 class IoResult(NamedTuple):
-    """The result of a request: the moment, the bytes (none: timeout), and when the data of the last `Ask` left.
+    """The result of a request: the moment, the bytes (none: timeout), and when the data of the last
+    `Ask` left.
 
-    `late_s`: by how much the driver itself was late, if noticeable. Without it a late driver looks like a slow station.
+    `late_s`: by how much the driver itself was late, if noticeable. Without it a late driver looks
+    like a slow station.
     """
 
     now: float
@@ -61,7 +69,9 @@ class IoResult(NamedTuple):
 
 
 class RunEnded(Exception):
-    """Thrown into a session to end it. The session puts its tools in their safe state before it returns."""
+    """Thrown into a session to end it. The session puts its tools in their safe state before it
+    returns.
+    """
 
 
 class NotStarted(RunEnded):
@@ -79,7 +89,9 @@ Steps = Generator[Request, IoResult, T]
 
 
 def relay(steps: Steps[T], do: Callable[[Request], Steps[IoResult]]) -> Steps[T]:
-    """Pull `steps` and carry out its requests by `do`; an exception of `do` is thrown into `steps`, as a driver would."""
+    """Pull `steps` and carry out its requests by `do`; an exception of `do` is thrown into `steps`,
+    as a driver would.
+    """
     try:
         request = next(steps)
         while True:

@@ -1,4 +1,6 @@
-"""Locks that the system releases when their holder ends, on a file and on a run's folder. Start with `try_lock`, `FolderLock`."""
+"""Locks that the system releases when their holder ends, on a file and on a run's folder. Start
+with `try_lock`, `FolderLock`.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +19,15 @@ from jbclog.core.foreign.json_reader import read_json
 
 
 def try_lock(path: Path) -> int | None:
-    """Lock the file at `path`; return its descriptor, or None where another process holds or has just removed it.
+    """Lock the file at `path`; return its descriptor, or None where another process holds or has
+    just removed it.
 
-    The caller removes the file and closes the descriptor. Raises OSError where the file cannot be opened.
+    The caller removes the file and closes the descriptor. Raises OSError where the file cannot be
+    opened.
     """
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
+    descriptor = os.open(
+        path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644
+    )
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         if os.path.samestat(os.fstat(descriptor), path.stat()):
@@ -33,7 +39,9 @@ def try_lock(path: Path) -> int | None:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a process holds the lock at `path`; changes nothing. Raises OSError where the file cannot be opened."""
+    """Whether a process holds the lock at `path`; changes nothing. Raises OSError where the file
+    cannot be opened.
+    """
     try:
         expect_regular(path, Kind.LOCK)
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
@@ -48,9 +56,10 @@ def is_locked(path: Path) -> bool:
     return False
 
 
-# A run's folder has one writer: the recorder, its sealing child, or `recover`. The lock is an flock on `live.lock`, which a child
-# inherits with the descriptor. The file contains the holder's process id, for messages, and `CommitStatus`: SQLite takes a damaged
-# end of its log for one that was never written and would lose acknowledged rows silently.
+# A run's folder has one writer: the recorder, its sealing child, or `recover`. The lock is an flock
+# on `live.lock`, which a child inherits with the descriptor. The file contains the holder's process
+# id, for messages, and `CommitStatus`: SQLite takes a damaged end of its log for one that was never
+# written and would lose acknowledged rows silently.
 NAME = "live.lock"
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 WIDTH = 200  # bytes; overwritten as a whole, so that a full disk does not matter
@@ -60,8 +69,9 @@ WIDTH = 200  # bytes; overwritten as a whole, so that a full disk does not matte
 class CommitStatus:
     """What a recorder reports about its commits.
 
-    `last` is the number of the last committed batch; `since` when the last good commit began (seconds since 1970 UTC): rows handed
-    over before it are safe; `risk_s` the longest time that a row waited to be safe; `unkept` the number of rows without a commit.
+    `last` is the number of the last committed batch; `since` when the last good commit began
+    (seconds since 1970 UTC): rows handed over before it are safe; `risk_s` the longest time that a
+    row waited to be safe; `unkept` the number of rows without a commit.
     """
 
     last: int = 0
@@ -81,7 +91,8 @@ class FolderLock:
     def take(cls, folder: Path, patience_s: float = 0.5) -> FolderLock:
         """Take the lock.
 
-        Raises `RecordError`, which names the holder, where it is held for longer than `patience_s` or cannot be created.
+        Raises `RecordError`, which names the holder, where it is held for longer than `patience_s`
+        or cannot be created.
         """
         end = time.monotonic() + patience_s
         while True:
@@ -91,10 +102,13 @@ class FolderLock:
             except OSError:
                 os.close(descriptor)
                 if time.monotonic() >= end:
-                    raise RecordError(f"{folder} is being written by {holder_text(folder)}; nothing was changed") from None
+                    raise RecordError(
+                        f"{folder} is being written by {holder_text(folder)}; nothing was changed"
+                    ) from None
                 time.sleep(0.05)
                 continue
-            if _is_same_file(descriptor, folder / NAME):  # the last holder may have removed it meanwhile
+            # the last holder may have removed it meanwhile
+            if _is_same_file(descriptor, folder / NAME):
                 return cls._signed(folder, descriptor)
             os.close(descriptor)
 
@@ -109,7 +123,9 @@ class FolderLock:
         return NAME
 
     def write_status(self, status: CommitStatus) -> None:
-        """Write the commit status. Not synced: it survives a kill, and may lag after a power cut."""
+        """Write the commit status. Not synced: it survives a kill, and may lag after a power
+        cut.
+        """
         text = json.dumps({"pid": os.getpid(), "boot": boot_id(), **asdict(status)})
         with contextlib.suppress(OSError):  # a failing disk is reported elsewhere
             os.pwrite(self.descriptor, text.ljust(WIDTH).encode(), 0)
@@ -125,7 +141,9 @@ class FolderLock:
             return
         if not os.path.lexists(self.folder):
             raise RecordError(f"{self.folder} was removed during the run")
-        raise RecordError(f"{self.folder} was replaced during the run; nothing is written to the new folder")
+        raise RecordError(
+            f"{self.folder} was replaced during the run; nothing is written to the new folder"
+        )
 
     def remove(self) -> None:
         """Remove the lock file and release the lock: the run is finished."""
@@ -143,7 +161,9 @@ def _opened(path: Path) -> int:
     try:
         return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
     except OSError as error:
-        raise RecordError(f"{path} cannot be opened: {error.strerror or error}; nothing was changed") from error
+        raise RecordError(
+            f"{path} cannot be opened: {error.strerror or error}; nothing was changed"
+        ) from error
 
 
 @cache
@@ -169,7 +189,9 @@ def holder_pid(folder: Path) -> int:
 def commit_status(folder: Path) -> CommitStatus:
     """Return the commit status that the last recorder wrote; zeros where none is readable."""
     since, risk_s = _inside(folder, "since"), _inside(folder, "risk_s")
-    return CommitStatus(int(_inside(folder, "last")), since or None, risk_s, int(_inside(folder, "unkept")))
+    return CommitStatus(
+        int(_inside(folder, "last")), since or None, risk_s, int(_inside(folder, "unkept"))
+    )
 
 
 def _inside(folder: Path, key: str) -> float:

@@ -43,7 +43,14 @@ NEVER_SAMPLED = (
     StationOutcome.GONE,
     StationOutcome.FAILED,
 )
-SEVEREST_FIRST = (Exit.UNSAFE, Exit.RECORD, Exit.STATION, Exit.INTERRUPTED, Exit.TERMINATED, Exit.NOT_FINE)
+SEVEREST_FIRST = (
+    Exit.UNSAFE,
+    Exit.RECORD,
+    Exit.STATION,
+    Exit.INTERRUPTED,
+    Exit.TERMINATED,
+    Exit.NOT_FINE,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +72,8 @@ def findings(
     cut_short: Exit | None,
     goals: Sequence[Goal] = (),
 ) -> list[RunFinding]:
-    """Return everything that is not fine. `record`: what the record lacks; `cut_short`: a signal came before the stated end.
+    """Return everything that is not fine. `record`: what the record lacks; `cut_short`: a signal
+    came before the stated end.
 
     Meeting one of the `goals` is enough.
     """
@@ -74,11 +82,20 @@ def findings(
     for facts in stations:
         found += _of_station(facts)
     if all(facts.outcome in NEVER_SAMPLED for facts in stations):
-        found += [RunFinding(Exit.STATION, facts.reason) for facts in stations if facts.outcome == StationOutcome.LEFT_OUT]
+        found += [
+            RunFinding(Exit.STATION, facts.reason)
+            for facts in stations
+            if facts.outcome == StationOutcome.LEFT_OUT
+        ]
     if record:
         found.append(RunFinding(Exit.RECORD, record))
     if cut_short is not None:
-        found.append(RunFinding(cut_short, "the run was cut short by a signal before its stated end; the record is closed"))
+        found.append(
+            RunFinding(
+                cut_short,
+                "the run was cut short by a signal before its stated end; the record is closed",
+            )
+        )
     if not any(goal.is_met for goal in goals):
         found += [RunFinding(Exit.NOT_FINE, goal.text.rstrip(".")) for goal in goals]
     if verdict not in FINE_VERDICTS:
@@ -94,11 +111,19 @@ def _of_station(facts: StationFacts) -> Iterable[RunFinding]:
     if facts.outcome == StationOutcome.STOPPED:
         yield RunFinding(Exit.NOT_FINE, facts.reason)
     elif facts.settings_changed:
-        yield RunFinding(Exit.NOT_FINE, f"{facts.name}: {_count(facts.settings_changed, 'setting')} found changed during the run")
+        yield RunFinding(
+            Exit.NOT_FINE,
+            f"{facts.name}: {_count(facts.settings_changed, 'setting')} found changed during"
+            " the run",
+        )
     if facts.alarms:
         yield RunFinding(Exit.NOT_FINE, f"{facts.name}: {_count(facts.alarms, 'alarm')}")
     if facts.unconfirmed_alarms:
-        yield RunFinding(Exit.NOT_FINE, f"{facts.name}: {_count(facts.unconfirmed_alarms, 'alarm')} that no temperature bears out")
+        yield RunFinding(
+            Exit.NOT_FINE,
+            f"{facts.name}: {_count(facts.unconfirmed_alarms, 'alarm')} that no temperature"
+            " bears out",
+        )
 
 
 def _count(number: int, noun: str) -> str:
@@ -125,11 +150,24 @@ def status(found: Iterable[RunFinding]) -> Status:
 
 
 def tools_text(stations: Iterable[StationFacts]) -> str:
-    """Summarize the tools' states: ``6 tools are in their safe state, as read back``, or those that are not."""
-    states = {(facts.name, port): facts.safe_state.get(port) for facts in stations for port in _touched(facts)}
-    unsafe = [f"{name} port {port}" for (name, port), state in states.items() if state != SafetyResult.VERIFIED]
+    """Summarize the tools' states: ``6 tools are in their safe state, as read back``, or those that
+    are not.
+    """
+    states = {
+        (facts.name, port): facts.safe_state.get(port)
+        for facts in stations
+        for port in _touched(facts)
+    }
+    unsafe = [
+        f"{name} port {port}"
+        for (name, port), state in states.items()
+        if state != SafetyResult.VERIFIED
+    ]
     if unsafe:
-        return f"NOT known to be in their safe state: {', '.join(unsafe)}; {len(states) - len(unsafe)} of {len(states)} tools are"
+        return (
+            f"NOT known to be in their safe state: {', '.join(unsafe)}; {len(states) - len(unsafe)}"
+            f" of {len(states)} tools are"
+        )
     if not states:
         return "no tool was touched"
     return (

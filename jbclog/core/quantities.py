@@ -1,8 +1,8 @@
 """Values and their five characters on the serial line.
 
-`Quantity.decode` turns the data field into a typed value or raises `ValueError`; `encode` does the reverse. A value is an `int`,
-a `float`, a `str`, a tuple of digits, or `OFF` where the manual prints 99999 for "disabled". Unknown is never a value here: use
-`None` and a reason.
+`Quantity.decode` turns the data field into a typed value or raises `ValueError`; `encode` does the
+reverse. A value is an `int`, a `float`, a `str`, a tuple of digits, or `OFF` where the manual
+prints 99999 for "disabled". Unknown is never a value here: use `None` and a reason.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ class Off(Enum):
 OFF: Final = Off.OFF
 OFF_ON_WIRE: Final = "99999"
 MOST: Final = 99999  # of five digits
-HIGHEST_C: Final = 600  # a higher alarm limit means "not set": no station heats above 500 (002, factory)
+# a higher alarm limit means "not set": no station heats above 500 (002, factory)
+HIGHEST_C: Final = 600
 
 
 class CompoundValue:
@@ -74,7 +75,8 @@ def _whole(value: Value) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Whole:
-    """A whole number in `unit`, zero-filled, minus in the first place: ``-0050`` (manual 002, "Frame Fields").
+    """A whole number in `unit`, zero-filled, minus in the first place: ``-0050`` (manual 002,
+    "Frame Fields").
 
     `minus` are the characters read as a minus; ``-`` is written.
     """
@@ -109,7 +111,9 @@ class Unsigned:
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """A delay in whole `unit`; 99999 means that the feature is off (manual 002, W-Dxy and W-Hxy)."""
+    """A delay in whole `unit`; 99999 means that the feature is off (manual 002, W-Dxy and
+    W-Hxy).
+    """
 
     unit: str
 
@@ -127,9 +131,11 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class AlarmDelay:
-    """Seconds as ``ss.cc``: ``01.60`` is 1.6 s, 99999 means that the alarm is off (manual 002, W-HDx).
+    """Seconds as ``ss.cc``: ``01.60`` is 1.6 s, 99999 means that the alarm is off (manual 002,
+    W-HDx).
 
-    Up to 99.99 s, digits without a dot are read as hundredths (docs/reference/contradictions.md, B-22).
+    Up to 99.99 s, digits without a dot are read as hundredths (docs/reference/contradictions.md,
+    B-22).
     """
 
     unit: str = "s"
@@ -154,9 +160,11 @@ class AlarmDelay:
 
 @dataclass(frozen=True, slots=True)
 class AlarmLimit:
-    """A limit in °C. "Not set" has no printed wire value: 00000 and unreachable limits are read as OFF.
+    """A limit in °C. "Not set" has no printed wire value: 00000 and unreachable limits are read as
+    OFF.
 
-    docs/reference/contradictions.md, B-23. A value outside the station's own limits is kept: only the station knows them.
+    docs/reference/contradictions.md, B-23. A value outside the station's own limits is kept: only
+    the station knows them.
     """
 
     unit: str = "°C"
@@ -169,13 +177,17 @@ class AlarmLimit:
         if value is OFF:
             raise ValueError("no manual prints how to clear a limit; switch its delay off instead")
         if not 0 < _whole(value) <= HIGHEST_C:
-            raise ValueError(f"{value} {self.unit} would be read back as not set; 1 to {HIGHEST_C} {self.unit}")
+            raise ValueError(
+                f"{value} {self.unit} would be read back as not set; 1 to {HIGHEST_C} {self.unit}"
+            )
         return f"{value:05d}"
 
 
 @dataclass(frozen=True, slots=True)
 class Scaled:
-    """A length or speed sent as a whole number of `1/per_unit` (manual 002, R-LEN: 01000 dmm = 100 mm)."""
+    """A length or speed sent as a whole number of `1/per_unit` (manual 002, R-LEN: 01000 dmm = 100
+    mm).
+    """
 
     unit: str
     per_unit: int
@@ -187,15 +199,21 @@ class Scaled:
         exact = _number(value) * self.per_unit
         raw = round(exact)
         if abs(raw - exact) > 1e-6:
-            raise ValueError(f"{value} {self.unit} is not a multiple of {1 / self.per_unit} {self.unit}")
+            raise ValueError(
+                f"{value} {self.unit} is not a multiple of {1 / self.per_unit} {self.unit}"
+            )
         if not 0 <= raw <= MOST:
-            raise ValueError(f"{value} {self.unit} is not within 0 to {MOST / self.per_unit} {self.unit}, as far as five digits go")
+            raise ValueError(
+                f"{value} {self.unit} is not within 0 to {MOST / self.per_unit} {self.unit}, as far"
+                " as five digits go"
+            )
         return f"{raw:05d}"
 
 
 @dataclass(frozen=True, slots=True)
 class HexLength:
-    """Dispensed length in 0.1 mm, hexadecimal, with or without ``0x``, of any width (manual 002, R-DLx).
+    """Dispensed length in 0.1 mm, hexadecimal, with or without ``0x``, of any width (manual 002,
+    R-DLx).
 
     A field of decimal digits is still hexadecimal: ``01000`` is 4096 dmm.
     """
@@ -256,7 +274,8 @@ class Choice:
 class Number:
     """A code that a table of the family explains: an error, a tool. Unknown codes are kept.
 
-    `printed_for` are pairs of a number that a manual misprints and the intended one. `most` is the highest possible code.
+    `printed_for` are pairs of a number that a manual misprints and the intended one. `most` is the
+    highest possible code.
     """
 
     unit: str = ""
@@ -275,7 +294,8 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class DigitWord:
-    """Five decimal digits, each with its own meaning and its maximum in `highest` (docs/reference/protocol.md, Status word).
+    """Five decimal digits, each with its own meaning and its maximum in `highest`
+    (docs/reference/protocol.md, Status word).
 
     The value is the tuple of digits, most significant first.
     """
@@ -300,13 +320,18 @@ class DigitWord:
 
 
 class Flags(DigitWord):
-    """Digits where any value but 0 sets the flag, if `highest` defines one (docs/reference/contradictions.md, B-24)."""
+    """Digits where any value but 0 sets the flag, if `highest` defines one
+    (docs/reference/contradictions.md, B-24).
+    """
 
     __slots__ = ()
 
     def decode(self, data: str) -> tuple[int, ...]:
         if len(data) == 5 and data.isascii() and data.isdigit():
-            data = "".join(str(min(int(digit), top)) if top else digit for digit, top in zip(data, self.highest, strict=True))
+            data = "".join(
+                str(min(int(digit), top)) if top else digit
+                for digit, top in zip(data, self.highest, strict=True)
+            )
         return DigitWord.decode(self, data)
 
 
@@ -321,7 +346,9 @@ def permille_of(raw: int, whole: int) -> int:
 
 
 def text_of(value: Value) -> str:
-    """Format a value for the `settings` table and messages: ``350``, ``1.60``, ``off``, ``00001``."""
+    """Format a value for the `settings` table and messages: ``350``, ``1.60``, ``off``,
+    ``00001``.
+    """
     if isinstance(value, tuple):
         return "".join(map(str, value))
     if isinstance(value, float):

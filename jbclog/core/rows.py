@@ -1,7 +1,8 @@
 """The rows of a record as sessions make them: plain tuples, no Arrow, no I/O.
 
-A row of `samples` is a list in the order of `SAMPLE_COLUMNS`, because a run makes thousands a second. docs/reference/tables.md
-describes every column; `record/schema.py` has the types for Parquet.
+A row of `samples` is a list in the order of `SAMPLE_COLUMNS`, because a run makes thousands a
+second. docs/reference/tables.md describes every column; `record/schema.py` has the types for
+Parquet.
 """
 
 from __future__ import annotations
@@ -58,9 +59,22 @@ _SHARED: Final = {
     "clogged": "solder_shortage",
 }
 SIGNAL_OF_COLUMN: Final = {column: _SHARED.get(column, column) for column in SIGNAL_COLUMNS}
-"""The signal that fills a column; a signal is named after the first column that its answer fills."""
+"""The signal that fills a column; a signal is named after the first column that its answer
+fills.
+"""
 
-QUALITIES: Final = ("disconnected", "robot_off", "timeout", "bcc", "format", "nak", "implausible", "no_tool", "skipped", "ok")
+QUALITIES: Final = (
+    "disconnected",
+    "robot_off",
+    "timeout",
+    "bcc",
+    "format",
+    "nak",
+    "implausible",
+    "no_tool",
+    "skipped",
+    "ok",
+)
 """A row's quality is the first that applies (docs/reference/tables.md)."""
 
 
@@ -72,7 +86,9 @@ class Severity(StrEnum):
 
 
 class EventRow(NamedTuple):
-    """One event. Times are UTC microseconds; `earliest` is the other end of the interval in which it happened."""
+    """One event. Times are UTC microseconds; `earliest` is the other end of the interval in which
+    it happened.
+    """
 
     time: int
     kind: str
@@ -99,7 +115,9 @@ class SettingOutcome(StrEnum):
 
 
 class SettingRow(NamedTuple):
-    """The outcome of one setting on one station; values as text in the setting's unit, `outcome` one of `SettingOutcome`."""
+    """The outcome of one setting on one station; values as text in the setting's unit, `outcome`
+    one of `SettingOutcome`.
+    """
 
     time: int
     station: str
@@ -115,7 +133,9 @@ class SettingRow(NamedTuple):
 
 
 class CounterRow(NamedTuple):
-    """One reading of a counter. If it failed, `value` is None and `raw` is the reason in angle brackets."""
+    """One reading of a counter. If it failed, `value` is None and `raw` is the reason in angle
+    brackets.
+    """
 
     time: int
     station: str
@@ -127,12 +147,16 @@ class CounterRow(NamedTuple):
 
 
 class Journal(Protocol):
-    """Takes a session's rows. Each call returns at once; storing them safely is the journal's job."""
+    """Takes a session's rows. Each call returns at once; storing them safely is the journal's
+    job.
+    """
 
     def sample(self, row: SampleRow) -> None: ...
 
     def event(self, event: EventRow, *, at_once: bool = False) -> None:
-        """Record an event. `at_once`: commit now, because the station has already forgotten it (alarm flags)."""
+        """Record an event. `at_once`: commit now, because the station has already forgotten it
+        (alarm flags).
+        """
 
     def setting(self, setting: SettingRow) -> None: ...
 
@@ -143,7 +167,9 @@ class Journal(Protocol):
 
 
 class NoJournal:
-    """A journal that drops everything: for a session whose record has failed and whose tools are still hot."""
+    """A journal that drops everything: for a session whose record has failed and whose tools are
+    still hot.
+    """
 
     def sample(self, row: SampleRow) -> None: ...
 
@@ -157,7 +183,9 @@ class NoJournal:
 
 
 def quality_of(reasons: dict[str, str]) -> str:
-    """Return the row's quality: the first of `QUALITIES` among its reasons; ``nak3`` counts as ``nak``."""
+    """Return the row's quality: the first of `QUALITIES` among its reasons; ``nak3`` counts as
+    ``nak``.
+    """
     present = {"nak" if reason.startswith("nak") else reason for reason in reasons.values()}
     return next((quality for quality in QUALITIES if quality in present), "ok")
 
@@ -169,9 +197,11 @@ def reasons_text(reasons: dict[str, str]) -> str | None:
 
 @dataclass(slots=True)
 class StationFacts:
-    """What a run knows about one station; a session hands it over again whenever it learns more. It stands in the manifest.
+    """What a run knows about one station; a session hands it over again whenever it learns more. It
+    stands in the manifest.
 
-    `outcome` is one of `StationOutcome`. `safe_state` maps a touched port to ``verified``, ``sent`` or ``failed``.
+    `outcome` is one of `StationOutcome`. `safe_state` maps a touched port to ``verified``, ``sent``
+    or ``failed``.
     """
 
     name: str
@@ -184,25 +214,34 @@ class StationFacts:
     format: str = "8N1"
     ports: list[int] = field(default_factory=list)
     tools: dict[int, str] = field(default_factory=dict)
-    turnaround_us: dict[str, float] = field(default_factory=dict)  # median, p99, n; faster_by if a faster link setting exists
+    # median, p99, n; faster_by if a faster link setting exists
+    turnaround_us: dict[str, float] = field(default_factory=dict)
     asked_rate: float | str | None = None  # Hz, auto, fit or max; None in older records
     rate_hz: float | None = None  # the chosen rate; None without pause and in older records
     period_s: float | None = None
     recipe: str | None = None
     rated_power_w: float | None = None
-    signals: list[str] = field(default_factory=list)  # that its family supports; empty in older records
+    # that its family supports; empty in older records
+    signals: list[str] = field(default_factory=list)
     not_supported: list[str] = field(default_factory=list)
     first_tick: int | None = None
     last_tick: int | None = None
-    due: dict[str, dict[str, int]] = field(default_factory=dict)  # port -> signal -> readings due, as the session counted
-    watched: dict[str, dict[str, dict[str, int]]] = field(default_factory=dict)  # settings read again that have no column
+    # port -> signal -> readings due, as the session counted
+    due: dict[str, dict[str, int]] = field(default_factory=dict)
+    # settings read again that have no column
+    watched: dict[str, dict[str, dict[str, int]]] = field(default_factory=dict)
     skipped: int = 0  # ticks without rows, because the host was suspended or late
-    skipped_by_host: int | None = None  # rows of `skipped` that the host was too late for; None in older records
+    # rows of `skipped` that the host was too late for; None in older records
+    skipped_by_host: int | None = None
     garbage_bytes: int = 0
-    strays: dict[str, int] = field(default_factory=dict)  # frames without a request, by kind: echo, address, code, late, unasked
-    anomalies: dict[int, int] = field(default_factory=dict)  # departures from the recommended form, by B-number
-    doubted: dict[str, int] = field(default_factory=dict)  # answers that were read again before being accepted, by command
-    alarm_rules: dict[str, float] = field(default_factory=dict)  # for evaluating samples; empty in older records
+    # frames without a request, by kind: echo, address, code, late, unasked
+    strays: dict[str, int] = field(default_factory=dict)
+    # departures from the recommended form, by B-number
+    anomalies: dict[int, int] = field(default_factory=dict)
+    # answers that were read again before being accepted, by command
+    doubted: dict[str, int] = field(default_factory=dict)
+    # for evaluating samples; empty in older records
+    alarm_rules: dict[str, float] = field(default_factory=dict)
     alarms: int = 0  # that count (docs/reference/exit-codes.md)
     unconfirmed_alarms: int = 0
     settings_changed: int = 0
@@ -213,12 +252,15 @@ class StationFacts:
     outcome: str = StationOutcome.RUNNING
     reason: str = ""
     asked_safe_state: str = ""  # target state of touched tools
-    suction: list[int] = field(default_factory=list)  # hot air ports whose suction is on and stays on in the safe state
+    # hot air ports whose suction is on and stays on in the safe state
+    suction: list[int] = field(default_factory=list)
     may_feed: bool = False  # a feeder that this run has to stop may be running
     safe_state: dict[int, str] = field(default_factory=dict)
-    unsafe: list[str] = field(default_factory=list)  # a sentence for each tool or feeder that is not safe
+    # a sentence for each tool or feeder that is not safe
+    unsafe: list[str] = field(default_factory=list)
     last_temperature_c: dict[int, float] = field(default_factory=dict)
-    model_accepted: bool = False  # by the line file's key `model` and confirmed by reads; else the name proves the family
+    # by the line file's key `model` and confirmed by reads; else the name proves the family
+    model_accepted: bool = False
 
 
 UNITS, JOINTS = "units", "joints"
@@ -227,10 +269,11 @@ NOT_COUNTED: Final = "How many there were is not known: the record ends before t
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """How many units or joints a run was to end with, and how many it reached; kept in the manifest.
+    """How many units or joints a run was to end with, and how many it reached; kept in the
+    manifest.
 
-    `what` is ``units`` or ``joints``. `reached` counts finished units or detected joints of all stations; None if not known or
-    before the run's end. `text` is the same as a sentence.
+    `what` is ``units`` or ``joints``. `reached` counts finished units or detected joints of all
+    stations; None if not known or before the run's end. `text` is the same as a sentence.
     """
 
     what: str
@@ -245,11 +288,12 @@ class Goal:
 
 @dataclass(frozen=True, slots=True)
 class TipCheck:
-    """The tip verification in force on a port at the run's start, kept in the manifest (`maintenance.verification`).
+    """The tip verification in force on a port at the run's start, kept in the manifest
+    (`maintenance.verification`).
 
-    `state`: ``pass`` or ``fail`` by the last valid verification, ``other tip`` if that was of another tip than the run names,
-    ``none``, or ``unreadable``. `days` is its age at the run's start; `adjust_c` the station's adjustment then, if read; `sha256`
-    that of its line.
+    `state`: ``pass`` or ``fail`` by the last valid verification, ``other tip`` if that was of
+    another tip than the run names, ``none``, or ``unreadable``. `days` is its age at the run's
+    start; `adjust_c` the station's adjustment then, if read; `sha256` that of its line.
     """
 
     station: str

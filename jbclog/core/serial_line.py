@@ -17,13 +17,17 @@ BAUDRATES = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 250000
 
 _FORMAT = re.compile(r"8([NEO])([12])")
 
-FRAMING = 4  # characters of a frame besides code and data: STX, header, ETX, check byte; OMEGA: STX, ETX, two of the sum
+# characters of a frame besides code and data: STX, header, ETX, check byte; OMEGA: STX, ETX, two of
+# the sum
+FRAMING = 4
 ADDRESSES = 4  # more on lines with addresses (manual 002, "Data Link Layer")
 CODE, DIGITS = 3, 5  # of the usual request and its answer
 
 
 SCHEMES: Final = ("socket", "rfc2217", "loop", "hwgrep")
-"""URL schemes that may be opened. pyserial knows more; spy:// writes any file that its URL names, alt:// loads code."""
+"""URL schemes that may be opened. pyserial knows more; spy:// writes any file that its URL names,
+alt:// loads code.
+"""
 
 
 def scheme_of(url: str) -> str:
@@ -66,7 +70,9 @@ class LineFormat:
         return characters * self.character_s
 
     def read_s(self, addressed: bool = True) -> float:
-        """Duration of one read and its five-digit answer, without response time: 14.06 ms at 19200 8N1."""
+        """Duration of one read and its five-digit answer, without response time: 14.06 ms at 19200
+        8N1.
+        """
         return self.seconds(2 * (FRAMING + CODE + (ADDRESSES if addressed else 0)) + DIGITS)
 
 
@@ -81,7 +87,9 @@ class PortAddress(NamedTuple):
     number: int | None = None
 
     def is_at(self, other: PortAddress) -> bool:
-        """Whether both are one port. Host names are resolved only where everything else is equal."""
+        """Whether both are one port. Host names are resolved only where everything else is
+        equal.
+        """
         if self.number is None or self.number != other.number:
             return self == other
         return self.name == other.name or bool(_addresses(self.name) & _addresses(other.name))
@@ -109,7 +117,10 @@ def _addresses(host: str) -> frozenset[str]:
     """Return a host's addresses and its name; a host that does not resolve equals only itself."""
     found = {host}
     with suppress(OSError, UnicodeError):
-        found |= {_plain(str(where[0])) for *_, where in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}
+        found |= {
+            _plain(str(where[0]))
+            for *_, where in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+        }
     return frozenset(found)
 
 

@@ -12,16 +12,20 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-"""Unicode categories of control, formatting (bidi included), surrogate, private and unassigned characters and line separators."""
+"""Unicode categories of control, formatting (bidi included), surrogate, private and unassigned
+characters and line separators.
+"""
 BLANKS = "\n\r\t\v\f\x85\u2028\u2029"  # shown as a space
 REPLACEMENT = "\ufffd"
 
 
 def clean(text: str) -> str:
-    """Make untrusted text safe for every output (terminal, log, CSV, HTML, PDF): one line without invisible characters.
+    """Make untrusted text safe for every output (terminal, log, CSV, HTML, PDF): one line without
+    invisible characters.
 
-    A line end becomes a space, any other invisible character `REPLACEMENT`: nothing moves the cursor, turns the reading
-    direction or hides a word, and names that look alike cannot differ by an invisible character.
+    A line end becomes a space, any other invisible character `REPLACEMENT`: nothing moves the
+    cursor, turns the reading direction or hides a word, and names that look alike cannot differ by
+    an invisible character.
     """
     if text.isprintable():
         return text
@@ -34,7 +38,11 @@ def _shown(sign: str) -> str:
 
 def shortened(text: str, most: int) -> str:
     """Return the text with at most `most` characters; states how many are left out."""
-    return text if len(text) <= most else f"{text[:most]}… ({len(text) - most} characters are left out)"
+    return (
+        text
+        if len(text) <= most
+        else f"{text[:most]}… ({len(text) - most} characters are left out)"
+    )
 
 
 def json_line(data: object, *, only_ascii: bool = False) -> str:
@@ -64,7 +72,9 @@ def stamp(text: str | None) -> str:
 
 
 def number(value: object, digits: int = 2) -> str:
-    """Format a number with thin spaces between thousands and without trailing zeros; None is a dash, never zero."""
+    """Format a number with thin spaces between thousands and without trailing zeros; None is a
+    dash, never zero.
+    """
     if value is None:
         return "–"
     if not isinstance(value, int | float) or isinstance(value, bool):
@@ -95,7 +105,11 @@ def exact(value: float, size: float | None = None) -> float:
     Keeps 12 digits; of `size` where the value is the difference or mean of values as large as that.
     """
     size = abs(value if size is None else size)
-    return round(value, DIGITS - 1 - math.floor(math.log10(size))) if math.isfinite(value) and 0 < size < math.inf else value
+    return (
+        round(value, DIGITS - 1 - math.floor(math.log10(size)))
+        if math.isfinite(value) and 0 < size < math.inf
+        else value
+    )
 
 
 def exact_figures(value: object) -> object:
@@ -117,7 +131,8 @@ def together(text: str) -> str:
     return _UNITS.sub("\u00a0", text)
 
 
-# CSV for spreadsheets: RFC 4180, UTF-8 with a byte order mark, no cell that is evaluated as a formula.
+# CSV for spreadsheets: RFC 4180, UTF-8 with a byte order mark, no cell that is evaluated as a
+# formula.
 FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 BOM: Final = "\ufeff"
 
@@ -127,7 +142,11 @@ def csv_cell(value: object) -> object:
     if not isinstance(value, str):
         return value
     text = clean(value)
-    return f"'{text}" if value.lstrip(" ").startswith(FORMULA) or text.lstrip(" ").startswith(FORMULA) else text
+    return (
+        f"'{text}"
+        if value.lstrip(" ").startswith(FORMULA) or text.lstrip(" ").startswith(FORMULA)
+        else text
+    )
 
 
 def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:

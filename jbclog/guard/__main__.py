@@ -1,7 +1,9 @@
-"""The guard's own process: ``python -m jbclog.guard RUN --recorder PID``, its leases on stdin. Started by `jbclog run`.
+"""The guard's own process: ``python -m jbclog.guard RUN --recorder PID``, its leases on stdin.
+Started by `jbclog run`.
 
-It runs in a session of its own, so a closed terminal, Ctrl-C and Ctrl-Z do not reach it, and it ignores SIGTERM: it ends with its
-recorder. It retries for `RETRY_FOR_S` what it cannot make safe at once: a cable may be plugged in again.
+It runs in a session of its own, so a closed terminal, Ctrl-C and Ctrl-Z do not reach it, and it
+ignores SIGTERM: it ends with its recorder. It retries for `RETRY_FOR_S` what it cannot make safe at
+once: a cable may be plugged in again.
 """
 
 from __future__ import annotations
@@ -66,20 +68,28 @@ def main() -> int:
     return 0
 
 
-def _close_lease(left: Sequence[StationLease], lease_writer: LeaseWriter, action_log: ActionLog) -> None:
-    """Close the lease except for what is left. If a line of the action log is lost, the whole lease stays open."""
+def _close_lease(
+    left: Sequence[StationLease], lease_writer: LeaseWriter, action_log: ActionLog
+) -> None:
+    """Close the lease except for what is left. If a line of the action log is lost, the whole lease
+    stays open.
+    """
     if not action_log.is_torn:
         lease_writer.put(left)
-    lease_writer.settle(WRITE_S)  # also of a lease that stays open: a take-over may be faster than the disk
+    # also of a lease that stays open: a take-over may be faster than the disk
+    lease_writer.settle(WRITE_S)
     if not left:
         action_log.tidy()
 
 
-def _guard(recorder: Recorder, lease_writer: LeaseWriter, action_log: ActionLog) -> tuple[Sequence[StationLease], Collection[str]]:
-    """Watch, and take over if necessary; return what may still be hot, and the stations ordered over a flooded link.
+def _guard(
+    recorder: Recorder, lease_writer: LeaseWriter, action_log: ActionLog
+) -> tuple[Sequence[StationLease], Collection[str]]:
+    """Watch, and take over if necessary; return what may still be hot, and the stations ordered
+    over a flooded link.
 
-    A guard with an internal error may have lost a lease. It stops answering, so that the recorder replaces it within 1.25 s, and
-    watches on until then in case the recorder dies first.
+    A guard with an internal error may have lost a lease. It stops answering, so that the recorder
+    replaces it within 1.25 s, and watches on until then in case the recorder dies first.
     """
     os.set_blocking(STDOUT, False)
     _answer(READY)
@@ -87,7 +97,11 @@ def _guard(recorder: Recorder, lease_writer: LeaseWriter, action_log: ActionLog)
     for _ in range(TRIES):
         try:
             verdict = _watch(watch, lease_writer, answers=answers)
-            return ((), ()) if verdict is Verdict.DONE else _take_over(watch, verdict, recorder, action_log)
+            return (
+                ((), ())
+                if verdict is Verdict.DONE
+                else _take_over(watch, verdict, recorder, action_log)
+            )
         except Exception as error:  # an error of this program, for example refused memory
             answers = False
             _show_failure(error)
@@ -141,20 +155,37 @@ def _take_over(
         recorder.end(0.0 if verdict is Verdict.HUNG else DYING_S, DEATH_S)
     taking_over = TakeOver(list(watch.stations.values()), action_log)
     left = taking_over.run()
-    why = f"{verdict.value} for {HUNG_S:g} s and was ended" if verdict is Verdict.HUNG else verdict.value
-    outcome = (ERROR, "every tool is in its safe state") if not left else (CRITICAL, "not every tool could be made safe")
-    action_log.write("guard.took_over", outcome[0], f"The guard took over, because {why}: {outcome[1]}.")
+    why = (
+        f"{verdict.value} for {HUNG_S:g} s and was ended"
+        if verdict is Verdict.HUNG
+        else verdict.value
+    )
+    outcome = (
+        (ERROR, "every tool is in its safe state")
+        if not left
+        else (CRITICAL, "not every tool could be made safe")
+    )
+    action_log.write(
+        "guard.took_over", outcome[0], f"The guard took over, because {why}: {outcome[1]}."
+    )
     return left, taking_over.flooded
 
 
 def _retry(
-    folder: Path, left: Sequence[StationLease], flooded: Collection[str], lease_writer: LeaseWriter, action_log: ActionLog
+    folder: Path,
+    left: Sequence[StationLease],
+    flooded: Collection[str],
+    lease_writer: LeaseWriter,
+    action_log: ActionLog,
 ) -> None:
-    """Retry until all is safe, another process has closed the lease, or time is up. Between tries the folder is unlocked."""
+    """Retry until all is safe, another process has closed the lease, or time is up. Between tries
+    the folder is unlocked.
+    """
     end = time.monotonic() + RETRY_FOR_S
     while left and time.monotonic() < end:
         time.sleep(RETRY_EVERY_S)
-        if lease_writer.was_cleared:  # also asked without the lock: a guard without descriptors cannot take that
+        # also asked without the lock: a guard without descriptors cannot take that
+        if lease_writer.was_cleared:
             return
         with suppress(Exception), guard_lock(folder):
             if lease_writer.was_cleared:

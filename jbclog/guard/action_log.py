@@ -1,7 +1,8 @@
-"""The guard's action log: JSON lines in the run's folder, which `recover` turns into events; and its messages on stderr.
+"""The guard's action log: JSON lines in the run's folder, which `recover` turns into events; and
+its messages on stderr.
 
-The file is made before anything is hot and filled with blank lines, so that a full disk still takes the lines. Actions after a run
-is sealed are added to its `annotations.jsonl` instead.
+The file is made before anything is hot and filled with blank lines, so that a full disk still takes
+the lines. Actions after a run is sealed are added to its `annotations.jsonl` instead.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ STDERR = 2
 
 
 class ActionLog:
-    """Appends lines that are on the disk when `write` returns; if the disk fails, the guard continues.
+    """Appends lines that are on the disk when `write` returns; if the disk fails, the guard
+    continues.
 
     `who` signs annotations of a sealed run. `is_torn`: a line was lost.
     """
@@ -53,9 +55,23 @@ class ActionLog:
             if missing > 0:
                 _put(descriptor, BLANK * missing, size)
 
-    def write(self, kind: str, severity: str, text: str, station: str | None = None, port: int | None = None) -> None:
+    def write(
+        self,
+        kind: str,
+        severity: str,
+        text: str,
+        station: str | None = None,
+        port: int | None = None,
+    ) -> None:
         """Append an event (docs/reference/events.md) with the current time. Does not raise."""
-        row = {"time": time.time_ns() // 1000, "kind": kind, "severity": severity, "text": text, "station": station, "port": port}
+        row = {
+            "time": time.time_ns() // 1000,
+            "kind": kind,
+            "severity": severity,
+            "text": text,
+            "station": station,
+            "port": port,
+        }
         try:
             self._write(row)
         except Exception:  # the disk, or memory refused for a moment
@@ -94,8 +110,20 @@ class ActionLog:
     def _annotate(self, kind: str, text: str, station: str | None, port: int | None) -> None:
         from jbclog.record.annotations import append  # only here: a watching guard does not load it
 
-        place = "" if station is None else f"{station}: " if port is None else f"{station} port {port}: "
-        append(self._folder, who=self._who, what=f"{place}{text}", why="its recorder had ended without it", kind=kind)
+        place = (
+            ""
+            if station is None
+            else f"{station}: "
+            if port is None
+            else f"{station} port {port}: "
+        )
+        append(
+            self._folder,
+            who=self._who,
+            what=f"{place}{text}",
+            why="its recorder had ended without it",
+            kind=kind,
+        )
 
 
 def is_sealed(folder: Path) -> bool:
@@ -134,12 +162,19 @@ def _put(descriptor: int, data: bytes, at: int) -> None:
 
 
 def show(text: str) -> None:
-    """Write a line to the recorder's stderr if that takes it at once; control characters of stations and files are removed."""
+    """Write a line to the recorder's stderr if that takes it at once; control characters of
+    stations and files are removed.
+    """
     with suppress(Exception):  # a message must never delay a rescue
         watched = select.poll()
         watched.register(STDERR, select.POLLOUT)
         if any(event & select.POLLOUT for _, event in watched.poll(0)):
-            os.write(STDERR, f"{clean(f'jbclog guard: {text}')}\n".encode("utf-8", "backslashreplace")[: select.PIPE_BUF])
+            os.write(
+                STDERR,
+                f"{clean(f'jbclog guard: {text}')}\n".encode("utf-8", "backslashreplace")[
+                    : select.PIPE_BUF
+                ],
+            )
 
 
 def close_stream(stream: int) -> None:

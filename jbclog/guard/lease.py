@@ -1,4 +1,6 @@
-"""The lease: which tools a run may leave hot, kept in the run's folder; and where this user's leases are open."""
+"""The lease: which tools a run may leave hot, kept in the run's folder; and where this user's
+leases are open.
+"""
 
 from __future__ import annotations
 
@@ -30,9 +32,10 @@ FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLL
 class StationLease:
     """One station with tools that a run has heated. `ports`: those that may be hot.
 
-    Nothing is written to a station unless it answers `model` and `software`. If the model's name does not prove the family,
-    `model_accepted` must hold: the line file accepts the model, and the run confirmed the family by reads. `suction`: ports whose
-    suction was last confirmed on, and stays on; leases of the first release do not have it.
+    Nothing is written to a station unless it answers `model` and `software`. If the model's name
+    does not prove the family, `model_accepted` must hold: the line file accepts the model, and the
+    run confirmed the family by reads. `suction`: ports whose suction was last confirmed on, and
+    stays on; leases of the first release do not have it.
     """
 
     name: str
@@ -62,7 +65,9 @@ class StationLease:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> StationLease:
-        """Parse a lease. Raises ValueError, also for a key of a later version: it may forbid what this version would do."""
+        """Parse a lease. Raises ValueError, also for a key of a later version: it may forbid what
+        this version would do.
+        """
         plain = json_of(text)
         lease = _build_station_lease(plain)
         if unknown := plain.keys() - {one.name for one in fields(cls)}:
@@ -74,7 +79,9 @@ _build_station_lease: Final = builder(StationLease)
 
 
 def write_leases(folder: Path, stations: Iterable[StationLease]) -> None:
-    """Replace the leases of a run and register its folder for this user; remove both if nothing is held. Raises OSError."""
+    """Replace the leases of a run and register its folder for this user; remove both if nothing is
+    held. Raises OSError.
+    """
     held = [station for station in stations if station.holds]
     if not held:
         for name in (NAME, NEW):  # the new one: of a guard that was killed while it wrote
@@ -117,7 +124,9 @@ def read_leases(folder: Path) -> list[StationLease]:
 
 
 def why_unreadable(folder: Path) -> str:
-    """Return why the lease file, or a line of it, cannot be read; empty if it can, or does not exist."""
+    """Return why the lease file, or a line of it, cannot be read; empty if it can, or does not
+    exist.
+    """
     return _read(folder)[1]
 
 
@@ -139,7 +148,9 @@ def _read(folder: Path) -> tuple[list[StationLease], str]:
 
 @contextmanager
 def guard_lock(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
-    """Hold the guard's lock of a run, which ends with its holder. Raises RecordError if another guard keeps it."""
+    """Hold the guard's lock of a run, which ends with its holder. Raises RecordError if another
+    guard keeps it.
+    """
     descriptor = _locked(folder, time.monotonic() + patience_s)
     try:
         yield
@@ -158,8 +169,9 @@ def _locked(folder: Path, end: float) -> int:
         time.sleep(LOCK_RETRY_S)
 
 
-# The registry is a folder in the user's state folder, with a link to each run that holds a lease: a later start finds runs anywhere
-# (`--out`). It may be incomplete, for example without a home folder; the lease in the run's folder decides.
+# The registry is a folder in the user's state folder, with a link to each run that holds a lease: a
+# later start finds runs anywhere (`--out`). It may be incomplete, for example without a home
+# folder; the lease in the run's folder decides.
 
 
 def registered_runs() -> list[Path]:
@@ -179,7 +191,9 @@ def registered_runs() -> list[Path]:
 def _registry() -> Path | None:
     state = os.environ.get("XDG_STATE_HOME", "")
     try:
-        return (Path(state) if Path(state).is_absolute() else Path.home() / ".local" / "state") / REGISTRY
+        return (
+            Path(state) if Path(state).is_absolute() else Path.home() / ".local" / "state"
+        ) / REGISTRY
     except RuntimeError:
         return None
 

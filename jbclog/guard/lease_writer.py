@@ -1,4 +1,5 @@
-"""The guard's work on the disk, in a thread of its own: a hanging disk must not stop it from watching.
+"""The guard's work on the disk, in a thread of its own: a hanging disk must not stop it from
+watching.
 
 It writes the lease, and loads what opening the ports needs: at the take-over the disk may be gone.
 """
@@ -32,7 +33,8 @@ class LeaseWriter:
         self._waiting: list[StationLease] | None = None
         self._is_writing = False
         self._is_written = False
-        _thread.start_new_thread(self._write_on, ())  # `Thread.start` waits for ever for a thread that is refused memory
+        # `Thread.start` waits for ever for a thread that is refused memory
+        _thread.start_new_thread(self._write_on, ())
 
     def put(self, stations: Iterable[StationLease]) -> None:
         """Hand over the newest leases; does not wait."""
@@ -43,7 +45,9 @@ class LeaseWriter:
     def settle(self, patience_s: float) -> None:
         """Wait until the newest leases are written, or failed."""
         with self._changed:
-            self._changed.wait_for(lambda: self._waiting is None and not self._is_writing, patience_s)
+            self._changed.wait_for(
+                lambda: self._waiting is None and not self._is_writing, patience_s
+            )
 
     @property
     def was_cleared(self) -> bool:
@@ -52,7 +56,8 @@ class LeaseWriter:
 
     def _write_on(self) -> None:
         while True:
-            try:  # not `suppress`: to make one takes memory, and a refusal there would end this thread
+            # not `suppress`: to make one takes memory, and a refusal there would end this thread
+            try:
                 self._write_next()
             except Exception:
                 continue
@@ -70,6 +75,8 @@ class LeaseWriter:
             lease.write_leases(self._folder, stations)
             self._is_written = any(station.holds for station in stations)
         with suppress(Exception):
-            self._action_log.reserve(sum(len(station.ports) + LINES_A_STATION for station in stations if station.holds))
+            self._action_log.reserve(
+                sum(len(station.ports) + LINES_A_STATION for station in stations if station.holds)
+            )
         for station in stations:
             make_ready(station.url)

@@ -1,4 +1,6 @@
-"""Leases left open because recorder and guard both died, or the host lost power. The next start settles them first."""
+"""Leases left open because recorder and guard both died, or the host lost power. The next start
+settles them first.
+"""
 
 from __future__ import annotations
 
@@ -31,9 +33,18 @@ class LeftOver(NamedTuple):
 
 
 def settle(out: Path, urls: Collection[str], is_recording: IsRecording) -> list[LeftOver]:
-    """Make safe what this user's runs, and those below `out`, left hot on the ports `urls`; skip runs in progress."""
-    settled = [done for folder in unclosed(out, urls) if (done := _settle(folder, urls, is_recording)) is not None]
-    return [*settled, *(_not_known(folder, why) for folder, why in _unreadable(out) if not is_recording(folder))]
+    """Make safe what this user's runs, and those below `out`, left hot on the ports `urls`; skip
+    runs in progress.
+    """
+    settled = [
+        done
+        for folder in unclosed(out, urls)
+        if (done := _settle(folder, urls, is_recording)) is not None
+    ]
+    return [
+        *settled,
+        *(_not_known(folder, why) for folder, why in _unreadable(out) if not is_recording(folder)),
+    ]
 
 
 def _unreadable(out: Path) -> Iterator[tuple[Path, str]]:
@@ -59,7 +70,9 @@ def unclosed(out: Path | None, urls: Collection[str]) -> Iterator[Path]:
 
 def _with_lease(out: Path | None) -> list[Path]:
     below = (
-        [Path(os.path.realpath(path.parent)) for path in out.glob(f"*/{lease.NAME}")] if out is not None and out.is_dir() else []
+        [Path(os.path.realpath(path.parent)) for path in out.glob(f"*/{lease.NAME}")]
+        if out is not None and out.is_dir()
+        else []
     )
     return sorted({*below, *lease.registered_runs()})
 
@@ -79,7 +92,10 @@ def _settle(folder: Path, urls: Collection[str], is_recording: IsRecording) -> L
                 break
             time.sleep(RETRY_S)
         except OSError as error:
-            return LeftOver(False, f"Run {folder.name} left tools hot, and nothing could be done about it: {error}.")
+            return LeftOver(
+                False,
+                f"Run {folder.name} left tools hot, and nothing could be done about it: {error}.",
+            )
     return None
 
 
@@ -92,30 +108,50 @@ def _take_over(folder: Path, urls: Collection[str]) -> LeftOver | None:
     left = TakeOver(ours, action_log, spare=True).run()
     if not action_log.is_torn:
         with suppress(OSError):
-            lease.write_leases(folder, [*(station for station in held if station not in ours), *left])
+            lease.write_leases(
+                folder, [*(station for station in held if station not in ours), *left]
+            )
     text = _log_result(action_log, folder, ours, is_safe=not left)
     action_log.tidy()
     return LeftOver(not left, text)
 
 
-def _log_result(action_log: ActionLog, folder: Path, stations: Collection[StationLease], *, is_safe: bool) -> str:
+def _log_result(
+    action_log: ActionLog, folder: Path, stations: Collection[StationLease], *, is_safe: bool
+) -> str:
     done = "every tool is in its safe state now" if is_safe else "not every tool could be made safe"
-    text = f"Run {folder.name} had left tools of {', '.join(sorted(one.name for one in stations))} as they were: {done}."
+    text = (
+        f"Run {folder.name} had left tools of {', '.join(sorted(one.name for one in stations))} as"
+        f" they were: {done}."
+    )
     action_log.write("guard.left_over", ERROR if is_safe else CRITICAL, text)
     return text
 
 
 class Seen(NamedTuple):
-    """What was read back from a station that was made safe by hand; a port without a tool has the state None."""
+    """What was read back from a station that was made safe by hand; a port without a tool has the
+    state None.
+    """
 
     model: str | None
     states: Mapping[int, str | None]
     feeder_stands: bool
 
 
-def close(urls: Collection[str], look: Callable[[StationLease], Seen | None], is_recording: IsRecording, who: str) -> list[Path]:
-    """Close the leases on these ports as far as `look` returns what was read back; return the folders of their runs."""
-    return [folder for folder in unclosed(None, urls) if not is_recording(folder) and _close(folder, look, who)]
+def close(
+    urls: Collection[str],
+    look: Callable[[StationLease], Seen | None],
+    is_recording: IsRecording,
+    who: str,
+) -> list[Path]:
+    """Close the leases on these ports as far as `look` returns what was read back; return the
+    folders of their runs.
+    """
+    return [
+        folder
+        for folder in unclosed(None, urls)
+        if not is_recording(folder) and _close(folder, look, who)
+    ]
 
 
 def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) -> bool:
@@ -123,9 +159,16 @@ def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) 
     with suppress(RecordError, OSError), guard_lock(folder):
         held, action_log = lease.read_leases(folder), ActionLog(folder, who)
         left = [_without(station, look(station), action_log) for station in held]
-        closed = {before: after for before, after in zip(held, left, strict=True) if after != before}
+        closed = {
+            before: after for before, after in zip(held, left, strict=True) if after != before
+        }
         if closed:
-            _log_result(action_log, folder, closed, is_safe=not any(after.holds for after in closed.values()))
+            _log_result(
+                action_log,
+                folder,
+                closed,
+                is_safe=not any(after.holds for after in closed.values()),
+            )
             if not action_log.is_torn:
                 lease.write_leases(folder, left)
             action_log.tidy()
@@ -140,7 +183,11 @@ def _without(station: StationLease, seen: Seen | None, action_log: ActionLog) ->
     for port in station.ports:
         if port in seen.states:
             state = seen.states[port]
-            text = "There is no tool any more" if state is None else f"The tool was found safe, as read back: {state}"
+            text = (
+                "There is no tool any more"
+                if state is None
+                else f"The tool was found safe, as read back: {state}"
+            )
             action_log.write("safety.safe_state", INFO, f"{text}.", station.name, port)
     return replace(
         station,

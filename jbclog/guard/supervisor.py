@@ -1,4 +1,6 @@
-"""The recorder's end of the guard: starts it, leases what a run may leave hot, renews, and replaces a guard that dies."""
+"""The recorder's end of the guard: starts it, leases what a run may leave hot, renews, and replaces
+a guard that dies.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,8 @@ END_S: Final = 2.0
 KILL_S: Final = 0.2
 TAKEN_OVER_S: Final = 12.0
 UNANSWERED_MOST: Final = 4  # renewals: at most 1.25 s with a guard that answers none
-PIPE_SIZE: Final = 1 << 20  # Linux allows it to all users: it holds the leases of any line while the guard starts
+# Linux allows it to all users: it holds the leases of any line while the guard starts
+PIPE_SIZE: Final = 1 << 20
 REPLACED_AT_MOST: Final = 20  # whatever kills 20 guards kills more
 UNGUARDED: Final = "if this recorder dies, the tools stay hot"
 
@@ -65,7 +68,9 @@ class RunGuard:
 
 
 def lease_of(facts: StationFacts) -> StationLease:
-    """Return what to make safe on a station if the recorder dies now: while its session runs, every touched tool."""
+    """Return what to make safe on a station if the recorder dies now: while its session runs, every
+    touched tool.
+    """
     is_over = facts.outcome != StationOutcome.RUNNING
     return StationLease(
         name=facts.name,
@@ -77,7 +82,11 @@ def lease_of(facts: StationFacts) -> StationLease:
         model=facts.model,
         software=facts.software,
         safe_state=facts.asked_safe_state,
-        ports=tuple(port for port in facts.touched if not (is_over and facts.safe_state.get(port) == SafetyResult.VERIFIED)),
+        ports=tuple(
+            port
+            for port in facts.touched
+            if not (is_over and facts.safe_state.get(port) == SafetyResult.VERIFIED)
+        ),
         feeds=facts.may_feed,
         model_accepted=facts.model_accepted,
         suction=tuple(facts.suction),
@@ -85,7 +94,9 @@ def lease_of(facts: StationFacts) -> StationLease:
 
 
 class GuardSupervisor:
-    """Keeps one guard alive for the run in `folder`. Raises StartRefused if the first one does not start."""
+    """Keeps one guard alive for the run in `folder`. Raises StartRefused if the first one does not
+    start.
+    """
 
     def __init__(self, folder: Path, report: Report) -> None:
         self._folder = folder
@@ -120,11 +131,14 @@ class GuardSupervisor:
             self._guard.end()
             self._guard = None
         if not self._is_handed_over:
-            with suppress(Exception):  # a lost guard left the lease open: the next start would find hot tools
+            # a lost guard left the lease open: the next start would find hot tools
+            with suppress(Exception):
                 lease.write_leases(self._folder, ())
 
     def take_over(self) -> None:
-        """Let the guard make leased tools safe after the recorder failed and closed its ports; waits for it."""
+        """Let the guard make leased tools safe after the recorder failed and closed its ports;
+        waits for it.
+        """
         self._is_handed_over = True
         if self._guard is not None:
             self._guard.take_over()
@@ -143,7 +157,9 @@ class GuardSupervisor:
             self._guard.kill()
         self._guard = None
         if self._replaced >= REPLACED_AT_MOST:
-            self._report("guard.lost", f"The guard was lost and is not replaced ({lost}); {UNGUARDED}.")
+            self._report(
+                "guard.lost", f"The guard was lost and is not replaced ({lost}); {UNGUARDED}."
+            )
             return
         self._replaced += 1
         self._report("guard.lost", f"The guard was lost ({lost}) and is being replaced.")
@@ -164,14 +180,28 @@ class GuardProcess:
 
     def __init__(self, folder: Path) -> None:
         # -P: a file in the user's current folder must not be imported as a module
-        command = [sys.executable, "-P", "-m", "jbclog.guard", str(folder), "--recorder", str(os.getpid())]
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "jbclog.guard",
+            str(folder),
+            "--recorder",
+            str(os.getpid()),
+        ]
         try:
             with _signals_blocked():
                 self._process = subprocess.Popen(
-                    command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True, bufsize=0
+                    command,
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    start_new_session=True,
+                    bufsize=0,
                 )
         except OSError as error:
-            raise StartRefused(f"the guard could not be started ({error}); --no-guard runs without one") from error
+            raise StartRefused(
+                f"the guard could not be started ({error}); --no-guard runs without one"
+            ) from error
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._pipe = self._process.stdin.fileno()
@@ -191,7 +221,9 @@ class GuardProcess:
         """Wait until it watches. Raises StartRefused."""
         if not self._can_be_read_within(READY_S) or not os.read(self._answers, len(READY)):
             self.kill()
-            raise StartRefused("the guard did not start; its reason stands above. --no-guard runs without one")
+            raise StartRefused(
+                "the guard did not start; its reason stands above. --no-guard runs without one"
+            )
 
     def kill(self) -> None:
         """Kill it; does not wait long for one that a hanging disk keeps from ending."""
@@ -263,8 +295,12 @@ class GuardProcess:
 
 @contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """Block what ends a run, for the process started within from its first step on: Ctrl-C reaches all processes of a terminal."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    """Block what ends a run, for the process started within from its first step on: Ctrl-C reaches
+    all processes of a terminal.
+    """
+    before = signal.pthread_sigmask(
+        signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    )
     try:
         yield
     finally:

@@ -1,7 +1,8 @@
-"""Take-over: makes the tools of all leased stations safe at once, a thread each, by the rules of `session.safety`.
+"""Take-over: makes the tools of all leased stations safe at once, a thread each, by the rules of
+`session.safety`.
 
-A station is identified before anything is written: another adapter may be plugged in by now. Each result goes to the action log and
-to stderr as soon as it is known.
+A station is identified before anything is written: another adapter may be plugged in by now. Each
+result goes to the action log and to stderr as soon as it is known.
 """
 
 from __future__ import annotations
@@ -40,8 +41,9 @@ LOOK_S: Final = 0.005
 class TakeOver:
     """Makes safe what these leases hold, and logs it. `left`: leases that still hold something.
 
-    `again`: a repeated attempt; failures are not logged twice. `spare`: tools already at rest are left alone. `flooded`: stations
-    already ordered over a flooded link; ordered again and again, a tool would never sleep.
+    `again`: a repeated attempt; failures are not logged twice. `spare`: tools already at rest are
+    left alone. `flooded`: stations already ordered over a flooded link; ordered again and again, a
+    tool would never sleep.
     """
 
     def __init__(
@@ -81,7 +83,12 @@ class TakeOver:
         try:
             task = self._secured_at_last(lease)
         except Exception as error:  # one station's failure must not stop the others
-            self._report(lease, "guard.failed", CRITICAL, f"the guard failed, {unexpected_error_text(error)}; {HOT}")
+            self._report(
+                lease,
+                "guard.failed",
+                CRITICAL,
+                f"the guard failed, {unexpected_error_text(error)}; {HOT}",
+            )
             return
         if task.flood is not None and all(tool.reached == SafetyResult.SENT for tool in task.tools):
             self.flooded.add(lease.name)
@@ -89,7 +96,12 @@ class TakeOver:
         for tool in task.tools:
             self._report_tool(lease, task, tool)
         if task.feeds:
-            self._report(lease, "safety.not_safe", CRITICAL, "the guard could not stop the feeder; switch the station off")
+            self._report(
+                lease,
+                "safety.not_safe",
+                CRITICAL,
+                "the guard could not stop the feeder; switch the station off",
+            )
 
     def _secured_at_last(self, lease: StationLease) -> SafetyTask:
         """Try twice: an error of this program may be momentary, for example refused memory."""
@@ -104,7 +116,11 @@ class TakeOver:
         return task
 
     def _update(self, lease: StationLease, task: SafetyTask) -> None:
-        remaining = replace(lease, ports=tuple(tool.port for tool in task.tools if not tool.is_safe), feeds=task.feeds)
+        remaining = replace(
+            lease,
+            ports=tuple(tool.port for tool in task.tools if not tool.is_safe),
+            feeds=task.feeds,
+        )
         if remaining.holds:
             self._left[lease.name] = remaining
         else:
@@ -129,9 +145,19 @@ class TakeOver:
     def _report_tool(self, lease: StationLease, task: SafetyTask, tool: ToolSafety) -> None:
         if tool.is_safe and tool.status is not None:
             state = task.family.status.shown(tool.status)
-            text = "was in its safe state already" if tool.was_spared else "was put in its safe state by the guard"
+            text = (
+                "was in its safe state already"
+                if tool.was_spared
+                else "was put in its safe state by the guard"
+            )
             why, severity = (f"; {tool.fell_back}", WARNING) if tool.fell_back else ("", INFO)
-            self._report(lease, "safety.safe_state", severity, f"the tool {text}, as read back: {state}{why}", tool.port)
+            self._report(
+                lease,
+                "safety.safe_state",
+                severity,
+                f"the tool {text}, as read back: {state}{why}",
+                tool.port,
+            )
             return
         what = (
             "was sent its safe state by the guard and does not confirm it"
@@ -141,7 +167,9 @@ class TakeOver:
         what += "" if task.flood is None else " (its link is flooded)"
         self._report(lease, "safety.not_safe", CRITICAL, f"the tool {what}; {HOT}", tool.port)
 
-    def _report(self, lease: StationLease, kind: str, severity: str, text: str, port: int | None = None) -> None:
+    def _report(
+        self, lease: StationLease, kind: str, severity: str, text: str, port: int | None = None
+    ) -> None:
         if self._again and severity == CRITICAL:
             return
         self._action_log.write(kind, severity, f"{text[0].upper()}{text[1:]}.", lease.name, port)
@@ -157,7 +185,9 @@ def _open(lease: StationLease) -> Port:
 
 
 def _is_same_station(client: Client, lease: StationLease) -> Steps[bool]:
-    """Return whether the station answers the leased model and, if it has one, the leased software."""
+    """Return whether the station answers the leased model and, if it has one, the leased
+    software.
+    """
     family = FAMILIES[lease.family]
     commands = family.commands
     if not (lease.model_accepted or family.proves(lease.model or "")):

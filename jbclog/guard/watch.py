@@ -1,9 +1,11 @@
-"""When the guard takes over, computed from what the recorder sent and when; and the recorder's process as its guard sees it.
+"""When the guard takes over, computed from what the recorder sent and when; and the recorder's
+process as its guard sees it.
 
-The recorder sends a line each `RENEW_S`: a station's lease if it changed, else a beat, and an end when all is done. If it dies,
-the pipe closes at once; if it hangs, the pipe stays open and silent, and `HUNG_S` later it counts as hung. A recorder that holds
-nothing hot may stay silent: it is starting, or sealing. If the guard itself slept because the whole machine stood still, the
-recorder gets another `GRACE_S`.
+The recorder sends a line each `RENEW_S`: a station's lease if it changed, else a beat, and an end
+when all is done. If it dies, the pipe closes at once; if it hangs, the pipe stays open and silent,
+and `HUNG_S` later it counts as hung. A recorder that holds nothing hot may stay silent: it is
+starting, or sealing. If the guard itself slept because the whole machine stood still, the recorder
+gets another `GRACE_S`.
 """
 
 from __future__ import annotations
@@ -63,7 +65,9 @@ class Watch:
         return any(station.holds for station in self.stations.values())
 
     def hear(self, data: bytes, now: float) -> bool:
-        """Take bytes from the pipe in pieces of any size; return whether a lease changed. An unknown line is no sign of life."""
+        """Take bytes from the pipe in pieces of any size; return whether a lease changed. An
+        unknown line is no sign of life.
+        """
         *lines, self._begun = (self._begun + data).split(b"\n")
         changed = [self._hear_line(line.decode("utf-8", "replace"), now) for line in lines]
         return any(changed)
@@ -102,9 +106,11 @@ class Watch:
 
 
 class Recorder:
-    """The process `pid` while it is this one's parent; after that it has died, and its number may belong to another process.
+    """The process `pid` while it is this one's parent; after that it has died, and its number may
+    belong to another process.
 
-    Without process descriptors (pidfd) the parent's number is polled: it changes when the parent dies.
+    Without process descriptors (pidfd) the parent's number is polled: it changes when the parent
+    dies.
     """
 
     def __init__(self, pid: int) -> None:
@@ -112,7 +118,8 @@ class Recorder:
         self._descriptor: int | None = None
         with suppress(AttributeError, OSError):
             self._descriptor = os.pidfd_open(pid)
-        self._is_gone = not self._is_parent  # checked after opening: the descriptor is certainly the recorder's
+        # checked after opening: the descriptor is certainly the recorder's
+        self._is_gone = not self._is_parent
 
     def end(self, grace_s: float, patience_s: float) -> bool:
         """Kill it after `grace_s` so that it holds no port; return whether it is gone."""

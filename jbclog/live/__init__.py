@@ -1,6 +1,8 @@
-"""Follows a run while it is recorded, from outside: without a lock, without writing, from any moment on.
+"""Follows a run while it is recorded, from outside: without a lock, without writing, from any
+moment on.
 
-Start with `follow`. What it gives is described in `states.py`; `view.py` has the rules for what counts as known and as normal.
+Start with `follow`. What it gives is described in `states.py`; `view.py` has the rules for what
+counts as known and as normal.
 """
 
 from jbclog.live.follower import Follower, follow

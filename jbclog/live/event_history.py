@@ -1,4 +1,6 @@
-"""What the events, settings and counters of a run say: alarms and problems that hold now, the unit on the bench."""
+"""What the events, settings and counters of a run say: alarms and problems that hold now, the unit
+on the bench.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +27,22 @@ LINK_LOST: Final = "link.lost"
 PROBLEMS_BEGIN: Final = (
     *(LINK_LOST, "robot.off", "station.error", "port.error", "tool.unknown"),
     *("solder.shortage", "feeder.clogged", "control.preparing", "temperature.out_of_range"),
-    *("safety.not_safe", "safety.not_known", "alarm.episode.failed", "identity.changed", "setting.changed"),
-    *("record.failed", "guard.none", "guard.weak", "guard.lost", "guard.failed", "guard.took_over", "wire.failed"),
+    *(
+        "safety.not_safe",
+        "safety.not_known",
+        "alarm.episode.failed",
+        "identity.changed",
+        "setting.changed",
+    ),
+    *(
+        "record.failed",
+        "guard.none",
+        "guard.weak",
+        "guard.lost",
+        "guard.failed",
+        "guard.took_over",
+        "wire.failed",
+    ),
 )
 PROBLEMS_END: Final = {
     "link.back": LINK_LOST,

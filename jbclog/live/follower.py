@@ -30,13 +30,16 @@ MOST_RUNS: Final = 20  # the newest ones, among which a recorded one is searched
 
 
 class Follower:
-    """Follows the run at `path`, or the newest run directly below it. Raises RecordError where `path` is no folder.
+    """Follows the run at `path`, or the newest run directly below it. Raises RecordError where
+    `path` is no folder.
 
-    Reads only, takes no lock, and may be stopped or killed at any step. Used by one thread at a time. `joints`: a process of
-    lowest priority counts the joints of each port.
+    Reads only, takes no lock, and may be stopped or killed at any step. Used by one thread at a
+    time. `joints`: a process of lowest priority counts the joints of each port.
     """
 
-    def __init__(self, path: str | os.PathLike[str], clock: Clock | None = None, *, joints: bool = False) -> None:
+    def __init__(
+        self, path: str | os.PathLike[str], clock: Clock | None = None, *, joints: bool = False
+    ) -> None:
         self.path = Path(path)
         self._clock, self._counts_joints = clock, joints
         self._run: RunFollower | None = None
@@ -48,7 +51,12 @@ class Follower:
     def __enter__(self) -> Follower:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self.close()
 
     def close(self) -> None:
@@ -57,7 +65,9 @@ class Follower:
             self._run = None
 
     def poll(self) -> RunState | None:
-        """Return the run as it is now; None while the folder has no run. A newer run of the folder takes the place of the last."""
+        """Return the run as it is now; None while the folder has no run. A newer run of the folder
+        takes the place of the last.
+        """
         folder = self.path if self._is_run else current_run(self.path)
         if folder is not None and (self._run is None or self._run.folder != folder):
             self.close()
@@ -83,14 +93,23 @@ def follow(path: str | os.PathLike[str] = "runs", *, joints: bool = False) -> Fo
 
 def is_run(folder: Path) -> bool:
     """Whether a folder is a run, by its name or its content."""
-    return bool(RUN_NAME.fullmatch(Path(os.path.realpath(folder)).name)) or (folder / MANIFEST).exists()
+    return (
+        bool(RUN_NAME.fullmatch(Path(os.path.realpath(folder)).name))
+        or (folder / MANIFEST).exists()
+    )
 
 
 def current_run(folder: Path) -> Path | None:
-    """Return the newest run below `folder` that is being recorded, else the newest one, by their names; None without one."""
+    """Return the newest run below `folder` that is being recorded, else the newest one, by their
+    names; None without one.
+    """
     try:
         with os.scandir(folder) as entries:
-            names = [entry.name for entry in entries if RUN_NAME.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False)]
+            names = [
+                entry.name
+                for entry in entries
+                if RUN_NAME.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False)
+            ]
     except OSError as error:
         raise RecordError(f"{folder} cannot be read: {error.strerror or error}") from error
     runs = [folder / name for name in sorted(names, reverse=True)[:MOST_RUNS]]

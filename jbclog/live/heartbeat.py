@@ -1,4 +1,6 @@
-"""Whether a recorder lives, and what its clock shows now, by the time that it writes into its lock with each commit."""
+"""Whether a recorder lives, and what its clock shows now, by the time that it writes into its lock
+with each commit.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ DELAYED_S: Final = 3.0
 
 
 class Heartbeat:
-    """`see` takes the time of the last commit, in seconds since 1970 UTC by the recorder's clock, at each poll."""
+    """`see` takes the time of the last commit, in seconds since 1970 UTC by the recorder's clock,
+    at each poll.
+    """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -46,4 +50,8 @@ class Heartbeat:
 
     def recorder_us(self) -> float | None:
         """Return the recorder's clock, UTC in µs; None before its first commit."""
-        return None if self._commit_s is None else (self._base_s + self._clock.monotonic() - self._seen_at) * 1e6
+        return (
+            None
+            if self._commit_s is None
+            else (self._base_s + self._clock.monotonic() - self._seen_at) * 1e6
+        )

@@ -1,11 +1,13 @@
-"""Counts the joints of each port so far, for whoever follows a run or wants it to end: ``python -m jbclog.live.joint_counter RUN``.
+"""Counts the joints of each port so far, for whoever follows a run or wants it to end: ``python -m
+jbclog.live.joint_counter RUN``.
 
-It finds them as the report does, in what is committed, without a lock. A joint that ended less than `ENDED_S` before its port's
-last row is not counted yet. Counts are made of the record as it stood after certain commits, which depend on the run alone
-(`scheduled`): two processes that count the same run show the same numbers of the same age, whenever they were started. Counting
-takes less than 1.5 % of a core in the long run. Each count is a line (`joint_numbers.Counted`). A line on stdin asks for a count
-of everything now: `NOW`, or `LAST` when all rows are committed. The process ends after that count, when the run is finalized and
-counted, and when stdin is closed.
+It finds them as the report does, in what is committed, without a lock. A joint that ended less than
+`ENDED_S` before its port's last row is not counted yet. Counts are made of the record as it stood
+after certain commits, which depend on the run alone (`scheduled`): two processes that count the
+same run show the same numbers of the same age, whenever they were started. Counting takes less than
+1.5 % of a core in the long run. Each count is a line (`joint_numbers.Counted`). A line on stdin
+asks for a count of everything now: `NOW`, or `LAST` when all rows are committed. The process ends
+after that count, when the run is finalized and counted, and when stdin is closed.
 """
 
 from __future__ import annotations
@@ -59,7 +61,13 @@ def main(arguments: list[str]) -> int:
     try:
         _count_until_final(Path(arguments[0]))
     except Exception as error:
-        _write(Counted(trouble=str(error) if isinstance(error, RecordError) else unexpected_error_text(error)))
+        _write(
+            Counted(
+                trouble=(
+                    str(error) if isinstance(error, RecordError) else unexpected_error_text(error)
+                )
+            )
+        )
     return 0
 
 
@@ -99,10 +107,12 @@ class _Growth:
 
 
 def scheduled(last: int, ports: int, took_s: float = 0.0) -> int:
-    """Return the batch through which the next count goes, where `last` is the newest one; the same for all who count this run.
+    """Return the batch through which the next count goes, where `last` is the newest one; the same
+    for all who count this run.
 
-    The distance of two counts is a power of two, at most half of the run, and long enough for `ports`. `took_s`: the last count;
-    it has a say only on a machine that is much slower than others.
+    The distance of two counts is a power of two, at most half of the run, and long enough for
+    `ports`. `took_s`: the last count; it has a say only on a machine that is much slower than
+    others.
     """
     if last < 1:
         return 0
@@ -113,12 +123,16 @@ def scheduled(last: int, ports: int, took_s: float = 0.0) -> int:
 
 
 def count(folder: Path, through: int | None = None, *, is_last: bool = False) -> Counted:
-    """Count the joints of all ports through a batch; None: all that is committed. `is_last`: that is all.
+    """Count the joints of all ports through a batch; None: all that is committed. `is_last`: that
+    is all.
 
     Raises RecordError.
     """
     for _ in range(TRIES):
-        began, rows = time.monotonic(), OpenRows(folder, through or commit_status(folder).last or None)
+        began, rows = (
+            time.monotonic(),
+            OpenRows(folder, through or commit_status(folder).last or None),
+        )
         manifest = read_manifest(folder)
         is_final = is_last or manifest.state == RunState.SEALED
         if is_final:
@@ -135,14 +149,20 @@ def count(folder: Path, through: int | None = None, *, is_last: bool = False) ->
 
 
 def _age_s(rows: OpenRows, found: Mapping[Key, PortFound], t0_utc: float | None) -> float:
-    """Return the age of the newest row that was counted, by the run's clock: without the steps of the wall clock."""
+    """Return the age of the newest row that was counted, by the run's clock: without the steps of
+    the wall clock.
+    """
     newest_s = max((one.last_s for one in found.values() if one.rows), default=None)
     if newest_s is None or t0_utc is None:
         return 0.0
-    return max(time.time() - t0_utc - sum(step.size_s for step in clock_steps(rows.groups)) - newest_s, 0.0)
+    return max(
+        time.time() - t0_utc - sum(step.size_s for step in clock_steps(rows.groups)) - newest_s, 0.0
+    )
 
 
-def _ports(stations: list[StationFacts], found: dict[tuple[str, int], PortFound], ended_s: float) -> Iterator[PortCount]:
+def _ports(
+    stations: list[StationFacts], found: dict[tuple[str, int], PortFound], ended_s: float
+) -> Iterator[PortCount]:
     for facts in stations:
         for port in facts.ports:
             if has_tip(facts):
@@ -153,7 +173,11 @@ def _ports(stations: list[StationFacts], found: dict[tuple[str, int], PortFound]
 
 def _port(station: str, port: int, one: PortFound, ended_s: float) -> PortCount:
     found = sum(joint.end_s <= one.last_s - ended_s or not ended_s for joint in one.found.joints)
-    why = NOTHING_RECORDED if not one.rows else one.found.why or (not_read(one.found.unseen_s) if one.found.unseen else None)
+    why = (
+        NOTHING_RECORDED
+        if not one.rows
+        else one.found.why or (not_read(one.found.unseen_s) if one.found.unseen else None)
+    )
     return PortCount(station, port, found if why is None else None, found, why)
 
 

@@ -1,7 +1,7 @@
 """The number of joints of each port so far, counted by a process beside whoever watches.
 
-Finding joints takes scipy and more computing time than recording or following a run, so `joint_counter` does it, at the lowest
-priority.
+Finding joints takes scipy and more computing time than recording or following a run, so
+`joint_counter` does it, at the lowest priority.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class PortCount:
-    """A port's number of joints; None: not known, `why`. `found`: how many were found, which may not be all."""
+    """A port's number of joints; None: not known, `why`. `found`: how many were found, which may
+    not be all.
+    """
 
     station: str
     port: int
@@ -56,7 +58,9 @@ class Counted:
 
     @property
     def found(self) -> int:
-        """How many joints were found on all ports; where those of a port are not known there may be more."""
+        """How many joints were found on all ports; where those of a port are not known there may be
+        more.
+        """
         return sum(port.found for port in self.ports)
 
     @property
@@ -71,7 +75,8 @@ _build_counted: Final = builder(Counted)
 class JointCounting:
     """The process that counts the joints of the run in `folder`; `close` ends it.
 
-    `latest` is its newest count. `why` is the reason why there will be no more, None while there may be.
+    `latest` is its newest count. `why` is the reason why there will be no more, None while there
+    may be.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -107,7 +112,9 @@ class JointCounting:
                 self._process.stdin.write(LAST if is_last else NOW)
 
     def last(self, most_s: float) -> Counted | None:
-        """Return the count of a run whose rows are all committed; waits `most_s` at most. None: `why`."""
+        """Return the count of a run whose rows are all committed; waits `most_s` at most. None:
+        `why`.
+        """
         self.ask(is_last=True)
         end = time.monotonic() + most_s
         while self.why is None and not self._is_final:
@@ -165,7 +172,9 @@ class JointCounting:
 
 
 class JointNumbers:
-    """The joints of the run in `folder`, for whoever shows them. `look` never waits; `close` ends the process that counts."""
+    """The joints of the run in `folder`, for whoever shows them. `look` never waits; `close` ends
+    the process that counts.
+    """
 
     def __init__(self, folder: Path, clock: Clock) -> None:
         self._clock = clock
@@ -174,7 +183,9 @@ class JointNumbers:
         self._asked_at_end = False
 
     def look(self, *, has_ended: bool) -> Mapping[Key, Joints]:
-        """Return the latest numbers. `has_ended`: the run is finalized, so that a last count can be made."""
+        """Return the latest numbers. `has_ended`: the run is finalized, so that a last count can be
+        made.
+        """
         if self._counting.poll():
             self._counted_at = self._clock.monotonic()
         if has_ended and not self._asked_at_end:
@@ -183,13 +194,22 @@ class JointNumbers:
         counted = self._counting.latest
         if counted is None:
             return {}
-        age_s = None if counted.is_final else counted.age_s + self._clock.monotonic() - self._counted_at
-        return {(one.station, one.port): Joints(one.count, one.found, age_s, one.why) for one in counted.ports}
+        age_s = (
+            None if counted.is_final else counted.age_s + self._clock.monotonic() - self._counted_at
+        )
+        return {
+            (one.station, one.port): Joints(one.count, one.found, age_s, one.why)
+            for one in counted.ports
+        }
 
     @property
     def not_counted(self) -> Joints:
         """What holds for a port that the latest numbers lack."""
-        return NOT_COUNTED if self._counting.why is None else Joints(why=f"cannot be counted: {self._counting.why}")
+        return (
+            NOT_COUNTED
+            if self._counting.why is None
+            else Joints(why=f"cannot be counted: {self._counting.why}")
+        )
 
     def close(self) -> None:
         self._counting.close()

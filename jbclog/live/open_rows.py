@@ -1,6 +1,8 @@
-"""The rows of a run as its followers may see them, table by table: sealed parts first, then what only the live store has.
+"""The rows of a run as its followers may see them, table by table: sealed parts first, then what
+only the live store has.
 
-Without a lock, like all of `jbclog.live`. A run may be sealed meanwhile; `Sealed` then says that its rows must be read anew.
+Without a lock, like all of `jbclog.live`. A run may be sealed meanwhile; `Sealed` then says that
+its rows must be read anew.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ class OpenRows:
         """Yield these columns of a table in order, in pieces. Raises Sealed, RecordError."""
         store = StoreFollower(self.folder)
         try:
-            batches = store.refresh(self.through)  # before the parts, so that no row moves between them unseen
+            # before the parts, so that no row moves between them unseen
+            batches = store.refresh(self.through)
             parts = part_paths(self.folder, table)
             sealed = parts_through(parts)
             yield from groups_of(parts, columns)

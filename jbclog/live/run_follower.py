@@ -1,4 +1,6 @@
-"""Follows one run: reads what its record gains, and describes the run at a moment. Start with `RunFollower.poll`."""
+"""Follows one run: reads what its record gains, and describes the run at a moment. Start with
+`RunFollower.poll`.
+"""
 
 from __future__ import annotations
 
@@ -35,16 +37,20 @@ EARLIER_S: Final = 0.1  # of computing for older rows at each poll
 STARTING_S: Final = 5.0  # from the creation of a folder to its first commit
 TRIES: Final = 5
 STARTING: Final = "The run begins; nothing is recorded yet."
-CRASHED: Final = "The recorder ended without finalizing; tools may be hot. `jbclog recover` finishes the record."
+CRASHED: Final = (
+    "The recorder ended without finalizing; tools may be hot. `jbclog recover` finishes the record."
+)
 NOT_ALL_COMMITTED: Final = (Phase.STARTING, Phase.RECORDING, Phase.DELAYED)
 
 _build_facts: Final = builder(StationFacts)
 
 
 class RunFollower:
-    """The run in `folder`, from any moment on. It only reads, takes no lock, and may be stopped or killed at any step.
+    """The run in `folder`, from any moment on. It only reads, takes no lock, and may be stopped or
+    killed at any step.
 
-    Call `poll` about twice a second and `close` at the end. `clock` is for tests; `joints`: a process counts the joints.
+    Call `poll` about twice a second and `close` at the end. `clock` is for tests; `joints`: a
+    process counts the joints.
     """
 
     def __init__(self, folder: Path, clock: Clock | None = None, *, joints: bool = False) -> None:
@@ -62,7 +68,11 @@ class RunFollower:
         """Forget everything that was read."""
         self._store = StoreFollower(self.folder)
         self._facts: dict[str, StationFacts] = {}
-        self._samples, self._events, self._settings = SampleHistory(), EventHistory(), SettingHistory()
+        self._samples, self._events, self._settings = (
+            SampleHistory(),
+            EventHistory(),
+            SettingHistory(),
+        )
         self._earlier: Iterator[pa.Table] = iter(())
         self._is_begun = self._is_whole = self._is_from_parts = False
 
@@ -72,7 +82,9 @@ class RunFollower:
             self._joints.close()
 
     def poll(self) -> RunState:
-        """Read what is new and return the run as it is now. Trouble with the record is a phase, not an error."""
+        """Read what is new and return the run as it is now. Trouble with the record is a phase, not
+        an error.
+        """
         status = commit_status(self.folder)
         self._heartbeat.see(status.since)
         try:
@@ -103,10 +115,12 @@ class RunFollower:
         )
 
     def _stations(self) -> list[StationFacts]:
-        """Return what is known of each station, in the manifest's order; of an ended session the manifest has the last word."""
+        """Return what is known of each station, in the manifest's order; of an ended session the
+        manifest has the last word.
+        """
         return _merged([] if self._manifest is None else self._manifest.stations, self._facts)
 
-    # -- where the run stands -------------------------------------------------------------------------------------------------
+    # -- where the run stands ----------------------------------------------------------------------
 
     @property
     def _is_sealed(self) -> bool:
@@ -134,15 +148,21 @@ class RunFollower:
 
     def _is_recorder_alive(self) -> bool:
         """Test the lock only where nothing else shows it: even a test is a lock for a moment."""
-        if self._heartbeat.is_alive or (self._heartbeat.age_s is None and self._heartbeat.waited_s < STARTING_S):
+        if self._heartbeat.is_alive or (
+            self._heartbeat.age_s is None and self._heartbeat.waited_s < STARTING_S
+        ):
             return True
         try:
             return is_held(self.folder)
         except OSError as error:
-            raise RecordError(f"{self.folder}: its lock cannot be read: {error.strerror or error}") from error
+            raise RecordError(
+                f"{self.folder}: its lock cannot be read: {error.strerror or error}"
+            ) from error
 
     def _read_manifest(self) -> None:
-        """Read the manifest where its file is another one; it is always replaced as a whole. Raises RecordError."""
+        """Read the manifest where its file is another one; it is always replaced as a whole. Raises
+        RecordError.
+        """
         try:
             there = (self.folder / MANIFEST).lstat()
         except OSError:
@@ -152,7 +172,7 @@ class RunFollower:
             self._manifest = read_manifest(self.folder)
             self._manifest_is = identity
 
-    # -- reading --------------------------------------------------------------------------------------------------------------
+    # -- reading -----------------------------------------------------------------------------------
 
     def _read(self, through: int | None) -> None:
         """Read what is new. Where batches have become sealed parts meanwhile, begin again."""
@@ -184,9 +204,16 @@ class RunFollower:
 
     def _read_first(self, new: list[tuple[int, str]]) -> None:
         """Read the newest rows and all events; older samples come later."""
-        parts = {table: part_paths(self.folder, table) for table in ("samples", "events", "settings", "counters")}
+        parts = {
+            table: part_paths(self.folder, table)
+            for table in ("samples", "events", "settings", "counters")
+        }
         sealed = {table: parts_through(paths) for table, paths in parts.items()}
-        if new and new[0][0] > max(*sealed.values(), 0) + 1 and new[0][0] > self._store.sealed_through + 1:
+        if (
+            new
+            and new[0][0] > max(*sealed.values(), 0) + 1
+            and new[0][0] > self._store.sealed_through + 1
+        ):
             raise Sealed  # a part was completed between the two looks
         for table in ("events", "settings", "counters"):
             for group in groups_of(parts[table]):
@@ -200,7 +227,9 @@ class RunFollower:
         self._is_begun = True
 
     def _older(self, batches: list[int], parts: list[Path]) -> Iterator[pa.Table]:
-        """Yield older samples: those in the live store, which are sealed within the hour, then the parts."""
+        """Yield older samples: those in the live store, which are sealed within the hour, then the
+        parts.
+        """
         for number in batches:
             table = self._store.table(number)
             if table is not None:
@@ -276,7 +305,9 @@ def _facts_in(store: StoreFollower) -> dict[str, StationFacts]:
         try:
             found[name] = _build_facts(json_of(text))
         except ValueError as error:
-            raise RecordError(f"{store.folder}: the facts of station {name} cannot be read: {error}") from error
+            raise RecordError(
+                f"{store.folder}: the facts of station {name} cannot be read: {error}"
+            ) from error
     return found
 
 

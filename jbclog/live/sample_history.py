@@ -1,4 +1,6 @@
-"""What the samples of a run say of each port: newest values and reasons, coverage, the last minute."""
+"""What the samples of a run say of each port: newest values and reasons, coverage, the last
+minute.
+"""
 
 from __future__ import annotations
 
@@ -69,9 +71,13 @@ class Points:
         self._trace = None
 
     def trace(self) -> Trace:
-        """Return the points; the same object until there is a new one, because most looks come between two commits."""
+        """Return the points; the same object until there is a new one, because most looks come
+        between two commits.
+        """
         if self._trace is None:
-            self._trace = Trace(tuple(self._seconds), tuple(self._temperatures), tuple(self._powers))
+            self._trace = Trace(
+                tuple(self._seconds), tuple(self._temperatures), tuple(self._powers)
+            )
         return self._trace
 
 
@@ -79,19 +85,25 @@ class Means:
     """The means of each `MEAN_S` seconds of the last hour; rows may come in any order."""
 
     def __init__(self) -> None:
-        self._sums: dict[int, list[float]] = {}  # by the number of the stretch: sum and count of temperature, of power
+        # by the number of the stretch: sum and count of temperature, of power
+        self._sums: dict[int, list[float]] = {}
         self._last = 0
         self._trace: Trace | None = Trace()
 
     def add(self, stretch: int, sums: Sequence[float]) -> None:
         if self._sums and stretch <= self._last - MOST_MEANS:
             return
-        if not self._sums or stretch != self._last:  # the last one is not shown before it is complete
+        # the last one is not shown before it is complete
+        if not self._sums or stretch != self._last:
             self._last = max(self._last, stretch) if self._sums else stretch
             self._trace = None
-        self._sums[stretch] = [one + more for one, more in zip(self._sums.get(stretch, (0.0,) * 4), sums, strict=True)]
+        self._sums[stretch] = [
+            one + more for one, more in zip(self._sums.get(stretch, (0.0,) * 4), sums, strict=True)
+        ]
         if len(self._sums) > 2 * MOST_MEANS:
-            self._sums = {one: values for one, values in self._sums.items() if one > self._last - MOST_MEANS}
+            self._sums = {
+                one: values for one, values in self._sums.items() if one > self._last - MOST_MEANS
+            }
 
     def trace(self) -> Trace:
         """Return the stretches that are complete; a stretch without a row has no value either."""
@@ -121,17 +133,23 @@ class PortHistory:
 
 
 class SampleHistory:
-    """Takes tables of samples. `add` is for the newest rows, in order; `add_earlier` for older ones, in any order."""
+    """Takes tables of samples. `add` is for the newest rows, in order; `add_earlier` for older
+    ones, in any order.
+    """
 
     def __init__(self) -> None:
         self.ports: defaultdict[Key, PortHistory] = defaultdict(PortHistory)
 
     def add(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
-        """Add new rows. `periods`: seconds between the ticks of each station, None without a grid."""
+        """Add new rows. `periods`: seconds between the ticks of each station, None without a
+        grid.
+        """
         table = _Rows(rows, periods)
         self._add(table)
         columns = (rows[name].to_pylist() for name in ("station", "port", MAIN, POWER))
-        for station, port, temperature, power, second in zip(*columns, table.seconds.tolist(), strict=True):
+        for station, port, temperature, power, second in zip(
+            *columns, table.seconds.tolist(), strict=True
+        ):
             self.ports[station, port].points.add(second, temperature, power)
 
     def add_earlier(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
@@ -158,10 +176,19 @@ class SampleHistory:
         rows = table.rows
         if rows["reasons"].null_count == len(rows):
             return
-        failed = rows.filter(pc.is_valid(rows["reasons"])).select(["station", "port", "reasons", "tick", "time"])
-        grouped = failed.set_column(4, "time", failed["time"].cast(pa.int64())).group_by(["station", "port", "reasons"])
-        for row in grouped.aggregate([("tick", "max"), ("time", "max"), ([], "count_all")]).to_pylist():
-            port, moment = self.ports[row["station"], row["port"]], Moment(row["tick_max"], row["time_max"])
+        failed = rows.filter(pc.is_valid(rows["reasons"])).select(
+            ["station", "port", "reasons", "tick", "time"]
+        )
+        grouped = failed.set_column(4, "time", failed["time"].cast(pa.int64())).group_by(
+            ["station", "port", "reasons"]
+        )
+        for row in grouped.aggregate(
+            [("tick", "max"), ("time", "max"), ([], "count_all")]
+        ).to_pylist():
+            port, moment = (
+                self.ports[row["station"], row["port"]],
+                Moment(row["tick_max"], row["time_max"]),
+            )
             for column, reason in reasons_of(row["reasons"]):
                 port.failures[column] = _newer(port.failures.get(column), Last(moment, reason))
                 port.missing += row["count_all"] if column == MAIN else 0
@@ -181,7 +208,9 @@ class _Rows:
         ports = np.asarray(rows["port"].to_numpy(), dtype=np.int64)
         self._codes = np.asarray(stations.indices.to_numpy(), dtype=np.int64) * WIDEST + ports
         self._moments = [rows["tick"].to_numpy(), rows["time"].cast(pa.int64()).to_numpy()]
-        period = np.array([periods.get(name) or np.nan for name in self._names])[stations.indices.to_numpy()]
+        period = np.array([periods.get(name) or np.nan for name in self._names])[
+            stations.indices.to_numpy()
+        ]
         ticks, times = self._moments
         self.seconds = np.where(np.isnan(period), times / 1e6, ticks * period)
 
@@ -191,7 +220,9 @@ class _Rows:
         codes, from_end = np.unique(self._codes[places][::-1], return_index=True)
         rows = places[::-1][from_end]
         ticks, times = (moments[rows].tolist() for moments in self._moments)
-        for code, tick, time, value in zip(codes.tolist(), ticks, times, values.take(pa.array(rows)).to_pylist(), strict=True):
+        for code, tick, time, value in zip(
+            codes.tolist(), ticks, times, values.take(pa.array(rows)).to_pylist(), strict=True
+        ):
             yield self._key(code), Moment(tick, time), value
 
     def count(self, column: str) -> Iterator[tuple[Key, int]]:
@@ -201,7 +232,9 @@ class _Rows:
             yield self._key(code), count
 
     def sums(self, stretch_s: float) -> Iterator[tuple[Key, int, tuple[float, ...]]]:
-        """Yield sum and count of temperature and of power for each port and stretch of so many seconds."""
+        """Yield sum and count of temperature and of power for each port and stretch of so many
+        seconds.
+        """
         if not len(self.rows):
             return
         ports, of_port = np.unique(self._codes, return_inverse=True)
@@ -212,15 +245,24 @@ class _Rows:
         columns = []
         for column in (MAIN, POWER):
             values = np.asarray(self.rows[column].cast(pa.float64()).to_numpy(), dtype=np.float64)
-            columns += [np.bincount(of_pair, np.nan_to_num(values)), np.bincount(of_pair, ~np.isnan(values))]
-        for pair, *sums in zip(pairs.tolist(), *(column.tolist() for column in columns), strict=True):
+            columns += [
+                np.bincount(of_pair, np.nan_to_num(values)),
+                np.bincount(of_pair, ~np.isnan(values)),
+            ]
+        for pair, *sums in zip(
+            pairs.tolist(), *(column.tolist() for column in columns), strict=True
+        ):
             port, stretch = divmod(pair, width)
             yield self._key(int(ports[port])), stretch + first, tuple(sums)
 
     def _read(self, column: str) -> NDArray[np.int64]:
         """Return the rows in which a column has a value."""
         values = self.rows[column]
-        return np.flatnonzero(np.asarray(pc.is_valid(values).to_numpy())) if values.null_count else np.arange(len(values))
+        return (
+            np.flatnonzero(np.asarray(pc.is_valid(values).to_numpy()))
+            if values.null_count
+            else np.arange(len(values))
+        )
 
     def _key(self, code: int) -> Key:
         station, port = divmod(code, WIDEST)

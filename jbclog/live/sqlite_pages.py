@@ -1,9 +1,11 @@
 """Pages of a SQLite database that another process writes, read without any lock.
 
-A lock of SQLite that a stopped follower holds would keep the recorder's write-ahead log from being reused, and it would grow. So
-the pages are read as SQLite's file format describes them ("Database File Format", sections 1.3 and 4): of each page the newest
-committed frame of the log, else the page of the database file. That is one consistent state as long as the log was not begun
-anew meanwhile, because a checkpoint changes only pages that the log holds. `snapshot` reads again where that was not so.
+A lock of SQLite that a stopped follower holds would keep the recorder's write-ahead log from being
+reused, and it would grow. So the pages are read as SQLite's file format describes them ("Database
+File Format", sections 1.3 and 4): of each page the newest committed frame of the log, else the page
+of the database file. That is one consistent state as long as the log was not begun anew meanwhile,
+because a checkpoint changes only pages that the log holds. `snapshot` reads again where that was
+not so.
 """
 
 from __future__ import annotations
@@ -19,9 +21,12 @@ from jbclog.core.foreign.files import Kind, open_foreign
 
 T = TypeVar("T")
 
-LOG_HEADER: Final = struct.Struct(">8I")  # magic, version, page size, sequence, two salts, two check sums
-FRAME_HEADER: Final = struct.Struct(">6I")  # page, pages after a commit or 0, two salts, two check sums
-ORDERS: Final = {0x377F0682: "<", 0x377F0683: ">"}  # byte order of the check sums by the log's magic
+# magic, version, page size, sequence, two salts, two check sums
+LOG_HEADER: Final = struct.Struct(">8I")
+# page, pages after a commit or 0, two salts, two check sums
+FRAME_HEADER: Final = struct.Struct(">6I")
+# byte order of the check sums by the log's magic
+ORDERS: Final = {0x377F0682: "<", 0x377F0683: ">"}
 MAGIC: Final = b"SQLite format 3\0"
 PAGE_SIZES: Final = tuple(1 << power for power in range(9, 17))
 WORD: Final = 0xFFFFFFFF
@@ -56,7 +61,9 @@ class DatabasePages:
         return _is_same_file(self._file, self.path)
 
     def snapshot(self, read: Callable[[DatabasePages], T]) -> T:
-        """Return what `read` returns when it read from one committed state. Raises Malformed, OSError."""
+        """Return what `read` returns when it read from one committed state. Raises Malformed,
+        OSError.
+        """
         for _ in range(TRIES):
             self._refresh()
             try:
@@ -102,7 +109,8 @@ class DatabasePages:
     def _is_consistent(self) -> bool:
         """Whether all pages since `_refresh` are of one committed state."""
         added = self._read_frames()
-        is_same_log = self._is_same_log() and self._log_header() == self._header  # after the frames: they were of this log
+        # after the frames: they were of this log
+        is_same_log = self._is_same_log() and self._log_header() == self._header
         return is_same_log and self._from_file.isdisjoint(added)
 
     def _read_page_size(self) -> None:
@@ -118,7 +126,7 @@ class DatabasePages:
         size = int.from_bytes(os.pread(self._file.fileno(), 2, 16), "big")
         return 65_536 if size == 1 else size
 
-    # -- the log --------------------------------------------------------------------------------------------------------------
+    # -- the log -----------------------------------------------------------------------------------
 
     @property
     def _log_path(self) -> Path:
@@ -137,7 +145,11 @@ class DatabasePages:
         self._log = None
 
     def _is_same_log(self) -> bool:
-        return _is_same_file(self._log, self._log_path) if self._log else not os.path.lexists(self._log_path)
+        return (
+            _is_same_file(self._log, self._log_path)
+            if self._log
+            else not os.path.lexists(self._log_path)
+        )
 
     def _log_header(self) -> bytes:
         return os.pread(self._log.fileno(), LOG_HEADER.size, 0) if self._log else b""
@@ -145,18 +157,25 @@ class DatabasePages:
     def _begin_log(self, header: bytes) -> None:
         """Forget the frames so far; a log whose header is not valid has none."""
         self._header = header
-        self._frames: dict[int, int] = {}  # page -> where its newest committed content begins in the log
+        # page -> where its newest committed content begins in the log
+        self._frames: dict[int, int] = {}
         self._order: str | None = None
         self._next, self._log_page_size = LOG_HEADER.size, 0
         if len(header) < LOG_HEADER.size:
             return
         magic, _, size, _, *self._salts, first, second = LOG_HEADER.unpack(header)
         order = ORDERS.get(magic)
-        if order and size in PAGE_SIZES and _check_sums(order, header[:24], (0, 0)) == (first, second):
+        if (
+            order
+            and size in PAGE_SIZES
+            and _check_sums(order, header[:24], (0, 0)) == (first, second)
+        ):
             self._order, self._log_page_size, self._sums = order, size, (first, second)
 
     def _read_frames(self) -> set[int]:
-        """Read the frames after the last commit that was read; return the pages of those committed since."""
+        """Read the frames after the last commit that was read; return the pages of those committed
+        since.
+        """
         added: set[int] = set()
         if self._order is None or self._log is None:
             return added
@@ -173,7 +192,9 @@ class DatabasePages:
         return added
 
     def _frame(self, at: int, sums: tuple[int, int]) -> tuple[int, bool, tuple[int, int]] | None:
-        """Return the page, whether it is the last of a commit, and the check sums of a frame; None for one that is not valid."""
+        """Return the page, whether it is the last of a commit, and the check sums of a frame; None
+        for one that is not valid.
+        """
         assert self._log is not None
         assert self._order is not None
         data = os.pread(self._log.fileno(), FRAME_HEADER.size + self._log_page_size, at)

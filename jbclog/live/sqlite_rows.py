@@ -20,7 +20,9 @@ Value = None | int | float | str | bytes
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A row as its page holds it: its number, its length, the first bytes, and the page where the rest begins (0: none)."""
+    """A row as its page holds it: its number, its length, the first bytes, and the page where the
+    rest begins (0: none).
+    """
 
     number: int
     size: int
@@ -56,7 +58,9 @@ def roots(pages: DatabasePages) -> dict[str, int]:
 
 
 def rows(pages: DatabasePages, root: int, after: int = 0) -> Iterator[Row]:
-    """Yield the rows of the table at `root` with a number above `after`, ascending. Raises Malformed."""
+    """Yield the rows of the table at `root` with a number above `after`, ascending. Raises
+    Malformed.
+    """
     return _rows(pages, root, after, set(), 0)
 
 
@@ -66,7 +70,9 @@ def row(pages: DatabasePages, root: int, number: int) -> Row | None:
     return found if found is not None and found.number == number else None
 
 
-def _rows(pages: DatabasePages, number: int, after: int, seen: set[int], depth: int) -> Iterator[Row]:
+def _rows(
+    pages: DatabasePages, number: int, after: int, seen: set[int], depth: int
+) -> Iterator[Row]:
     if number in seen or depth > DEEPEST:
         raise Malformed(f"page {number} is in its table twice")
     seen.add(number)
@@ -82,8 +88,12 @@ def _rows(pages: DatabasePages, number: int, after: int, seen: set[int], depth: 
     for at in places:
         key, _ = _varint(data, at + 4)
         if key > after:  # the largest number below this child
-            yield from _rows(pages, int.from_bytes(data[at : at + 4], "big"), after, seen, depth + 1)
-    yield from _rows(pages, int.from_bytes(data[base + 8 : base + 12], "big"), after, seen, depth + 1)
+            yield from _rows(
+                pages, int.from_bytes(data[at : at + 4], "big"), after, seen, depth + 1
+            )
+    yield from _rows(
+        pages, int.from_bytes(data[base + 8 : base + 12], "big"), after, seen, depth + 1
+    )
 
 
 def _places(data: bytes, at: int, cells: int) -> tuple[int, ...]:
@@ -123,7 +133,15 @@ def _values(data: bytes, count: int | None = None) -> list[Value]:
         kinds.append(kind)
     found, at = list[Value](), end
     for kind in kinds:
-        width = WIDTHS[kind] if kind < len(WIDTHS) else 8 if kind == 7 else (kind - 12) // 2 if kind >= 12 else 0
+        width = (
+            WIDTHS[kind]
+            if kind < len(WIDTHS)
+            else 8
+            if kind == 7
+            else (kind - 12) // 2
+            if kind >= 12
+            else 0
+        )
         if at + width > len(data):
             raise Malformed("a row is shorter than its header says")
         found.append(_value(kind, data[at : at + width]))

@@ -1,4 +1,6 @@
-"""What a follower knows of a run at one moment: plain frozen values. Unknown is never shown as normal."""
+"""What a follower knows of a run at one moment: plain frozen values. Unknown is never shown as
+normal.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,8 @@ class Condition(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """The newest reading of a signal. `why`: the reason why there is no newer value; `age_s` is that of `value`.
+    """The newest reading of a signal. `why`: the reason why there is no newer value; `age_s` is
+    that of `value`.
 
     `is_known`: there is a value, nothing newer failed, and it is not too old.
     """
@@ -71,9 +74,11 @@ class Coverage:
 
 @dataclass(frozen=True, slots=True)
 class Joints:
-    """The joints that had ended `age_s` ago, all of them if `age_s` is None; `count` None: not known, `why`.
+    """The joints that had ended `age_s` ago, all of them if `age_s` is None; `count` None: not
+    known, `why`.
 
-    `found` is how many were found; where `count` is None these may not be all, or some of them no joints.
+    `found` is how many were found; where `count` is None these may not be all, or some of them no
+    joints.
     """
 
     count: int | None = None
@@ -100,7 +105,8 @@ NOT_COUNTED = Joints(why="not counted yet")
 class Trace:
     """Points of a port: seconds on the run's grid, and the values there; None: not read.
 
-    Seconds go back only where the clock of a run without a grid was set; the trace then begins anew.
+    Seconds go back only where the clock of a run without a grid was set; the trace then begins
+    anew.
     """
 
     seconds: tuple[float, ...] = ()
@@ -138,7 +144,8 @@ class Counter:
 
 @dataclass(frozen=True, slots=True)
 class PortState:
-    """A port. `readings` by column of the samples; `alarms` and `problems` are sentences that hold now.
+    """A port. `readings` by column of the samples; `alarms` and `problems` are sentences that hold
+    now.
 
     `trace` is the last minute; `hour` the last hour, a mean for each five seconds.
     """
@@ -206,9 +213,10 @@ class NumberedEvent:
 class RunState:
     """A run at one moment.
 
-    `text` explains the phase; `commit_age_s` is the time since the recorder last committed; `problems` concern the whole run;
-    `events` are the newest ones, oldest first. `unit` is the one on the bench, if known; `units` are this one or, if no serials are
-    read during the run, all that were named at its start. `is_whole`: everything since the run's begin was read.
+    `text` explains the phase; `commit_age_s` is the time since the recorder last committed;
+    `problems` concern the whole run; `events` are the newest ones, oldest first. `unit` is the one
+    on the bench, if known; `units` are this one or, if no serials are read during the run, all that
+    were named at its start. `is_whole`: everything since the run's begin was read.
     """
 
     folder: Path

@@ -30,7 +30,8 @@ class _Segment:
 
 
 class StoreFollower:
-    """The live store of the run in `folder`. `damage` holds a sentence for each thing that could not be read.
+    """The live store of the run in `folder`. `damage` holds a sentence for each thing that could
+    not be read.
 
     `last` is the number of the newest batch that `refresh` has named.
     """
@@ -70,7 +71,8 @@ class StoreFollower:
         return self._number("sealed")
 
     def refresh(self, through: int | None) -> list[tuple[int, str]]:
-        """Return number and table of each batch since the last call, ascending; those above `through` wait for a later one.
+        """Return number and table of each batch since the last call, ascending; those above
+        `through` wait for a later one.
 
         Raises RecordError where the store cannot be read now, or is of a newer jbclog.
         """
@@ -84,7 +86,9 @@ class StoreFollower:
             except Malformed as error:
                 self._add_damage(f"{path.name}: {error}")
             except OSError as error:
-                raise RecordError(f"{path} cannot be read now: {error.strerror or error}") from error
+                raise RecordError(
+                    f"{path} cannot be read now: {error.strerror or error}"
+                ) from error
         self._expect_known_schema()
         self.last = max(found, default=self.last)
         return sorted(found.items())
@@ -95,13 +99,17 @@ class StoreFollower:
         return changed
 
     def table(self, number: int) -> pa.Table | None:
-        """Return the rows of a batch that `refresh` named; None if it is damaged. Raises Sealed, RecordError."""
+        """Return the rows of a batch that `refresh` named; None if it is damaged. Raises Sealed,
+        RecordError.
+        """
         path = self._where[number]
         segment = self._segments.get(path)
         if segment is None:
             raise Sealed
         try:
-            values = segment.pages.snapshot(lambda pages: _values(pages, row(pages, segment.tables["batch"], number)))
+            values = segment.pages.snapshot(
+                lambda pages: _values(pages, row(pages, segment.tables["batch"], number))
+            )
             return None if values is None else self._decoded(number, values)
         except OSError as error:
             raise RecordError(f"{path} cannot be read now: {error.strerror or error}") from error
@@ -139,14 +147,22 @@ class StoreFollower:
                 except FileNotFoundError:
                     continue  # sealed meanwhile
                 except OSError as error:
-                    raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
+                    raise RecordError(
+                        f"{path} cannot be read: {error.strerror or error}"
+                    ) from error
 
     def _read(self, segment: _Segment) -> list[tuple[int, str]]:
-        def read(pages: DatabasePages) -> tuple[dict[str, int], list[tuple[int, Value]], list[list[Value]]]:
+        def read(
+            pages: DatabasePages,
+        ) -> tuple[dict[str, int], list[tuple[int, Value]], list[list[Value]]]:
             tables = segment.tables or roots(pages)
             if not {"batch", "note"} <= tables.keys():
-                return {}, [], []  # a kill can come between creating the file and creating its tables
-            batches = [(one.number, one.first_values(2)[1]) for one in rows(pages, tables["batch"], self.last)]
+                # a kill can come between creating the file and creating its tables
+                return {}, [], []
+            batches = [
+                (one.number, one.first_values(2)[1])
+                for one in rows(pages, tables["batch"], self.last)
+            ]
             return tables, batches, [one.values(pages) for one in rows(pages, tables["note"])]
 
         segment.tables, batches, notes = segment.pages.snapshot(read)
@@ -155,7 +171,11 @@ class StoreFollower:
         for number, table in batches:
             if table not in TABLES:
                 self._add_damage(f"batch {number}: it belongs to no table")
-        return [(number, table) for number, table in batches if isinstance(table, str) and table in TABLES]
+        return [
+            (number, table)
+            for number, table in batches
+            if isinstance(table, str) and table in TABLES
+        ]
 
     def _take_note(self, note: list[Value]) -> None:
         match note:
@@ -176,8 +196,8 @@ class StoreFollower:
     def _expect_known_schema(self) -> None:
         if self._number("schema") > SCHEMA_VERSION:
             raise RecordError(
-                f"{self.folder}: written with schema {self._number('schema')}; this jbclog knows {SCHEMA_VERSION}. "
-                "Use a newer jbclog."
+                f"{self.folder}: written with schema {self._number('schema')}; this jbclog knows"
+                f" {SCHEMA_VERSION}. Use a newer jbclog."
             )
 
     def _number(self, key: str) -> int:

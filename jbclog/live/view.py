@@ -1,4 +1,6 @@
-"""Makes the state of a run from what its follower has read. The rules for what counts as known and as normal are here."""
+"""Makes the state of a run from what its follower has read. The rules for what counts as known and
+as normal are here.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +14,25 @@ from jbclog.core.states import StationOutcome
 from jbclog.live.event_history import EventHistory, SettingHistory
 from jbclog.live.heartbeat import Heartbeat
 from jbclog.live.sample_history import MAIN, Key, Last, Moment, PortHistory, SampleHistory
-from jbclog.live.states import NOT_READ, Condition, Coverage, Joints, Phase, PortState, Reading, RunState, StationState
+from jbclog.live.states import (
+    NOT_READ,
+    Condition,
+    Coverage,
+    Joints,
+    Phase,
+    PortState,
+    Reading,
+    RunState,
+    StationState,
+)
 from jbclog.record.conclude import hot_warning
 from jbclog.record.manifest import Manifest
 
 STALE_PERIODS: Final = 2.0
 COMMIT_S: Final = 2.0  # from a reading to the moment in which a follower can see it, at the most
 NO_GRID_S: Final = 3.0  # the longest distance of two rows of a station that is read without a grid
-CLOCK_S: Final = 2.0  # a row that is this far in the future was written before the clock was set back
+# a row that is this far in the future was written before the clock was set back
+CLOCK_S: Final = 2.0
 FLAG: Final = "alarm_high"
 NOT_SUPPORTED: Final = Reading(why="not supported", is_stale=False)
 
@@ -75,14 +88,18 @@ class RunView:
     def _problems(self, phase: Phase) -> list[str]:
         found = [*self.events.problems((None, None))]
         if phase in (Phase.CRASHED, Phase.FINALIZED):
-            warning = hot_warning(self.folder, self.stations, [facts.name for facts in self.stations if facts.unsafe])
+            warning = hot_warning(
+                self.folder, self.stations, [facts.name for facts in self.stations if facts.unsafe]
+            )
             found += [warning] if warning else []
         if self.dropped_rows:
             found.append(f"{self.dropped_rows} rows could not be stored.")
         return found + [f"Damaged: {one}" for one in self.damage]
 
     def _station(self, facts: StationFacts, phase: Phase) -> StationState:
-        ports = sorted({*facts.ports, *(port for name, port in self.samples.ports if name == facts.name)})
+        ports = sorted(
+            {*facts.ports, *(port for name, port in self.samples.ports if name == facts.name)}
+        )
         ages = self._ages(facts)
         return StationState(
             name=facts.name,
@@ -102,13 +119,24 @@ class RunView:
         place = facts.name, number
         history = self.samples.ports.get(place) or PortHistory()
         is_live = phase is Phase.RECORDING and facts.outcome == StationOutcome.RUNNING
-        is_live = is_live and not self.events.is_link_lost(facts.name) and not ages.is_behind(history.newest, ages.newest)
+        is_live = (
+            is_live
+            and not self.events.is_link_lost(facts.name)
+            and not ages.is_behind(history.newest, ages.newest)
+        )
         is_old = not is_live or ages.is_old(history.newest)
-        readings = {column: ages.reading(history, column, is_old=is_old) for column in {*history.values, *history.failures}}
+        readings = {
+            column: ages.reading(history, column, is_old=is_old)
+            for column in {*history.values, *history.failures}
+        }
         if facts.signals and MAIN not in facts.signals:
             readings.setdefault(MAIN, NOT_SUPPORTED)
         alarms = (*self.events.alarms((facts.name, None)), *self.events.alarms(place))
-        problems = (*self.events.problems((facts.name, None)), *self.events.problems(place), *self._flags(place, history))
+        problems = (
+            *self.events.problems((facts.name, None)),
+            *self.events.problems(place),
+            *self._flags(place, history),
+        )
         row_age = None if history.newest is None else ages.age_s(history.newest.moment)
         quality = None if history.newest is None else str(history.newest.value)
         is_fresh = is_live and row_age is not None and row_age <= ages.limit_s
@@ -118,7 +146,13 @@ class RunView:
             port=number,
             tool=facts.tools.get(number),
             condition=_condition(
-                facts, phase, main, quality, is_fresh=is_fresh, has_alarms=bool(alarms), has_problems=bool(problems)
+                facts,
+                phase,
+                main,
+                quality,
+                is_fresh=is_fresh,
+                has_alarms=bool(alarms),
+                has_problems=bool(problems),
             ),
             quality=quality,
             row_age_s=row_age,
@@ -135,16 +169,26 @@ class RunView:
         """An answer with the alarm flags that was lost, until the flags are read again."""
         lost, read = self.events.flags_lost_at(place), history.values.get(FLAG)
         is_lost = lost is not None and (read is None or read.moment.time <= lost)
-        return ("The last answer with the alarm flags was lost; they may have been set.",) if is_lost else ()
+        return (
+            ("The last answer with the alarm flags was lost; they may have been set.",)
+            if is_lost
+            else ()
+        )
 
     def _ages(self, facts: StationFacts) -> _Ages:
-        newest = [port.newest.moment for (name, _), port in self.samples.ports.items() if name == facts.name and port.newest]
+        newest = [
+            port.newest.moment
+            for (name, _), port in self.samples.ports.items()
+            if name == facts.name and port.newest
+        ]
         return _Ages(self.heartbeat.recorder_us(), max(newest, default=None), facts.period_s)
 
 
 @dataclass(frozen=True, slots=True)
 class _Ages:
-    """The ages of a station's readings: of its newest row by the recorder's clock, of older ones by their ticks."""
+    """The ages of a station's readings: of its newest row by the recorder's clock, of older ones by
+    their ticks.
+    """
 
     recorder_us: float | None
     newest: Moment | None
@@ -161,13 +205,21 @@ class _Ages:
         newest_s = (self.recorder_us - self.newest.time) / 1e6
         if newest_s < -CLOCK_S:
             return None
-        before = (self.newest.tick - moment.tick) * self.period_s if self.period_s else (self.newest.time - moment.time) / 1e6
+        before = (
+            (self.newest.tick - moment.tick) * self.period_s
+            if self.period_s
+            else (self.newest.time - moment.time) / 1e6
+        )
         return max(newest_s, 0.0) + max(before, 0.0)
 
     def reading(self, history: PortHistory, column: str, *, is_old: bool) -> Reading:
-        """Return the newest reading of a column. `is_old`: nobody records, or the port's newest row is too old."""
+        """Return the newest reading of a column. `is_old`: nobody records, or the port's newest row
+        is too old.
+        """
         value, failure = history.values.get(column), history.failures.get(column)
-        is_failed = failure is not None and (value is None or failure.moment.tick > value.moment.tick)
+        is_failed = failure is not None and (
+            value is None or failure.moment.tick > value.moment.tick
+        )
         age = None if value is None else self.age_s(value.moment)
         is_missed = is_failed and self.is_behind(value, failure and failure.moment)
         is_old = is_old or (column == MAIN and (is_missed or self.is_old(value)))
@@ -179,7 +231,9 @@ class _Ages:
         )
 
     def is_behind(self, last: Last | None, known: Moment | None) -> bool:
-        """Whether a row is more than two periods older than one of the same station; no commit brings what lies between."""
+        """Whether a row is more than two periods older than one of the same station; no commit
+        brings what lies between.
+        """
         if self.period_s is None or last is None or known is None:
             return False
         return known.tick - last.moment.tick > STALE_PERIODS
@@ -191,7 +245,14 @@ class _Ages:
 
 
 def _condition(
-    facts: StationFacts, phase: Phase, main: Reading, quality: str | None, *, is_fresh: bool, has_alarms: bool, has_problems: bool
+    facts: StationFacts,
+    phase: Phase,
+    main: Reading,
+    quality: str | None,
+    *,
+    is_fresh: bool,
+    has_alarms: bool,
+    has_problems: bool,
 ) -> Condition:
     if facts.unsafe or facts.outcome not in (StationOutcome.RUNNING, StationOutcome.COMPLETED):
         return Condition.FAILED

@@ -17,15 +17,18 @@ from jbclog.maintenance.counter_totals.observed import Fact
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval, seconds
 from jbclog.maintenance.counter_totals.totals import Trace
 
-# -- pace ---------------------------------------------------------------------------------------------------------------------
+# -- pace ------------------------------------------------------------------------------------------
 # The rate of a counter and its uncertainty: the basis of a forecast.
 #
-# Use is uneven: weekends, holidays, products, orders. The unit is a week, so that each has its weekend; the variance between weeks
-# and months bounds the forecast. A station with a short history starts with the usual variance (`USUAL`).
+# Use is uneven: weekends, holidays, products, orders. The unit is a week, so that each has its
+# weekend; the variance between weeks and months bounds the forecast. A station with a short history
+# starts with the usual variance (`USUAL`).
 
 DAY: Final = 86400.0
 WEEK: Final = 7 * DAY
-USUAL: Final = 0.6  # long-run variance of a week's use relative to its square, correlation with neighbouring weeks included
+# long-run variance of a week's use relative to its square, correlation with neighbouring weeks
+# included
+USUAL: Final = 0.6
 USUAL_WEIGHT: Final = 6.0  # blocks that it counts as
 BLOCK: Final = 4  # weeks
 LEAST_DAYS: Final = 21.0  # of daily audits, before weekdays are distinguished
@@ -45,8 +48,10 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """The rate of a counter. `a_week`: the advance in a week. `variance`: long-run, of a week's advance relative to its square.
-    `weeks`: the length of the history. `weekdays`: the share of each day, Monday first, with a mean of 1."""
+    """The rate of a counter. `a_week`: the advance in a week. `variance`: long-run, of a week's
+    advance relative to its square.
+    `weeks`: the length of the history. `weekdays`: the share of each day, Monday first, with a mean
+    of 1."""
 
     a_week: float
     variance: float
@@ -76,7 +81,9 @@ def _variance(steps: Sequence[Step], a_week: float) -> float:
 
 
 def _blocks(steps: Sequence[Step], weeks: float) -> Numbers:
-    """Return the advance in each block of `weeks`, counted back from the last look, without the remainder."""
+    """Return the advance in each block of `weeks`, counted back from the last look, without the
+    remainder.
+    """
     lasted = np.concatenate([[0.0], np.cumsum([step.end - step.begin for step in steps])])
     worked = np.concatenate([[0.0], np.cumsum([step.worked for step in steps])])
     ends = np.arange(lasted[-1], -1e-6, -weeks * WEEK)[::-1]
@@ -84,7 +91,9 @@ def _blocks(steps: Sequence[Step], weeks: float) -> Numbers:
 
 
 def _weekdays(steps: Sequence[Step]) -> tuple[float, ...]:
-    """Return the share of each weekday by looks about a day apart; equal shares if there are too few."""
+    """Return the share of each weekday by looks about a day apart; equal shares if there are too
+    few.
+    """
     daily = [step for step in steps if 0.5 * DAY < step.end - step.begin < 1.5 * DAY]
     if len(daily) < LEAST_DAYS or len(daily) < 0.5 * len(steps):
         return (1.0,) * 7
@@ -114,22 +123,28 @@ def weekday(time: float) -> int:
     return (math.floor(time / DAY) + 3) % 7  # 1970 began on a Thursday
 
 
-# -- forecast -----------------------------------------------------------------------------------------------------------------
-# When a counter will have advanced by an amount: a time for each probability, none beyond the horizon.
+# -- forecast --------------------------------------------------------------------------------------
+# When a counter will have advanced by an amount: a time for each probability, none beyond the
+# horizon.
 #
-# The use of t weeks, in units of the mean week, has the mean t and the variance v (t + t^2 / n): each future week varies by v, and
-# the mean itself is known from n weeks only. The time by which an amount of d weeks is reached with the probability of the normal
-# deviate z is the t that solves t - d = z sqrt(v (t + t^2 / n)).
+# The use of t weeks, in units of the mean week, has the mean t and the variance v (t + t^2 / n):
+# each future week varies by v, and the mean itself is known from n weeks only. The time by which an
+# amount of d weeks is reached with the probability of the normal deviate z is the t that solves t -
+# d = z sqrt(v (t + t^2 / n)).
 
 LATE: Final = 1.2816  # the normal deviate of 90 %
-EARLY: Final = 1.6  # more than that of 10 %: work comes in surges, and a part that wears out before its forecast does harm
+# more than that of 10 %: work comes in surges, and a part that wears out before its forecast does
+# harm
+EARLY: Final = 1.6
 LASTING: Final = 0.03  # the variance that does not average out: seasons, shutdowns, other work
 HORIZON_WEEKS: Final = 520.0
 
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """Times (seconds since 1970) by which it is reached with a probability of 10, 50, 90 %; None: more than ten years ahead."""
+    """Times (seconds since 1970) by which it is reached with a probability of 10, 50, 90 %; None:
+    more than ten years ahead.
+    """
 
     p10: float | None
     p50: float | None
@@ -138,11 +153,15 @@ class Forecast:
 
 def forecast(now: float, left: float, pace: Pace, doubt: float = 0.0) -> Forecast:
     """Return when the counter will have advanced by `left`, whose variance is `doubt`."""
-    return Forecast(*(_moment(now, _weeks(left, pace, doubt, z), pace) for z in (-EARLY, 0.0, LATE)))
+    return Forecast(
+        *(_moment(now, _weeks(left, pace, doubt, z), pace) for z in (-EARLY, 0.0, LATE))
+    )
 
 
 def _weeks(left: float, pace: Pace, doubt: float, z: float) -> float:
-    """Return the root of (t - d)^2 = z^2 (v t + v t^2 / n + u), below d for a negative z, else above."""
+    """Return the root of (t - d)^2 = z^2 (v t + v t^2 / n + u), below d for a negative z, else
+    above.
+    """
     mean, by = left / pace.a_week, z * z * pace.variance
     square = 1 - by / pace.weeks - z * z * LASTING
     half, rest = mean + by / 2, mean * mean - z * z * doubt / pace.a_week**2
@@ -167,7 +186,7 @@ def _moment(now: float, weeks: float, pace: Pace) -> float | None:
     return at
 
 
-# -- due ----------------------------------------------------------------------------------------------------------------------
+# -- due -------------------------------------------------------------------------------------------
 
 LEAST_AUDITS: Final = 4
 OVERDUE_PERCENT: Final = 120.0
@@ -186,7 +205,9 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """The UTC dates by which the service interval ends with a probability of 10, 50 and 90 %; null: after the horizon."""
+    """The UTC dates by which the service interval ends with a probability of 10, 50 and 90 %; null:
+    after the horizon.
+    """
 
     p10: str | None
     p50: str | None
@@ -197,9 +218,10 @@ class Due:
 class TaskState:
     """One task of one station; `port` is null for a task of the whole station.
 
-    `used` and `percent` are intervals, null if not known. `life` is the service interval. `since` is when the task was last done
-    or, if that is not known (`is_told` false), when counting started. `why` is the reason for a null `due`: ``not enough data: 2 of
-    4 audits``. `told_by` is the source of the service date; empty for the ledger.
+    `used` and `percent` are intervals, null if not known. `life` is the service interval. `since`
+    is when the task was last done or, if that is not known (`is_told` false), when counting
+    started. `why` is the reason for a null `due`: ``not enough data: 2 of 4 audits``. `told_by` is
+    the source of the service date; empty for the ledger.
     """
 
     task: str
@@ -219,8 +241,11 @@ class TaskState:
     told_by: str = ""
 
 
-def states_of(task: Task, traces: Sequence[Trace], facts: Sequence[Fact], now: str) -> Iterator[TaskState]:
-    """Yield the task's state at every port that has its counter, or once for the station. `facts` are the station's, oldest first.
+def states_of(
+    task: Task, traces: Sequence[Trace], facts: Sequence[Fact], now: str
+) -> Iterator[TaskState]:
+    """Yield the task's state at every port that has its counter, or once for the station. `facts`
+    are the station's, oldest first.
 
     Facts that are not in the ledger (`seq` 0) are ordered by the time they were recorded.
     """
@@ -248,24 +273,50 @@ def _state_of(task: Task, used: Interval) -> State:
     return State.SOON if most >= task.warn_percent else State.FINE
 
 
-# -- by the calendar ------------------------------------------------------------------------------------------------------------
+# -- by the calendar -------------------------------------------------------------------------------
 
 
 def _of_days(task: Task, traces: Sequence[Trace], facts: Sequence[Fact], now: str) -> TaskState:
-    state = TaskState(task.name, task.title, None, DAYS, "d", task.life, None, None, State.UNKNOWN, None, is_told=False)
+    state = TaskState(
+        task.name,
+        task.title,
+        None,
+        DAYS,
+        "d",
+        task.life,
+        None,
+        None,
+        State.UNKNOWN,
+        None,
+        is_told=False,
+    )
     done = _longest_ago({trace.port for trace in traces}, facts)
     if done is None:
-        first = min((trace.points[0].time for trace in traces if trace.points), key=seconds, default=now)
+        first = min(
+            (trace.points[0].time for trace in traces if trace.points), key=seconds, default=now
+        )
         return _without_date(state, task, first, now)
     days = _days(done.time, now)
     date = _date(seconds(done.time) + task.life * DAY)
-    state = replace(state, since=done.time, is_told=True, part=done.part, told_by=_source(done), due=Due(date, date, date))
+    state = replace(
+        state,
+        since=done.time,
+        is_told=True,
+        part=done.part,
+        told_by=_source(done),
+        due=Due(date, date, date),
+    )
     return _with_used(state, task, Interval(days, days))
 
 
 def _longest_ago(ports: Collection[int], facts: Sequence[Fact]) -> Fact | None:
-    """Return the oldest of the ports' last facts: a station is done when all its ports are. Ports without a fact do not count."""
-    last = [next((fact for fact in reversed(facts) if fact.port in (None, port)), None) for port in sorted(ports)]
+    """Return the oldest of the ports' last facts: a station is done when all its ports are. Ports
+    without a fact do not count.
+    """
+    last = [
+        next((fact for fact in reversed(facts) if fact.port in (None, port)), None)
+        for port in sorted(ports)
+    ]
     found = [fact for fact in last if fact is not None] or list(facts[-1:])
     return min(found, key=lambda fact: seconds(fact.time), default=None)
 
@@ -273,7 +324,9 @@ def _longest_ago(ports: Collection[int], facts: Sequence[Fact]) -> Fact | None:
 def _without_date(state: TaskState, task: Task, first: str, now: str) -> TaskState:
     """Count from the first audit, as the last service date is unknown; the use may be greater."""
     at_least = Interval(_days(first, now), math.inf)
-    waited = _with_used(replace(state, since=first, why=f"{task.never}: {SINCE_FIRST}"), task, at_least)
+    waited = _with_used(
+        replace(state, since=first, why=f"{task.never}: {SINCE_FIRST}"), task, at_least
+    )
     return replace(state, why=task.never) if waited.state is State.UNKNOWN else waited
 
 
@@ -289,17 +342,33 @@ def _with_used(state: TaskState, task: Task, used: Interval) -> TaskState:
     return replace(state, used=used, percent=used.per(task.life / 100), state=_state_of(task, used))
 
 
-# -- by a counter ---------------------------------------------------------------------------------------------------------------
+# -- by a counter ----------------------------------------------------------------------------------
 
 
-def _of_counter(task: Task, group: Sequence[Trace], port: int | None, done: Fact | None) -> TaskState:
+def _of_counter(
+    task: Task, group: Sequence[Trace], port: int | None, done: Fact | None
+) -> TaskState:
     begin = max(trace.points[0].time for trace in group)
     known = done if done is not None and seconds(done.time) >= seconds(begin) else None
     used = sum((used_since(trace, known.time if known else None) for trace in group), NOTHING)
     unit = {"h": "h", "mm": "mm"}.get(task.counter.rpartition("_")[2], "count")
-    state = TaskState(task.name, task.title, port, task.counter, unit, task.life, None, None, State.UNKNOWN, begin, is_told=False)
+    state = TaskState(
+        task.name,
+        task.title,
+        port,
+        task.counter,
+        unit,
+        task.life,
+        None,
+        None,
+        State.UNKNOWN,
+        begin,
+        is_told=False,
+    )
     if known is not None:
-        state = replace(state, since=known.time, is_told=True, part=known.part, told_by=_source(known))
+        state = replace(
+            state, since=known.time, is_told=True, part=known.part, told_by=_source(known)
+        )
     elif done is not None:
         state = replace(state, why="done before this station was first seen: counted since then")
     else:
@@ -314,7 +383,9 @@ def used_since(trace: Trace, time: str | None) -> Interval:
     if time is None:
         return trace.between(0, last)
     moment = seconds(time)
-    begin = next((place for place, point in enumerate(trace.points) if seconds(point.time) >= moment), None)
+    begin = next(
+        (place for place, point in enumerate(trace.points) if seconds(point.time) >= moment), None
+    )
     if begin is None:
         return NOTHING
     used = trace.between(begin, last)
@@ -341,7 +412,9 @@ def _without(state: TaskState, why: str) -> TaskState:
 
 
 def foresee(group: Sequence[Trace], life: float, used: Interval) -> Forecast | None:
-    """Return when the service interval `life` ends, from the last reading; None without a rate or a bound on `used`."""
+    """Return when the service interval `life` ends, from the last reading; None without a rate or a
+    bound on `used`.
+    """
     pace = pace_of(steps_of(group))
     if pace is None or not used.is_bounded:
         return None
@@ -353,10 +426,14 @@ def steps_of(group: Sequence[Trace]) -> list[Step]:
     """Return the known advances between looks, of several ports together."""
     found: dict[tuple[float, float], float] = {}
     for trace in group:
-        for one, before, after in zip(trace.differences, trace.points, trace.points[1:], strict=False):
+        for one, before, after in zip(
+            trace.differences, trace.points, trace.points[1:], strict=False
+        ):
             begin, end = seconds(one.begin), seconds(one.end)
             if one.is_known and begin < end:
-                found[begin, end] = found.get((begin, end), 0.0) + after.shown.middle - before.shown.middle
+                found[begin, end] = (
+                    found.get((begin, end), 0.0) + after.shown.middle - before.shown.middle
+                )
     return [Step(*at, worked) for at, worked in sorted(found.items())]
 
 

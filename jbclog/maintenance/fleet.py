@@ -12,14 +12,16 @@ from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import CounterTotal, Difference
 from jbclog.maintenance.due import State, TaskState
 
-# -- fleet --------------------------------------------------------------------------------------------------------------------
+# -- fleet -----------------------------------------------------------------------------------------
 
 BEFORE, FLEET = "before", "fleet"
 
 
 @dataclass(frozen=True, slots=True)
 class Meter:
-    """A counter of a port: what was read now, its total, the last difference, and the rate (per day, if known)."""
+    """A counter of a port: what was read now, its total, the last difference, and the rate (per
+    day, if known).
+    """
 
     port: int
     counter: str
@@ -32,10 +34,12 @@ class Meter:
 
 @dataclass(frozen=True, slots=True)
 class UseFigure:
-    """A figure of a station's use (`use.py`), with its range if it has one; null with a reason (`why`) if not known.
+    """A figure of a station's use (`use.py`), with its range if it has one; null with a reason
+    (`why`) if not known.
 
-    `name` is a stable word (``use_percent``, ``idle_hot_h``, ``mm_a_joint``, ...), `title` its text, `by` the definition if there
-    could be another. It comes from `n` differences between readings over `days`. `port` null: all ports together.
+    `name` is a stable word (``use_percent``, ``idle_hot_h``, ``mm_a_joint``, ...), `title` its
+    text, `by` the definition if there could be another. It comes from `n` differences between
+    readings over `days`. `port` null: all ports together.
     """
 
     name: str
@@ -52,9 +56,11 @@ class UseFigure:
 
 @dataclass(frozen=True, slots=True)
 class Week:
-    """Seven days from `begin` (UTC date): working hours per day of all ports, null without readings around them.
+    """Seven days from `begin` (UTC date): working hours per day of all ports, null without readings
+    around them.
 
-    `is_spread`: readings were further apart than a week, so the hours between them are spread evenly.
+    `is_spread`: readings were further apart than a week, so the hours between them are spread
+    evenly.
     """
 
     begin: str
@@ -64,7 +70,8 @@ class Week:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Software or a parameter that differs from the last audit or from the fleet: `than` is ``before`` or ``fleet``.
+    """Software or a parameter that differs from the last audit or from the fleet: `than` is
+    ``before`` or ``fleet``.
 
     In a fleet `held_by` of the `of` other comparable stations (or ports) have the `expected` value.
     """
@@ -86,7 +93,9 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class StationAudit:
-    """A row: a station of the production line as seen now (`seen`) or last (`last_seen`), with the results from the ledger."""
+    """A row: a station of the production line as seen now (`seen`) or last (`last_seen`), with the
+    results from the ledger.
+    """
 
     line: str
     station: str
@@ -114,12 +123,16 @@ class StationAudit:
     @property
     def doubts(self) -> tuple[Difference, ...]:
         """Doubtful differences since the previous audit."""
-        return tuple(meter.last for meter in self.meters if meter.last is not None and meter.last.is_doubtful)
+        return tuple(
+            meter.last for meter in self.meters if meter.last is not None and meter.last.is_doubtful
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class FleetAudit:
-    """The result of an audit. `wrong`: sentences about damaged lines of the ledger; `ledger_head`: the hash of its last line."""
+    """The result of an audit. `wrong`: sentences about damaged lines of the ledger; `ledger_head`:
+    the hash of its last line.
+    """
 
     line: str
     audit: str
@@ -134,7 +147,7 @@ class FleetAudit:
         return all(station.seen for station in self.stations)
 
 
-# -- titles -------------------------------------------------------------------------------------------------------------------
+# -- titles ----------------------------------------------------------------------------------------
 # The figures of a station's use by name: title, unit, and the definition if there could be another.
 
 
@@ -149,36 +162,63 @@ class Title:
 
 TITLES: Final = {
     "work_h_last": Title("Working hours since the previous audit", "h"),
-    "work_h_a_day_30": Title("Working hours per day, last 30 days", "h a day", "calendar days, all ports added"),
-    "work_h_a_day_365": Title("Working hours per day, last year", "h a day", "calendar days, all ports added"),
+    "work_h_a_day_30": Title(
+        "Working hours per day, last 30 days", "h a day", "calendar days, all ports added"
+    ),
+    "work_h_a_day_365": Title(
+        "Working hours per day, last year", "h a day", "calendar days, all ports added"
+    ),
     "use_percent": Title("Use", "%", "working hours of the hours plugged in, last year"),
     "sleep_percent": Title("Sleep and hibernation", "%", "of the hours plugged in, last year"),
     "no_tool_percent": Title("Without a tool", "%", "of the hours plugged in, last year"),
-    "joints_a_day": Title("Joints per day", "a day", "wire feeds or desoldering cycles; calendar days, last year"),
-    "joints_a_work_h": Title("Joints per working hour", "1/h", "wire feeds or desoldering cycles, last year"),
+    "joints_a_day": Title(
+        "Joints per day", "a day", "wire feeds or desoldering cycles; calendar days, last year"
+    ),
+    "joints_a_work_h": Title(
+        "Joints per working hour", "1/h", "wire feeds or desoldering cycles, last year"
+    ),
     "mm_a_joint": Title("Solder wire per joint", "mm", "last 30 days, or since the previous audit"),
     "mm_a_joint_before": Title("Solder wire per joint, earlier", "mm", "the rest of the last year"),
     "idle_hot_h": Title(
-        "Idle while hot, at least", "h", "working hours beyond the joints' time at the station's best weekly rate, last year"
+        "Idle while hot, at least",
+        "h",
+        "working hours beyond the joints' time at the station's best weekly rate, last year",
     ),
     "idle_hot_percent": Title("Idle while hot, at least", "%", "of the working hours, last year"),
-    "idle_hot_kwh": Title("Energy while idle, at most", "kWh", "idle hours at rated power; holding a tip hot takes less"),
-    "errors_last": Title("Errors since the previous audit", "", "recorded by runs; errors between runs are not counted"),
+    "idle_hot_kwh": Title(
+        "Energy while idle, at most",
+        "kWh",
+        "idle hours at rated power; holding a tip hot takes less",
+    ),
+    "errors_last": Title(
+        "Errors since the previous audit",
+        "",
+        "recorded by runs; errors between runs are not counted",
+    ),
     "error_mtbf_h": Title(
         "Hours between errors, at most",
         "h",
-        "hours plugged in per error recorded by runs, 90 % bounds; errors between runs are not counted",
+        "hours plugged in per error recorded by runs, 90 % bounds; errors between runs are not"
+        " counted",
     ),
 }
 
 
-def known(name: str, value: Interval, n: int, days: float, stated: float | None = None) -> UseFigure:
-    """Return a figure with its range, from `n` differences over `days`. `stated`: its value if that is not the middle."""
+def known(
+    name: str, value: Interval, n: int, days: float, stated: float | None = None
+) -> UseFigure:
+    """Return a figure with its range, from `n` differences over `days`. `stated`: its value if that
+    is not the middle.
+    """
     title = TITLES[name]
     found = UseFigure(name, title.text, title.unit, stated, value, n=n, days=days, by=title.by)
     if stated is not None:
         return found
-    return replace(found, value=value.middle) if value.is_bounded else replace(found, why="no upper bound is known")
+    return (
+        replace(found, value=value.middle)
+        if value.is_bounded
+        else replace(found, why="no upper bound is known")
+    )
 
 
 def unknown(name: str, why: str) -> UseFigure:
@@ -186,7 +226,7 @@ def unknown(name: str, why: str) -> UseFigure:
     return UseFigure(name, TITLES[name].text, TITLES[name].unit, None, why=why, by=TITLES[name].by)
 
 
-# -- findings -----------------------------------------------------------------------------------------------------------------
+# -- findings --------------------------------------------------------------------------------------
 # The findings of an audit, and its exit code (docs/reference/exit-codes.md).
 
 ABSENT: Final = "nak4"  # the station does not have that counter
@@ -224,12 +264,18 @@ def _found(station: StationAudit) -> Iterator[Finding]:
     for meter in station.meters:
         if meter.read is not None and meter.read.standing is Standing.MOVING:
             yield Finding.SUSPECT
-        if meter.read is not None and meter.read.standing is Standing.UNREAD and meter.read.why != ABSENT:
+        if (
+            meter.read is not None
+            and meter.read.standing is Standing.UNREAD
+            and meter.read.why != ABSENT
+        ):
             yield Finding.UNSEEN
 
 
 def exit_code(audit: FleetAudit, fail_on: Collection[Finding] = USUAL) -> int:
-    """Return 3 if a station was not seen, else 1 for any other finding in `fail_on`, else 0. Ignores damage of the ledger."""
+    """Return 3 if a station was not seen, else 1 for any other finding in `fail_on`, else 0.
+    Ignores damage of the ledger.
+    """
     found = {one for station in audit.stations for one in findings(station)} & set(fail_on)
     if Finding.UNSEEN in found:
         return 3

@@ -14,17 +14,33 @@ from jbclog.config.tasks_file import Task
 from jbclog.core.errors import UsageError
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Observation
 from jbclog.maintenance.counter_totals.span import Interval
-from jbclog.maintenance.counter_totals.totals import DOUBTFUL, CounterTotal, Difference, DifferenceKind, Trace, per_day
+from jbclog.maintenance.counter_totals.totals import (
+    DOUBTFUL,
+    CounterTotal,
+    Difference,
+    DifferenceKind,
+    Trace,
+    per_day,
+)
 from jbclog.maintenance.counter_totals.tracing import History, Traces, histories, traces_of
 from jbclog.maintenance.due import TaskState, states_of
 from jbclog.maintenance.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
 from jbclog.maintenance.ledger import Book
 from jbclog.maintenance.use import WORK, Past, use_of, weeks_of
 
-# -- naming -------------------------------------------------------------------------------------------------------------------
-# Names of stations and tasks, looked up in the ledger and the tasks file; errors list the nearest names.
+# -- naming ----------------------------------------------------------------------------------------
+# Names of stations and tasks, looked up in the ledger and the tasks file; errors list the nearest
+# names.
 
-USUAL: Final = ("tip-change", "cartridge-change", "pump-filter", "feeder-rollers", "feeder-cutter", "verification", "service")
+USUAL: Final = (
+    "tip-change",
+    "cartridge-change",
+    "pump-filter",
+    "feeder-rollers",
+    "feeder-cutter",
+    "verification",
+    "service",
+)
 """The tasks that can be recorded without a tasks file."""
 MOST_NEAR: Final = 3
 
@@ -33,34 +49,60 @@ Place = tuple[str, str]
 
 
 def place_of(wanted: str, book: Book, also: Iterable[Place] = ()) -> Place:
-    """Return the station called ``NAME`` or ``LINE/NAME`` in the ledger or in `also`. Raises `UsageError`."""
+    """Return the station called ``NAME`` or ``LINE/NAME`` in the ledger or in `also`. Raises
+    `UsageError`.
+    """
     known = {(one.line, one.station) for one in book.entries} | set(also)
     found = sorted(one for one in known if wanted in (one[1], "/".join(one)))
     if len(found) == 1:
         return found[0]
     if found:
-        raise UsageError(f"--station {wanted}: several lines have a station of that name; give {' or '.join(map('/'.join, found))}")
+        raise UsageError(
+            f"--station {wanted}: several lines have a station of that name; give"
+            f" {' or '.join(map('/'.join, found))}"
+        )
     if not known:
-        raise UsageError(f"{book.path} has no station yet: audit first, give --line, or name another ledger with --ledger")
-    raise UsageError(f"--station {wanted}: {book.path} has no station of that name; {_near(wanted, {name for _, name in known})}")
+        raise UsageError(
+            f"{book.path} has no station yet: audit first, give --line, or name another ledger with"
+            " --ledger"
+        )
+    raise UsageError(
+        f"--station {wanted}: {book.path} has no station of that name;"
+        f" {_near(wanted, {name for _, name in known})}"
+    )
 
 
 def expect_port(port: int | None, place: Place, book: Book) -> None:
     """Raise `UsageError` if the station, as last seen, has no such port."""
-    last = next((one for one in reversed(book.observations) if one.seen and (one.line, one.station) == place), None)
+    last = next(
+        (
+            one
+            for one in reversed(book.observations)
+            if one.seen and (one.line, one.station) == place
+        ),
+        None,
+    )
     ports = sorted({count.port for count in last.counts}) if last is not None else []
     if port is not None and ports and port not in ports:
-        has = f"its port is {ports[0]}" if len(ports) == 1 else f"its ports are {', '.join(map(str, ports))}"
+        has = (
+            f"its port is {ports[0]}"
+            if len(ports) == 1
+            else f"its ports are {', '.join(map(str, ports))}"
+        )
         raise UsageError(f"--port {port}: {place[1]} has no such port; {has}")
 
 
 def task_of(wanted: str, book: Book, names: Sequence[str] | None = None) -> str:
-    """Return the task of that name in the tasks file, the usual tasks or the ledger. Raises `UsageError`."""
+    """Return the task of that name in the tasks file, the usual tasks or the ledger. Raises
+    `UsageError`.
+    """
     known = {*STATED, *(fact.task for fact in book.facts), *(USUAL if names is None else names)}
     if wanted in known:
         return wanted
     more = "; give a tasks file with other tasks with --tasks" if names is None else ""
-    raise UsageError(f"--task {wanted}: there is no task of that name; {_near(wanted, known)}{more}")
+    raise UsageError(
+        f"--task {wanted}: there is no task of that name; {_near(wanted, known)}{more}"
+    )
 
 
 def _near(wanted: str, known: Iterable[str]) -> str:
@@ -69,11 +111,12 @@ def _near(wanted: str, known: Iterable[str]) -> str:
     return f"did you mean {', '.join(near)}?" if near else f"there are {', '.join(names)}"
 
 
-# -- drift --------------------------------------------------------------------------------------------------------------------
+# -- drift -----------------------------------------------------------------------------------------
 # Software and parameters that differ from the last audit or from the fleet.
 #
-# Software is compared among stations of one model, a parameter among ports of one family with the same tool. A value drifts if at
-# least three of the group, and three quarters of it, have one other value. A fleet with several recipes has no such majority.
+# Software is compared among stations of one model, a parameter among ports of one family with the
+# same tool. A value drifts if at least three of the group, and three quarters of it, have one other
+# value. A fleet with several recipes has no such majority.
 
 FEWEST: Final = 3
 MAJORITY: Final = 3 / 4
@@ -96,7 +139,10 @@ def drifts(looks: Mapping[str, Sequence[Observation]]) -> dict[str, tuple[Drift,
     for values in held.values():
         for one in values:
             groups[one.alike][one.value] += 1
-    return {name: (*_since_last(looks[name]), *_from_fleet(values, groups)) for name, values in held.items()}
+    return {
+        name: (*_since_last(looks[name]), *_from_fleet(values, groups))
+        for name, values in held.items()
+    }
 
 
 def _held(look: Observation) -> Iterator[Held]:
@@ -121,7 +167,9 @@ def _since_last(seen: Sequence[Observation]) -> Iterator[Drift]:
             yield Drift(one.name, one.value, was.value, BEFORE)
 
 
-def _from_fleet(values: Sequence[Held], groups: Mapping[tuple[str, ...], Counter[str]]) -> Iterator[Drift]:
+def _from_fleet(
+    values: Sequence[Held], groups: Mapping[tuple[str, ...], Counter[str]]
+) -> Iterator[Drift]:
     for one in values:
         group = groups[one.alike]
         value, held_by = group.most_common(1)[0]
@@ -129,7 +177,7 @@ def _from_fleet(values: Sequence[Held], groups: Mapping[tuple[str, ...], Counter
             yield Drift(one.name, one.value, value, FLEET, held_by, group.total() - 1)
 
 
-# -- fleet of ledger ----------------------------------------------------------------------------------------------------------
+# -- fleet of ledger -------------------------------------------------------------------------------
 
 NOTED = DOUBTFUL | {DifferenceKind.RESET, DifferenceKind.REPLACED}
 
@@ -144,13 +192,21 @@ def fleet_of(
 ) -> FleetAudit:
     """Return the result of an audit: a row for each of its observations `seen`, in order.
 
-    `book` contains them, too, except those that could not be written (`beside`). `watts`: rated power by station, if declared.
+    `book` contains them, too, except those that could not be written (`beside`). `watts`: rated
+    power by station, if declared.
     """
     found = histories([*book.entries, *beside])
     past = {place: found.get(place, History(*place)) for place in map(_place, seen)}
     drifted = drifts({"/".join(place): history.looks for place, history in past.items()})
     rows = [
-        _row(one, past[_place(one)], tasks, (watts or {}).get(_place(one)), drifted.get("/".join(_place(one)), ())) for one in seen
+        _row(
+            one,
+            past[_place(one)],
+            tasks,
+            (watts or {}).get(_place(one)),
+            drifted.get("/".join(_place(one)), ()),
+        )
+        for one in seen
     ]
     return FleetAudit(
         line=", ".join(dict.fromkeys(one.line for one in seen)),
@@ -168,7 +224,11 @@ def _place(one: Observation) -> Place:
 
 
 def _row(
-    now: Observation, history: History, tasks: Sequence[Task], watts: float | None, drifted: tuple[Drift, ...]
+    now: Observation,
+    history: History,
+    tasks: Sequence[Task],
+    watts: float | None,
+    drifted: tuple[Drift, ...],
 ) -> StationAudit:
     traces = traces_of(history)
     last = history.looks[-1] if history.looks else None
@@ -195,13 +255,17 @@ def _row(
     )
 
 
-def _tasks(tasks: Sequence[Task], now: Observation, family: str | None, traces: Traces, history: History) -> Iterator[TaskState]:
+def _tasks(
+    tasks: Sequence[Task], now: Observation, family: str | None, traces: Traces, history: History
+) -> Iterator[TaskState]:
     for task in tasks:
         if task.is_of(now.station, family):
-            yield from states_of(task, [trace for _, trace in sorted(traces.now.items())], history.facts, now.time)
+            yield from states_of(
+                task, [trace for _, trace in sorted(traces.now.items())], history.facts, now.time
+            )
 
 
-# -- counters -------------------------------------------------------------------------------------------------------------------
+# -- counters --------------------------------------------------------------------------------------
 
 
 def _meters(now: Observation, history: History, traces: Traces) -> Iterator[Meter]:
@@ -219,7 +283,9 @@ def _meters(now: Observation, history: History, traces: Traces) -> Iterator[Mete
 
 def _meter(trace: Trace, read: Count | None, history: History) -> Meter:
     is_right = history.elapsed.is_right
-    times = [history.times[point.look] if is_right(point.look) else math.nan for point in trace.points]
+    times = [
+        history.times[point.look] if is_right(point.look) else math.nan for point in trace.points
+    ]
     return Meter(
         port=trace.port,
         counter=trace.counter,
@@ -231,11 +297,13 @@ def _meter(trace: Trace, read: Count | None, history: History) -> Meter:
     )
 
 
-# -- notes ----------------------------------------------------------------------------------------------------------------------
+# -- notes -----------------------------------------------------------------------------------------
 
 
 def _notes(now: Observation, traces: Traces) -> Iterator[str]:
-    """Yield a sentence for every difference of this audit that is doubtful, not known, a reset or a replacement."""
+    """Yield a sentence for every difference of this audit that is doubtful, not known, a reset or a
+    replacement.
+    """
     for _, trace in sorted(traces.now.items()):
         for one in (*trace.aside, *trace.differences[-1:]):
             if one.end == now.time and (one.kind in NOTED or not one.is_known):
@@ -243,4 +311,7 @@ def _notes(now: Observation, traces: Traces) -> Iterator[str]:
 
 
 def _note(one: Difference) -> str:
-    return f"port {one.port}, {one.counter}: {one.before:g}, now {one.after:g}: {one.kind.value.replace('_', ' ')}. {one.text}"
+    return (
+        f"port {one.port}, {one.counter}: {one.before:g}, now {one.after:g}:"
+        f" {one.kind.value.replace('_', ' ')}. {one.text}"
+    )

@@ -1,8 +1,8 @@
 """The ledger of counter audits: a chained file and the form of its lines.
 
-It may hold stations of several production lines, identified by line and name. A damaged line is reported with its number and
-ignored; the lines after it count, and new ones are still added, so that damage loses no audit. Commands end with exit code 4
-(`is_sound`).
+It may hold stations of several production lines, identified by line and name. A damaged line is
+reported with its number and ignored; the lines after it count, and new ones are still added, so
+that damage loses no audit. Commands end with exit code 4 (`is_sound`).
 """
 
 from __future__ import annotations
@@ -18,16 +18,32 @@ from typing import Annotated, Final, TypeVar
 
 import msgspec
 
-from jbclog.core.durable_files import LineChain, add_lines, chain_of, first_faults, line_of, sha256, sync_folder
+from jbclog.core.durable_files import (
+    LineChain,
+    add_lines,
+    chain_of,
+    first_faults,
+    line_of,
+    sha256,
+    sync_folder,
+)
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.files import Kind, each_line, open_foreign
 from jbclog.core.foreign.json_reader import LARGEST
 from jbclog.core.locks import try_lock
-from jbclog.maintenance.counter_totals.observed import Count, Entry, Fact, Observation, Standing, StationLook
+from jbclog.maintenance.counter_totals.observed import (
+    Count,
+    Entry,
+    Fact,
+    Observation,
+    Standing,
+    StationLook,
+)
 
-# -- ledger line --------------------------------------------------------------------------------------------------------------
-# A line is an observation or a fact, as readable JSON. Counts are ``"counts": {"1": {"work_h": 412, ...}}``, those without a value
-# ``moving`` or ``unread``. Units are in the names (docs/reference/tables.md).
+# -- ledger line -----------------------------------------------------------------------------------
+# A line is an observation or a fact, as readable JSON. Counts are ``"counts": {"1": {"work_h": 412,
+# ...}}``, those without a value ``moving`` or ``unread``. Units are in the names
+# (docs/reference/tables.md).
 
 V = TypeVar("V")
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
@@ -57,7 +73,9 @@ _SHARED: Final = [one.name for one in fields(StationLook)]
 
 
 def _each(table: Mapping[int, Mapping[str, V]]) -> Iterator[tuple[int, str, V]]:
-    return ((port, name, value) for port, counters in table.items() for name, value in counters.items())
+    return (
+        (port, name, value) for port, counters in table.items() for name, value in counters.items()
+    )
 
 
 @cache
@@ -69,7 +87,9 @@ def unit_of(counter: str) -> str:
 def written(entry: Entry) -> bytes:
     """Format an entry with its own hash, without the line's end."""
     plain = msgspec.to_builtins(entry, str_keys=True)
-    return line_of({**plain, **_tables_of(entry.counts)} if isinstance(entry, Observation) else plain)
+    return line_of(
+        {**plain, **_tables_of(entry.counts)} if isinstance(entry, Observation) else plain
+    )
 
 
 def _tables_of(counts: tuple[Count, ...]) -> dict[str, object]:
@@ -102,12 +122,15 @@ def read_line(line: bytes) -> Entry | None:
 
 def _observation(body: bytes) -> Observation:
     look = _LOOK.decode(body)
-    return Observation(**{name: getattr(look, name) for name in _SHARED}, counts=tuple(_TABLES.decode(body).each()))
+    return Observation(
+        **{name: getattr(look, name) for name in _SHARED}, counts=tuple(_TABLES.decode(body).each())
+    )
 
 
-# -- ledger -------------------------------------------------------------------------------------------------------------------
+# -- ledger ----------------------------------------------------------------------------------------
 
-FIRST: Final = sha256(b"jbclog counters")  # not the file's name, so that a ledger can be moved and renamed
+# not the file's name, so that a ledger can be moved and renamed
+FIRST: Final = sha256(b"jbclog counters")
 LOCK: Final = ".lock"
 MOST_WRONG: Final = 10_000  # faults after which the rest of the file is not read
 
@@ -118,9 +141,11 @@ class AuditInProgress(UsageError):
 
 @dataclass(frozen=True, slots=True)
 class Book:
-    """Every readable line, oldest first; what is wrong (line, sentence); the hash of the last line that was read.
+    """Every readable line, oldest first; what is wrong (line, sentence); the hash of the last line
+    that was read.
 
-    `read_to`: the line after which reading stopped, because `MOST_WRONG` were wrong; None if all were read.
+    `read_to`: the line after which reading stopped, because `MOST_WRONG` were wrong; None if all
+    were read.
     """
 
     path: Path
@@ -139,7 +164,9 @@ class Book:
 
     @property
     def is_sound(self) -> bool:
-        """Whether the chain holds. A last line cut off by a crash was never acknowledged, and does not count."""
+        """Whether the chain holds. A last line cut off by a crash was never acknowledged, and does
+        not count.
+        """
         return all("cut off" in text for _, text in self.wrong)
 
     @property
@@ -148,11 +175,19 @@ class Book:
         return not self.entries and not self.is_sound
 
     def expect_ledger(self) -> None:
-        """Raise `RecordError` for another kind of file, such as a line file, or one not read to its end: nothing is added to it."""
+        """Raise `RecordError` for another kind of file, such as a line file, or one not read to its
+        end: nothing is added to it.
+        """
         if self.is_foreign:
-            raise RecordError(f"{self.path} is not a ledger: none of its lines is valid. Nothing was added; name another file")
+            raise RecordError(
+                f"{self.path} is not a ledger: none of its lines is valid. Nothing was added; name"
+                " another file"
+            )
         if self.read_to is not None:
-            raise RecordError(f"{self._stopped}. Nothing was added; restore the file from a copy, or name another file")
+            raise RecordError(
+                f"{self._stopped}. Nothing was added; restore the file from a copy, or name another"
+                " file"
+            )
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -162,7 +197,10 @@ class Book:
 
     @property
     def _stopped(self) -> str:
-        return f"{self.path}: was not read beyond line {self.read_to}, because {len(self.wrong)} faults were found up to there"
+        return (
+            f"{self.path}: was not read beyond line {self.read_to}, because {len(self.wrong)}"
+            " faults were found up to there"
+        )
 
 
 def read_book(path: Path) -> Book:
@@ -170,7 +208,12 @@ def read_book(path: Path) -> Book:
     try:
         with open_foreign(path, Kind.LEDGER, links=True) as file:
             found: LineChain[Entry] = chain_of(
-                each_line(file), FIRST, read_line, what="line of a ledger", of_first="a ledger's beginning", most_wrong=MOST_WRONG
+                each_line(file),
+                FIRST,
+                read_line,
+                what="line of a ledger",
+                of_first="a ledger's beginning",
+                most_wrong=MOST_WRONG,
             )
     except FileNotFoundError:
         return Book(path)
@@ -180,7 +223,8 @@ def read_book(path: Path) -> Book:
 
 
 def add(path: Path, entries: Iterable[Entry]) -> list[Entry]:
-    """Append entries to the ledger, which is made with its folder if needed; return them as written.
+    """Append entries to the ledger, which is made with its folder if needed; return them as
+    written.
 
     On a full disk only the first of them may be written. Raises `RecordError`.
     """
@@ -201,12 +245,18 @@ def add(path: Path, entries: Iterable[Entry]) -> list[Entry]:
 
 
 def _why(error: OSError) -> str:
-    return "it is a link; name the file itself" if error.errno == errno.ELOOP else error.strerror or str(error)
+    return (
+        "it is a link; name the file itself"
+        if error.errno == errno.ELOOP
+        else error.strerror or str(error)
+    )
 
 
 @contextmanager
 def auditing(path: Path) -> Iterator[None]:
-    """Lock the ledger for one audit. Raises `AuditInProgress` during another one, `RecordError` if the lock cannot be made."""
+    """Lock the ledger for one audit. Raises `AuditInProgress` during another one, `RecordError` if
+    the lock cannot be made.
+    """
     lock = path.with_name(path.name + LOCK)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -214,7 +264,10 @@ def auditing(path: Path) -> Iterator[None]:
     except OSError as error:
         raise RecordError(f"{lock} cannot be made: {error.strerror or error}") from error
     if held is None:
-        raise AuditInProgress(f"another audit uses the ledger {path}; nothing was sent. Try again when it has finished")
+        raise AuditInProgress(
+            f"another audit uses the ledger {path}; nothing was sent. Try again when it has"
+            " finished"
+        )
     try:
         yield
     finally:

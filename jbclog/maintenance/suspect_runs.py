@@ -1,8 +1,9 @@
 """The runs that used a tip which failed its verification.
 
-*Bad* is the last failed verification of the given station, port and tip. *Suspect* is every run between the last pass before it
-(or the beginning) and the next pass after it, as the tip may have failed at any time in between. A run is suspect for the ports
-that it recorded, except a port for which it names another tip.
+*Bad* is the last failed verification of the given station, port and tip. *Suspect* is every run
+between the last pass before it (or the beginning) and the next pass after it, as the tip may have
+failed at any time in between. A run is suspect for the ports that it recorded, except a port for
+which it names another tip.
 
 Unreadable runs are listed separately: they may be suspect, too.
 """
@@ -26,7 +27,9 @@ Search = Callable[[Path], Iterable[Found | Unreadable]]
 
 @dataclass(frozen=True, slots=True)
 class Used:
-    """A run that used a tip of the station, with its ports and the tip that it names for each (None: no name)."""
+    """A run that used a tip of the station, with its ports and the tip that it names for each
+    (None: no name).
+    """
 
     folder: Path
     started: str | None
@@ -40,7 +43,9 @@ class Used:
 
 @dataclass(frozen=True, slots=True)
 class Suspect:
-    """The runs in the window from `since` to `until` (None: open), and the reason for the window. `bad` is None if none failed."""
+    """The runs in the window from `since` to `until` (None: open), and the reason for the window.
+    `bad` is None if none failed.
+    """
 
     bad: Verification | None
     since: datetime | None
@@ -61,12 +66,14 @@ def where_used(
     verifications: Path | None = None,
     folder_of: Callable[[Found], Path] = attrgetter("folder"),
 ) -> Suspect:
-    """Return the runs below `out` that used a tip of `station` since the last passed verification, or since `since`.
+    """Return the runs below `out` that used a tip of `station` since the last passed verification,
+    or since `since`.
 
-    `search` finds the runs; the manifest of each that is named is read and hashed again, in the folder that `folder_of` returns.
+    `search` finds the runs; the manifest of each that is named is read and hashed again, in the
+    folder that `folder_of` returns.
     `verifications`: the folder of the file of verifications, if not `out`.
-    Raises `RecordError` if the folder or the file of verifications cannot be read, `UsageError` for an unknown station, as a
-    mistyped name would have no suspect runs.
+    Raises `RecordError` if the folder or the file of verifications cannot be read, `UsageError` for
+    an unknown station, as a mistyped name would have no suspect runs.
     """
     book = read_book(verifications or out)
     _expect_known(search(out), out, book, station)
@@ -83,7 +90,9 @@ def where_used(
             if isinstance(run, Unreadable):
                 window.unreadable.append(Unreadable(found.folder, run.why))
             elif run is not None and _is_suspect(run, station, window):
-                window.runs.extend(replace(used, folder=found.folder) for used in _used(run, station, port, tip))
+                window.runs.extend(
+                    replace(used, folder=found.folder) for used in _used(run, station, port, tip)
+                )
         except RecordError as error:
             window.unreadable.append(Unreadable(found.folder, str(error)))
     return window
@@ -102,20 +111,37 @@ def _expect_known(runs: Iterable[Found | Unreadable], out: Path, book: Book, sta
             return  # an unreadable run may be of this station
         names.update(run.stations)
     known = f"known stations: {', '.join(sorted(names))}" if names else "no station is known yet"
-    raise UsageError(f"{station}: no run in {out} and no verification has a station of that name; {known}")
+    raise UsageError(
+        f"{station}: no run in {out} and no verification has a station of that name; {known}"
+    )
 
 
-def _window(book: Book, station: str, port: int | None, tip: str | None, since: datetime | None) -> Suspect:
+def _window(
+    book: Book, station: str, port: int | None, tip: str | None, since: datetime | None
+) -> Suspect:
     these = [
-        one for one in book.all if one.station == station and one.is_valid and port in (None, one.port) and tip in (None, one.tip)
+        one
+        for one in book.all
+        if one.station == station
+        and one.is_valid
+        and port in (None, one.port)
+        and tip in (None, one.tip)
     ]
     bad = next((one for one in reversed(these) if one.result == Result.FAIL), None)
     if since is not None:
         return Suspect(bad, since, None, "Runs since the given time.", wrong=book.wrong)
     if bad is None:
-        why = "No verification failed; give --since to list runs since a time." if these else "No verification is known."
+        why = (
+            "No verification failed; give --since to list runs since a time."
+            if these
+            else "No verification is known."
+        )
         return Suspect(None, None, None, why, wrong=book.wrong)
-    same = [one for one in these if (one.port, one.tip) == (bad.port, bad.tip) and one.result == Result.PASS]
+    same = [
+        one
+        for one in these
+        if (one.port, one.tip) == (bad.port, bad.tip) and one.result == Result.PASS
+    ]
     good = next((one for one in reversed(same) if one.seq < bad.seq), None)
     again = next((one for one in same if one.seq > bad.seq), None)
     why = f"Tip {bad.tip} in port {bad.port} failed at {bad.time[:16]}Z ({bad.offset_c:+.1f} °C)"
@@ -147,4 +173,13 @@ def _used(run: Found, station: str, port: int | None, tip: str | None) -> Iterat
     these = [number for number in ports if tip is None or named[number] in (None, tip)]
     if these:
         tips = tuple(named[number] for number in these)
-        yield Used(run.folder, run.started, run.ended, tuple(these), tips, run.units, run.order, run.verdict)
+        yield Used(
+            run.folder,
+            run.started,
+            run.ended,
+            tuple(these),
+            tips,
+            run.units,
+            run.order,
+            run.verdict,
+        )

@@ -1,7 +1,8 @@
 """How a station was used: working, idle while hot, asleep, in error.
 
-Every figure comes from differences between readings, with the range that they allow; an unknown figure is null with a reason.
-Shares refer to the time that the station was plugged in, over the last year at most.
+Every figure comes from differences between readings, with the range that they allow; an unknown
+figure is null with a reason. Shares refer to the time that the station was plugged in, over the
+last year at most.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from jbclog.maintenance.counter_totals.span import NOTHING, Interval, seconds
 from jbclog.maintenance.counter_totals.totals import Join, Point, Trace
 from jbclog.maintenance.fleet import UseFigure, Week, known, unknown
 
-# -- span of use --------------------------------------------------------------------------------------------------------------
+# -- span of use -----------------------------------------------------------------------------------
 # A stretch of a counter's readings, and the advance over it.
 
 ABOUT = 1.5  # a window of 30 days may have 20 to 45, as readings are irregular
@@ -48,7 +49,11 @@ class Stretch:
     def total(self) -> Interval:
         """The advance; of an hour counter no more than the elapsed time."""
         worked = self.trace.between(self.places[0], self.places[-1])
-        return Interval(worked.low, min(worked.high, max(24 * self.days, worked.low))) if self.trace.is_time else worked
+        return (
+            Interval(worked.low, min(worked.high, max(24 * self.days, worked.low)))
+            if self.trace.is_time
+            else worked
+        )
 
     @property
     def times(self) -> tuple[datetime, datetime]:
@@ -69,8 +74,14 @@ class Stretch:
 
 
 def whole(trace: Trace | None, believed: Believed = lambda look: True) -> Stretch | None:
-    """Return the stretch from the first reading to the last; None unless it was read twice. `believed`: looks with a right time."""
-    places = [] if trace is None else [place for place, point in enumerate(trace.points) if believed(point.look)]
+    """Return the stretch from the first reading to the last; None unless it was read twice.
+    `believed`: looks with a right time.
+    """
+    places = (
+        []
+        if trace is None
+        else [place for place, point in enumerate(trace.points) if believed(point.look)]
+    )
     return Stretch(trace, tuple(places)) if trace is not None and len(places) > 1 else None
 
 
@@ -83,7 +94,9 @@ def window(one: Stretch, now: str, days: float) -> Stretch | None:
     """Return the stretch from the reading nearest to `days` ago; None if no reading is near."""
     wanted = moment(now) - timedelta(days=days)
     found = one.part(min(range(one.n), key=lambda number: abs(one.at(number) - wanted)))
-    is_near = moment(now) - found.at(0) <= timedelta(days=days * ABOUT) and found.days >= days / ABOUT
+    is_near = (
+        moment(now) - found.at(0) <= timedelta(days=days * ABOUT) and found.days >= days / ABOUT
+    )
     return found if is_near else None
 
 
@@ -117,12 +130,13 @@ def ratio(part: Interval, whole: Interval) -> Interval | None:
     return Interval(part.low / whole.high, part.high / whole.low)
 
 
-# -- idle ---------------------------------------------------------------------------------------------------------------------
+# -- idle ------------------------------------------------------------------------------------------
 # Idle while hot: working hours without joints, as far as counters show them.
 #
-# A station counts the working hours of its tool. If it also counts joints, its best week (least time per joint) is a rate that it
-# can reach, and working hours beyond that rate are idle while hot. This is a lower bound, as the best week has idle time too. A
-# station that counts no joints has no such figure.
+# A station counts the working hours of its tool. If it also counts joints, its best week (least
+# time per joint) is a rate that it can reach, and working hours beyond that rate are idle while
+# hot. This is a lower bound, as the best week has idle time too. A station that counts no joints
+# has no such figure.
 
 NAMES: Final = ("idle_hot_h", "idle_hot_percent", "idle_hot_kwh")
 STRETCH_DAYS, FEWEST_JOINTS, LEAST_JOINTS = 7.0, 4, 20.0
@@ -138,14 +152,21 @@ def idle_of(work: Each, joints: Each, rated_power_w: float | None) -> Iterator[U
     >>> [figure.why for figure in idle_of([None], [None], None)][0]
     'this station counts no joints, so its idle hours are not known'
     """
-    ports = [(one, made) for one, made in zip(work, joints, strict=True) if one is not None and made is not None]
+    ports = [
+        (one, made)
+        for one, made in zip(work, joints, strict=True)
+        if one is not None and made is not None
+    ]
     if not ports:
         yield from (unknown(name, NO_IDLE_HOURS) for name in NAMES)
         return
     paces = [list(_hours_a_joint(*port)) for port in ports]
     fewest = min(len(one) for one in paces)
     if fewest < FEWEST_JOINTS:
-        yield from (unknown(name, f"not enough data: {fewest} of {FEWEST_JOINTS} weeks with joints") for name in NAMES)
+        yield from (
+            unknown(name, f"not enough data: {fewest} of {FEWEST_JOINTS} weeks with joints")
+            for name in NAMES
+        )
         return
     hours = sum((_beyond(*port, min(one)) for port, one in zip(ports, paces, strict=True)), NOTHING)
     if hours.low <= 0:
@@ -167,7 +188,9 @@ def _beyond(work: Stretch, joints: Stretch, pace_h: float) -> Interval:
     return Interval(max(work.total.low - joints.total.high * pace_h, 0.0), work.total.high)
 
 
-def _figures(idle: Interval, work: Sequence[Stretch], rated_power_w: float | None) -> Iterator[UseFigure]:
+def _figures(
+    idle: Interval, work: Sequence[Stretch], rated_power_w: float | None
+) -> Iterator[UseFigure]:
     n, days = work[0].n, work[0].days
     share = Interval(100 * idle.low / max(sum_of(work).high, 1.0), 100.0)
     yield known("idle_hot_h", idle, n, days, stated=idle.low)
@@ -179,11 +202,11 @@ def _figures(idle: Interval, work: Sequence[Stretch], rated_power_w: float | Non
         yield known("idle_hot_kwh", Interval(0.0, most), n, days, stated=most)
 
 
-# -- station errors -----------------------------------------------------------------------------------------------------------
+# -- station errors --------------------------------------------------------------------------------
 # Errors of a station since the last audit, and the time between them.
 #
-# An audit reads the present error only; an error that ends between two audits shows only in the records of runs. So only hours
-# between audits with such records count.
+# An audit reads the present error only; an error that ends between two audits shows only in the
+# records of runs. So only hours between audits with such records count.
 
 FEWEST_ERRORS: Final = 3
 NO_RECORD: Final = "no run was recorded"
@@ -192,29 +215,42 @@ SET_BACK_S: Final = 86400.0  # a mark further ahead is from a wrong clock
 
 
 def errors_of(looks: Sequence[Observation]) -> Iterator[UseFigure]:
-    """Yield the figures of these looks at one station, oldest first; the first look only starts the time."""
+    """Yield the figures of these looks at one station, oldest first; the first look only starts the
+    time.
+    """
     pairs = [(before, now) for before, now in pairwise(looks) if now.errors.events is not None]
     if pairs and pairs[-1][1] is looks[-1]:
         count = float(count_of(looks[-1]))
         yield known("errors_last", Interval(count, count), 1, _days(*pairs[-1]))
     else:
         yield unknown("errors_last", NO_RECORD)
-    yield _mtbf(sum(count_of(now) for _, now in pairs), sum(_plugged(*pair) for pair in pairs), len(pairs), looks)
+    yield _mtbf(
+        sum(count_of(now) for _, now in pairs),
+        sum(_plugged(*pair) for pair in pairs),
+        len(pairs),
+        looks,
+    )
 
 
 def counted_until(looks: Sequence[Observation], now: str) -> str | None:
-    """Return the time from which to count errors: where the last count ended, or when the station was last seen; None: never.
+    """Return the time from which to count errors: where the last count ended, or when the station
+    was last seen; None: never.
 
-    A clock set back a little counts no error twice; marks of a clock that was far ahead do not count.
+    A clock set back a little counts no error twice; marks of a clock that was far ahead do not
+    count.
     """
-    marks = [look.errors.until for look in looks if look.errors.until is not None] or [look.time for look in looks]
+    marks = [look.errors.until for look in looks if look.errors.until is not None] or [
+        look.time for look in looks
+    ]
     latest = seconds(now) + SET_BACK_S
     return max((mark for mark in marks if seconds(mark) <= latest), key=seconds, default=None)
 
 
 def count_of(look: Observation) -> int:
     """Return the number of error events in the runs since the look before."""
-    return sum(count for kind, count in (look.errors.events or {}).items() if kind.endswith(".error"))
+    return sum(
+        count for kind, count in (look.errors.events or {}).items() if kind.endswith(".error")
+    )
 
 
 def _mtbf(count: int, hours: float, n: int, looks: Sequence[Observation]) -> UseFigure:
@@ -223,18 +259,30 @@ def _mtbf(count: int, hours: float, n: int, looks: Sequence[Observation]) -> Use
     if count < FEWEST_ERRORS or hours <= 0:
         return unknown("error_mtbf_h", f"not enough data: {count} of {FEWEST_ERRORS} errors")
     few, many = poisson_bounds(count, DOUBT)
-    return known("error_mtbf_h", Interval(hours / many, hours / few), n, _days(looks[0], looks[-1]), stated=hours / count)
+    return known(
+        "error_mtbf_h",
+        Interval(hours / many, hours / few),
+        n,
+        _days(looks[0], looks[-1]),
+        stated=hours / count,
+    )
 
 
 def _plugged(before: Observation, now: Observation) -> float:
-    """Return the hours plugged in between two looks, of the port that counted most; 0 if not known."""
+    """Return the hours plugged in between two looks, of the port that counted most; 0 if not
+    known.
+    """
     first, last = _hours(before), _hours(now)
     return max((last[port] - first[port] for port in last if port in first), default=0.0)
 
 
 def _hours(look: Observation) -> dict[int, float]:
     """Return the plugged-in hours of each port."""
-    return {one.port: one.value for one in look.counts if one.counter in ("plugged_h", "on_h") and one.value is not None}
+    return {
+        one.port: one.value
+        for one in look.counts
+        if one.counter in ("plugged_h", "on_h") and one.value is not None
+    }
 
 
 def _days(before: Observation, now: Observation) -> float:
@@ -242,9 +290,11 @@ def _days(before: Observation, now: Observation) -> float:
 
 
 def poisson_bounds(count: int, doubt: float) -> tuple[float, float]:
-    """Return the confidence bounds of a Poisson mean after `count` events, each wrong with the probability `doubt`.
+    """Return the confidence bounds of a Poisson mean after `count` events, each wrong with the
+    probability `doubt`.
 
-    After Wilson and Hilferty (1931); within 1 % of the exact bounds from three events on (exact here: 0.818 and 7.754).
+    After Wilson and Hilferty (1931); within 1 % of the exact bounds from three events on (exact
+    here: 0.818 and 7.754).
 
     >>> [round(bound, 2) for bound in poisson_bounds(3, 0.05)]
     [0.81, 7.74]
@@ -257,20 +307,26 @@ def _hilferty(count: int, z: float) -> float:
     return count * (1 - 1 / (9 * count) + z / (3 * sqrt(count))) ** 3
 
 
-# -- use ----------------------------------------------------------------------------------------------------------------------
+# -- use -------------------------------------------------------------------------------------------
 
 YEAR, MONTH = 365.0, 30.0
 WORK: Final = "work_h"
 PLUGGED: Final = ("plugged_h", "on_h")  # the second is that of hot air stations
 JOINTS: Final = ("dispensed_cycles", "desolder_cycles")
-SHARES: Final = {"use_percent": (WORK,), "sleep_percent": ("sleep_h", "hibernation_h"), "no_tool_percent": ("no_tool_h",)}
+SHARES: Final = {
+    "use_percent": (WORK,),
+    "sleep_percent": ("sleep_h", "hibernation_h"),
+    "no_tool_percent": ("no_tool_h",),
+}
 NOT_TWICE: Final = "not counted here, or not read twice yet"
 NO_JOINTS: Final = "this station counts no joints"
 
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """The history of one station: its counters' traces by port and name, and the looks that it answered, oldest first."""
+    """The history of one station: its counters' traces by port and name, and the looks that it
+    answered, oldest first.
+    """
 
     traces: Mapping[tuple[int, str], Trace]
     looks: Sequence[Observation]
@@ -283,7 +339,9 @@ class Past:
         return tuple(sorted({port for port, _ in self.traces}))
 
     def of(self, port: int, *counters: str) -> Stretch | None:
-        """Return the whole stretch of the first of these counters that was read twice at this port."""
+        """Return the whole stretch of the first of these counters that was read twice at this
+        port.
+        """
         found = (whole(self.traces.get((port, name)), self.believed) for name in counters)
         return next((one for one in found if one is not None), None)
 
@@ -311,7 +369,7 @@ def _of_ports(past: Past, ports: Sequence[int]) -> Iterator[UseFigure]:
     yield from idle_of(work, joints, past.rated_power_w)
 
 
-# -- hours ------------------------------------------------------------------------------------------------------------------
+# -- hours -----------------------------------------------------------------------------------------
 
 
 def _hours_worked(past: Past, ports: Sequence[int]) -> Iterator[UseFigure]:
@@ -339,11 +397,13 @@ def _share(past: Past, ports: Sequence[int], name: str, parts: Sequence[str]) ->
     return _figure(name, each, most_100, "not plugged in long enough")
 
 
-# -- joints and solder wire -------------------------------------------------------------------------------------------------
+# -- joints and solder wire ------------------------------------------------------------------------
 
 
 def _joints(past: Past, port: int) -> Stretch | None:
-    """Return the joints of the last year at this port: wire feeds, else desoldering cycles; None if nothing was counted."""
+    """Return the joints of the last year at this port: wire feeds, else desoldering cycles; None if
+    nothing was counted.
+    """
     each = (past.last_year(port, name) for name in JOINTS)
     return next((one for one in each if one is not None and one.total.high > 0), None)
 
@@ -361,16 +421,33 @@ def _joint_rates(past: Past, ports: Sequence[int], joints: Each) -> Iterator[Use
 
 
 def _solder_wire(past: Past, ports: Sequence[int]) -> Iterator[UseFigure]:
-    wire, feeds = ([past.last_year(port, name) for port in ports] for name in ("dispensed_mm", "dispensed_cycles"))
-    pairs = [(one, fed) for one, fed in zip(wire, feeds, strict=True) if one is not None and fed is not None]
+    wire, feeds = (
+        [past.last_year(port, name) for port in ports]
+        for name in ("dispensed_mm", "dispensed_cycles")
+    )
+    pairs = [
+        (one, fed)
+        for one, fed in zip(wire, feeds, strict=True)
+        if one is not None and fed is not None
+    ]
     if not pairs:
-        yield from (unknown(name, "this station feeds no solder wire") for name in ("mm_a_joint", "mm_a_joint_before"))
+        yield from (
+            unknown(name, "this station feeds no solder wire")
+            for name in ("mm_a_joint", "mm_a_joint_before")
+        )
         return
     late = [(lately(one, past.now), lately(fed, past.now)) for one, fed in pairs]
-    early = [(before(one, new), before(fed, made)) for (one, fed), (new, made) in zip(pairs, late, strict=True)]
+    early = [
+        (before(one, new), before(fed, made))
+        for (one, fed), (new, made) in zip(pairs, late, strict=True)
+    ]
     for name, some in (("mm_a_joint", late), ("mm_a_joint_before", early)):
         length, fed_often = [one for one, _ in some], [fed for _, fed in some]
-        known_mm = ratio(sum_of(length), sum_of(fed_often)) if are_all(length) and are_all(fed_often) else None
+        known_mm = (
+            ratio(sum_of(length), sum_of(fed_often))
+            if are_all(length) and are_all(fed_often)
+            else None
+        )
         yield _figure(name, length, known_mm, "no solder wire was fed")
 
 
@@ -397,18 +474,22 @@ def _figure(name: str, each: Each, value: Interval | None, otherwise: str = NOT_
     return known(name, value, max(one.n for one in each), each[0].days)
 
 
-# -- weeks --------------------------------------------------------------------------------------------------------------------
+# -- weeks -----------------------------------------------------------------------------------------
 # A station's year by week: working hours per day of all ports, for the plots of use.
 #
-# Between two readings the hours are spread evenly, and marked if the readings are further apart than a week. A continued counter is
-# uncertain by its resolution once, not with each reading.
+# Between two readings the hours are spread evenly, and marked if the readings are further apart
+# than a week. A continued counter is uncertain by its resolution once, not with each reading.
 
 WEEKS, DAYS = 53, 7
 FAR: Final = timedelta(days=10)
 
 
-def weeks_of(each: Sequence[Trace], now: str, believed: Believed = lambda look: True) -> tuple[Week, ...]:
-    """Return the last 53 weeks up to `now`, oldest first, of ports with these working hours; none if no port was read twice."""
+def weeks_of(
+    each: Sequence[Trace], now: str, believed: Believed = lambda look: True
+) -> tuple[Week, ...]:
+    """Return the last 53 weeks up to `now`, oldest first, of ports with these working hours; none
+    if no port was read twice.
+    """
     stretches = [whole(one, believed) for one in each]
     if not any(stretches):
         return ()
@@ -441,9 +522,15 @@ class _Course:
 
     def between(self, begin: datetime, end: datetime) -> Interval | None:
         """Return its advance; None outside the readings or without a bound."""
-        if not self.times or begin < self.times[0] - timedelta(days=1) or end > self.times[-1] + timedelta(days=1):
+        if (
+            not self.times
+            or begin < self.times[0] - timedelta(days=1)
+            or end > self.times[-1] + timedelta(days=1)
+        ):
             return None
-        low, high = (self._at(course, end) - self._at(course, begin) for course in (self.low, self.high))
+        low, high = (
+            self._at(course, end) - self._at(course, begin) for course in (self.low, self.high)
+        )
         grown = Interval(max(low - self.fine, 0.0), high + self.fine)
         return grown if grown.is_bounded else None
 
@@ -466,7 +553,9 @@ def _over(points: Sequence[Point]) -> Interval:
 
 
 def _grown(before: Point, after: Point) -> Interval:
-    """Return the advance from one reading to the next, without the uncertainty of the resolution."""
+    """Return the advance from one reading to the next, without the uncertainty of the
+    resolution.
+    """
     if after.join is Join.ON:
         grown = after.shown.middle - before.shown.middle
         return Interval(grown, grown)

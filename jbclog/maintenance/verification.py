@@ -1,15 +1,19 @@
-"""Verifications of tips against an external thermometer, the file of them, and which one a run cites.
+"""Verifications of tips against an external thermometer, the file of them, and which one a run
+cites.
 
-*Offset*: the thermometer's reading minus the station's own. *Deviation from the setpoint*: the reading minus the selected
-temperature, if known. PASS: both are within the limit; FAIL: one is not. The default limit is ±15 °C, as practitioners quote IPC
-J-STD-001, appendix A2 (selected temperature within ±15 °C of the measured tip temperature; the standard's own text was not seen).
-The values are compared without their uncertainty; the text reports a difference to the limit that is smaller. The offset's expanded
-uncertainty (k = 2) contains the station's resolution and spread, and the instrument's uncertainty if stated.
+*Offset*: the thermometer's reading minus the station's own. *Deviation from the setpoint*: the
+reading minus the selected temperature, if known. PASS: both are within the limit; FAIL: one is not.
+The default limit is ±15 °C, as practitioners quote IPC J-STD-001, appendix A2 (selected temperature
+within ±15 °C of the measured tip temperature; the standard's own text was not seen). The values are
+compared without their uncertainty; the text reports a difference to the limit that is smaller. The
+offset's expanded uncertainty (k = 2) contains the station's resolution and spread, and the
+instrument's uncertainty if stated.
 
 INVALID: the instrument was past its due date. It is kept, and no run can cite it.
 
-The *proposed adjustment* is the present one minus the offset, in whole °C, within -50..50 (manual 002, W-Axy). No manual prints
-the sign of an adjustment; a positive one is assumed to raise the tip temperature. So write it by hand, and verify again.
+The *proposed adjustment* is the present one minus the offset, in whole °C, within -50..50 (manual
+002, W-Axy). No manual prints the sign of an adjustment; a positive one is assumed to raise the tip
+temperature. So write it by hand, and verify again.
 """
 
 from __future__ import annotations
@@ -23,17 +27,27 @@ from pathlib import Path
 from statistics import fmean, stdev
 from typing import Final
 
-from jbclog.core.durable_files import add_line, chain_in, fields_of, first_faults, line_of, sha256, sync_folder
+from jbclog.core.durable_files import (
+    add_line,
+    chain_in,
+    fields_of,
+    first_faults,
+    line_of,
+    sha256,
+    sync_folder,
+)
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import builder
 from jbclog.core.rows import TipCheck
 
-# -- station reading ----------------------------------------------------------------------------------------------------------
-# The station's own temperature while a thermometer is at the tip: the mean of several readings of a stable tip.
+# -- station reading -------------------------------------------------------------------------------
+# The station's own temperature while a thermometer is at the tip: the mean of several readings of a
+# stable tip.
 #
-# A tip is *stable* if the tool is working, there are at least `LEAST` readings, their range is at most `STABLE_C`, and the setpoint
-# did not change. Readings come in whole °C (manuals 000 and 002, R-TT), so their mean is uncertain by at least 1/√12 °C.
+# A tip is *stable* if the tool is working, there are at least `LEAST` readings, their range is at
+# most `STABLE_C`, and the setpoint did not change. Readings come in whole °C (manuals 000 and 002,
+# R-TT), so their mean is uncertain by at least 1/√12 °C.
 
 STABLE_C = 3.0
 LEAST = 8
@@ -42,7 +56,9 @@ STEP_C = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Own:
-    """The station's own reading of its tip. `n` is 0 if a person read the display; what was not read is None."""
+    """The station's own reading of its tip. `n` is 0 if a person read the display; what was not
+    read is None.
+    """
 
     temperature_c: float
     n: int = 0
@@ -54,12 +70,16 @@ class Own:
 
     @property
     def uncertainty_c(self) -> float:
-        """The standard uncertainty of `temperature_c`, from its resolution and the spread of its mean."""
+        """The standard uncertainty of `temperature_c`, from its resolution and the spread of its
+        mean.
+        """
         spread = (self.sd_c or 0.0) / sqrt(self.n) if self.n else 0.0
         return sqrt(STEP_C**2 / 12 + spread**2)
 
 
-def unstable(readings: Sequence[float], states: Sequence[str], settings: Sequence[float]) -> str | None:
+def unstable(
+    readings: Sequence[float], states: Sequence[str], settings: Sequence[float]
+) -> str | None:
     """Return why these readings do not represent the tip; None if they do."""
     other = next((state for state in states if state not in ("working", "on")), None)
     if other is not None:
@@ -67,21 +87,30 @@ def unstable(readings: Sequence[float], states: Sequence[str], settings: Sequenc
     if len(readings) < LEAST:
         return f"only {len(readings)} readings, at least {LEAST} required"
     if len(set(settings)) > 1:
-        return f"its setpoint changed during the readings, from {settings[0]:g} to {settings[-1]:g} °C"
+        return (
+            f"its setpoint changed during the readings, from {settings[0]:g} to {settings[-1]:g} °C"
+        )
     span = max(readings) - min(readings)
     if span > STABLE_C:
-        return f"the tip is not stable: it changed by {span:g} °C during the readings, at most {STABLE_C:g} °C allowed"
+        return (
+            f"the tip is not stable: it changed by {span:g} °C during the readings, at most"
+            f" {STABLE_C:g} °C allowed"
+        )
     return None
 
 
 def own_of(
-    readings: Sequence[float], set_c: float | None, adjust_c: float | None = None, tool: str | None = None, model: str | None = None
+    readings: Sequence[float],
+    set_c: float | None,
+    adjust_c: float | None = None,
+    tool: str | None = None,
+    model: str | None = None,
 ) -> Own:
     """Return the mean of readings of a stable tip."""
     return Own(fmean(readings), len(readings), stdev(readings), set_c, adjust_c, tool, model)
 
 
-# -- verification -------------------------------------------------------------------------------------------------------------
+# -- verification ----------------------------------------------------------------------------------
 
 LIMIT_C = 15.0
 MOST_ADJUST_C = 50
@@ -98,7 +127,9 @@ class Result(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """A person's entries: the thermometer's reading and its evidence. `instrument_u_c`: expanded uncertainty (k = 2)."""
+    """A person's entries: the thermometer's reading and its evidence. `instrument_u_c`: expanded
+    uncertainty (k = 2).
+    """
 
     station: str
     port: int
@@ -114,7 +145,9 @@ class Given:
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """A line of the file: times ISO 8601 UTC, temperatures °C; `seq` and `prev_sha256` are set when it is added."""
+    """A line of the file: times ISO 8601 UTC, temperatures °C; `seq` and `prev_sha256` are set when
+    it is added.
+    """
 
     seq: int
     time: str
@@ -152,7 +185,9 @@ def verify(given: Given, own: Own, now: datetime) -> Verification:
     """Return the verification, not yet in the file. Raises `UsageError` for impossible values."""
     _expect_possible(given)
     offset = round(given.reading_c - own.temperature_c, 2)
-    known = COVERAGE_FACTOR * sqrt(own.uncertainty_c**2 + ((given.instrument_u_c or 0.0) / COVERAGE_FACTOR) ** 2)
+    known = COVERAGE_FACTOR * sqrt(
+        own.uncertainty_c**2 + ((given.instrument_u_c or 0.0) / COVERAGE_FACTOR) ** 2
+    )
     result, text = _outcome(given, own, offset, known, now)
     return Verification(
         seq=0,
@@ -184,16 +219,31 @@ def verify(given: Given, own: Own, now: datetime) -> Verification:
 
 def _expect_possible(given: Given) -> None:
     if not POSSIBLE_C[0] <= given.reading_c <= POSSIBLE_C[1]:
-        raise UsageError(f"--reading {given.reading_c:g}: must be {POSSIBLE_C[0]:g} to {POSSIBLE_C[1]:g} °C")
+        raise UsageError(
+            f"--reading {given.reading_c:g}: must be {POSSIBLE_C[0]:g} to {POSSIBLE_C[1]:g} °C"
+        )
     if not LIMITS_C[0] <= given.limit_c <= LIMITS_C[1]:
-        raise UsageError(f"--limit {given.limit_c:g}: must be {LIMITS_C[0]:g} to {LIMITS_C[1]:g} °C")
+        raise UsageError(
+            f"--limit {given.limit_c:g}: must be {LIMITS_C[0]:g} to {LIMITS_C[1]:g} °C"
+        )
     if given.instrument_u_c is not None and not 0 < given.instrument_u_c <= LIMITS_C[1]:
-        raise UsageError(f"--instrument-u {given.instrument_u_c:g}: must be above 0 and at most {LIMITS_C[1]:g} °C")
+        raise UsageError(
+            f"--instrument-u {given.instrument_u_c:g}: must be above 0 and at most"
+            f" {LIMITS_C[1]:g} °C"
+        )
 
 
-def _outcome(given: Given, own: Own, offset: float, known: float, now: datetime) -> tuple[Result, str]:
+def _outcome(
+    given: Given, own: Own, offset: float, known: float, now: datetime
+) -> tuple[Result, str]:
     if given.due < now.astimezone(UTC).date():
-        return Result.INVALID, f"The instrument was due on {given.due}: its reading is not valid, and no run can cite it."
+        return (
+            Result.INVALID,
+            (
+                f"The instrument was due on {given.due}: its reading is not valid, and no run can"
+                " cite it."
+            ),
+        )
     deviations = {"from the station's own reading": offset}
     if own.set_c is not None:
         deviations["from the setpoint"] = round(given.reading_c - own.set_c, 2)
@@ -201,27 +251,40 @@ def _outcome(given: Given, own: Own, offset: float, known: float, now: datetime)
     worst = max(abs(value) for value in deviations.values())
     result = Result.PASS if worst <= given.limit_c else Result.FAIL
     is_near = abs(worst - given.limit_c) < known
-    near = f" The difference to the limit is within the uncertainty (±{known:.1f} °C)." if is_near else ""
+    near = (
+        f" The difference to the limit is within the uncertainty (±{known:.1f} °C)."
+        if is_near
+        else ""
+    )
     return result, f"The tip is {listed}; ±{given.limit_c:g} °C allowed.{near}"
 
 
 def _proposal(own: Own, offset: float, result: Result) -> int | None:
-    """Return the adjustment that would remove the offset; None if it is not known, not possible or not needed."""
-    if own.adjust_c is None or result is Result.INVALID or abs(offset) < own.uncertainty_c * COVERAGE_FACTOR:
+    """Return the adjustment that would remove the offset; None if it is not known, not possible or
+    not needed.
+    """
+    if (
+        own.adjust_c is None
+        or result is Result.INVALID
+        or abs(offset) < own.uncertainty_c * COVERAGE_FACTOR
+    ):
         return None
     wanted = round(own.adjust_c - offset)
     return wanted if abs(wanted) <= MOST_ADJUST_C and wanted != own.adjust_c else None
 
 
 def needed_adjust_c(one: Verification) -> int | None:
-    """Return the adjustment that would remove the offset, possible or not; None if the present one is not known."""
+    """Return the adjustment that would remove the offset, possible or not; None if the present one
+    is not known.
+    """
     return None if one.adjust_c is None else round(one.adjust_c - one.offset_c)
 
 
-# -- verifications file -------------------------------------------------------------------------------------------------------
-# It lies in the folder of runs, which a line's recorders share. Each line holds its own SHA-256 and that of the line before; the
-# first line that of the file's name (`core/durable_files.py`). Each run's manifest has the hashes of the lines that the run cites,
-# so that lines missing at the end show.
+# -- verifications file ----------------------------------------------------------------------------
+# It lies in the folder of runs, which a line's recorders share. Each line holds its own SHA-256 and
+# that of the line before; the first line that of the file's name (`core/durable_files.py`). Each
+# run's manifest has the hashes of the lines that the run cites, so that lines missing at the end
+# show.
 
 NAME: Final = "verifications.jsonl"
 FIRST: Final = sha256(NAME.encode())
@@ -229,7 +292,9 @@ FIRST: Final = sha256(NAME.encode())
 
 @dataclass(frozen=True, slots=True)
 class Book:
-    """Every readable verification, oldest first, with the hashes of their lines; what is wrong (line, sentence)."""
+    """Every readable verification, oldest first, with the hashes of their lines; what is wrong
+    (line, sentence).
+    """
 
     all: list[Verification] = field(default_factory=list)
     hashes: list[str] = field(default_factory=list)
@@ -241,14 +306,18 @@ class Book:
 
 
 def keep(out: Path, one: Verification) -> tuple[Verification, str]:
-    """Append a verification to the file in `out`; return it as written, and the new head. Raises `RecordError`.
+    """Append a verification to the file in `out`; return it as written, and the new head. Raises
+    `RecordError`.
 
     Adds nothing to a file whose chain does not hold.
     """
     found = read_book(out)
     if any("cut off" not in text for _, text in found.wrong):
         number, text = found.wrong[0]
-        raise RecordError(f"{out / NAME}: line {number} {text}; nothing was added. Restore the file from a copy, or move it away")
+        raise RecordError(
+            f"{out / NAME}: line {number} {text}; nothing was added. Restore the file from a copy,"
+            " or move it away"
+        )
     kept: list[Verification] = []
 
     def made(seq: int, previous: str) -> bytes:
@@ -266,10 +335,16 @@ def keep(out: Path, one: Verification) -> tuple[Verification, str]:
 
 
 def read_book(out: Path) -> Book:
-    """Return every verification in the folder of runs `out`; none without a file. Raises `RecordError`."""
+    """Return every verification in the folder of runs `out`; none without a file. Raises
+    `RecordError`.
+    """
     try:
         found = chain_in(
-            read_foreign(out / NAME, Kind.VERIFICATIONS), FIRST, _parsed, what="verification", of_first="the file's name"
+            read_foreign(out / NAME, Kind.VERIFICATIONS),
+            FIRST,
+            _parsed,
+            what="verification",
+            of_first="the file's name",
         )
     except FileNotFoundError:
         return Book()
@@ -289,15 +364,20 @@ def _parsed(line: bytes) -> Verification | None:
         return None
 
 
-# -- cited --------------------------------------------------------------------------------------------------------------------
-# The verification that a run cites for each port: the last valid one, of the run's tip if it names one.
+# -- cited -----------------------------------------------------------------------------------------
+# The verification that a run cites for each port: the last valid one, of the run's tip if it names
+# one.
 
 DAY_S = 86400.0
 NONE, OTHER_TIP, UNREADABLE = "none", "other tip", "unreadable"
 
 
-def last_valid(book: Book, station: str, port: int, tip: str | None = None, before: datetime | None = None) -> Verification | None:
-    """Return the last valid verification of this port, of `tip` if given, not after `before`; None if there is none."""
+def last_valid(
+    book: Book, station: str, port: int, tip: str | None = None, before: datetime | None = None
+) -> Verification | None:
+    """Return the last valid verification of this port, of `tip` if given, not after `before`; None
+    if there is none.
+    """
     fitting = (
         one
         for one in reversed(book.all)
@@ -310,9 +390,14 @@ def last_valid(book: Book, station: str, port: int, tip: str | None = None, befo
 
 
 def cited(
-    out: Path, places: Iterable[tuple[str, int]], tips: Mapping[tuple[str, int], str | None], begin: datetime
+    out: Path,
+    places: Iterable[tuple[str, int]],
+    tips: Mapping[tuple[str, int], str | None],
+    begin: datetime,
 ) -> list[TipCheck]:
-    """Return what a run that begins at `begin` in the folder `out` cites for each place (station, port). Never raises."""
+    """Return what a run that begins at `begin` in the folder `out` cites for each place (station,
+    port). Never raises.
+    """
     try:
         book = read_book(out)
     except RecordError as error:
@@ -329,13 +414,31 @@ def _one(book: Book, station: str, port: int, tip: str | None, begin: datetime) 
         return _tip_check(book, found, begin, found.result, found.text)
     other = last_valid(book, station, port, None, begin)
     if other is not None:
-        return _tip_check(book, other, begin, OTHER_TIP, f"Its tip is {tip}; the last verification was of tip {other.tip}.")
+        return _tip_check(
+            book,
+            other,
+            begin,
+            OTHER_TIP,
+            f"Its tip is {tip}; the last verification was of tip {other.tip}.",
+        )
     return TipCheck(station, port, NONE, "No valid verification of its tip is known.")
 
 
 def _tip_check(book: Book, one: Verification, begin: datetime, state: str, text: str) -> TipCheck:
-    days = round((begin.astimezone(UTC) - datetime.fromisoformat(one.time)).total_seconds() / DAY_S, 3)
-    seen = (one.time, max(days, 0.0), one.tip, one.instrument, one.offset_c, one.limit_c, one.adjust_c, one.seq, book.hash_of(one))
+    days = round(
+        (begin.astimezone(UTC) - datetime.fromisoformat(one.time)).total_seconds() / DAY_S, 3
+    )
+    seen = (
+        one.time,
+        max(days, 0.0),
+        one.tip,
+        one.instrument,
+        one.offset_c,
+        one.limit_c,
+        one.adjust_c,
+        one.seq,
+        book.hash_of(one),
+    )
     return TipCheck(one.station, one.port, state, text, *seen)
 
 

@@ -8,9 +8,9 @@
     └─────┴────────┴────────┴───┴─────────┴──────────┴─────┴─────┘
       1      2        2       1   3 (TT: 2)  0, 5 or more  1     1
 
-Addresses are optional, by the line's configuration. H is R (read), W (write), A (answer) or N (refusal). BCC is the XOR of every
-byte from STX to ETX, one raw byte: it can be STX, ETX, XON, XOFF or NUL. Only the request shows where the command ends and
-its data begins, so `text` has both.
+Addresses are optional, by the line's configuration. H is R (read), W (write), A (answer) or N
+(refusal). BCC is the XOR of every byte from STX to ETX, one raw byte: it can be STX, ETX, XON, XOFF
+or NUL. Only the request shows where the command ends and its data begins, so `text` has both.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ def check_byte(covered: bytes) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A frame with a correct check byte. `source` and `target` are None on a line without addresses."""
+    """A frame with a correct check byte. `source` and `target` are None on a line without
+    addresses.
+    """
 
     header: str
     text: str
@@ -54,7 +56,9 @@ class Frame:
         if self.source is None or self.target is None:
             raise ValueError("a frame has both addresses or none")
         if not (0 <= self.source <= 99 and 0 <= self.target <= 99):
-            raise ValueError(f"an address lies between 0 and 99, not {self.source} to {self.target}")
+            raise ValueError(
+                f"an address lies between 0 and 99, not {self.source} to {self.target}"
+            )
         return b"%02d%02d" % (self.source, self.target)
 
 
@@ -85,18 +89,23 @@ def only_reads(data: bytes) -> bool:
 
 # The reader's rules:
 #
-# 1. A frame is STX, `SHORTEST` to `LONGEST` printable characters, ETX, and one byte of any value: the check byte can be
-#    STX, ETX, XON, XOFF or NUL. Everything else is garbage, an STX without such an end included.
-# 2. A frame with a wrong check byte or shape is returned as corrupt, and the search continues after it.
-# 3. If the check byte is an STX, the search continues with it: it may begin the next frame, and the check byte may be lost. That
-#    holds for correct frames too, because their own check byte may be an STX.
-# 4. A frame is returned with its last byte. Garbage is counted and dropped; only the possible beginning of a frame is kept
-#    for the next chunk, at most `MOST_HELD` bytes.
+# 1. A frame is STX, `SHORTEST` to `LONGEST` printable characters, ETX, and one byte of any value:
+#    the check byte can be STX, ETX, XON, XOFF or NUL. Everything else is garbage, an STX without
+#    such an end included.
+# 2. A frame with a wrong check byte or shape is returned as corrupt, and the search continues after
+#    it.
+# 3. If the check byte is an STX, the search continues with it: it may begin the next frame, and the
+#    check byte may be lost. That holds for correct frames too, because their own check byte may be
+#    an STX.
+# 4. A frame is returned with its last byte. Garbage is counted and dropped; only the possible
+#    beginning of a frame is kept for the next chunk, at most `MOST_HELD` bytes.
 #
 # So the first correct frame after any garbage is found.
 
-SHORTEST = 3  # characters between STX and ETX: RTT, the transformer's temperature (manual 000, 4.8.34)
-LONGEST = 64  # the longest printed text has 21: addresses, A, DL1 and 0x000000003E8 (manual 002, R-DLx)
+# characters between STX and ETX: RTT, the transformer's temperature (manual 000, 4.8.34)
+SHORTEST = 3
+# the longest printed text has 21: addresses, A, DL1 and 0x000000003E8 (manual 002, R-DLx)
+LONGEST = 64
 MOST_HELD = 1 + LONGEST + 1
 
 _FRAME = re.compile(rb"\x02([ -~]{%d,%d})\x03([\x00-\xff])" % (SHORTEST, LONGEST))
@@ -111,7 +120,9 @@ class CorruptFrame:
 
 
 class FrameReader:
-    """Finds frames in chunks of bytes. `garbage` counts the bytes outside of any frame; `held` is kept for the next chunk."""
+    """Finds frames in chunks of bytes. `garbage` counts the bytes outside of any frame; `held` is
+    kept for the next chunk.
+    """
 
     def __init__(self) -> None:
         self.held = b""

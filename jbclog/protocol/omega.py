@@ -8,10 +8,11 @@
     └─────┴──────────────────┴─────┴──────┴──────┘
        1         1 to 64        1      1      1
 
-SUM is the low eight bits of the sum of the text's characters, without STX and ETX, as two capital hexadecimal digits. The
-controller ignores a frame with a wrong SUM.
+SUM is the low eight bits of the sum of the text's characters, without STX and ETX, as two capital
+hexadecimal digits. The controller ignores a frame with a wrong SUM.
 
-The reader's rules are those of JBC's (`frame.py`); an STX in place of a digit of the SUM begins the next frame.
+The reader's rules are those of JBC's (`frame.py`); an STX in place of a digit of the SUM begins the
+next frame.
 """
 
 from __future__ import annotations
@@ -20,12 +21,16 @@ import re
 
 from jbclog.protocol.frame import CorruptFrame
 
-LONGEST = 64  # the longest known text has 51 characters: D or c and a condition record (docs/reference/protocol.md)
+# the longest known text has 51 characters: D or c and a condition record
+# (docs/reference/protocol.md)
+LONGEST = 64
 MOST_HELD = 1 + LONGEST + 2
 ASKING = "ABCFG"  # first letters of texts that only read; D writes a condition, H runs one
 
 _FRAME = re.compile(rb"\x02([ -~]{1,%d})\x03([^\x02][^\x02]|[^\x02]?(?=\x02))" % LONGEST, re.DOTALL)
-_BEGUN = re.compile(rb"\x02(?:[ -~]{0,%d}|[ -~]{1,%d}\x03[^\x02]?)\Z" % (LONGEST, LONGEST), re.DOTALL)
+_BEGUN = re.compile(
+    rb"\x02(?:[ -~]{0,%d}|[ -~]{1,%d}\x03[^\x02]?)\Z" % (LONGEST, LONGEST), re.DOTALL
+)
 
 
 def sum_of(text: bytes) -> bytes:

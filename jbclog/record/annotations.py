@@ -1,12 +1,14 @@
-"""Annotations of a sealed run: acknowledgements, late serials, tools made safe later; and the units of a run.
+"""Annotations of a sealed run: acknowledgements, late serials, tools made safe later; and the units
+of a run.
 
-A sealed record never changes; later facts are lines of `annotations.jsonl`: who, when, what, why. Each line holds the SHA-256 of
-the line before it, the first that of the manifest, and its own hash: a changed, moved or removed line shows. Removed *last* lines
-do not show; to prove them, note the fingerprint that `append` returns. A line that a crash cut off does not count, and the next
-line carries its hash.
+A sealed record never changes; later facts are lines of `annotations.jsonl`: who, when, what, why.
+Each line holds the SHA-256 of the line before it, the first that of the manifest, and its own hash:
+a changed, moved or removed line shows. Removed *last* lines do not show; to prove them, note the
+fingerprint that `append` returns. A line that a crash cut off does not count, and the next line
+carries its hash.
 
-`vouch` adds a line that names the `report.json` written last. It is no annotation and not part of the fingerprint: a report
-contains the fingerprint, and would change it.
+`vouch` adds a line that names the `report.json` written last. It is no annotation and not part of
+the fingerprint: a report contains the fingerprint, and would change it.
 """
 
 from __future__ import annotations
@@ -23,7 +25,15 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.core.durable_files import add_line, chain_in, fields_of, first_faults, line_of, lines_in, sha256
+from jbclog.core.durable_files import (
+    add_line,
+    chain_in,
+    fields_of,
+    first_faults,
+    line_of,
+    lines_in,
+    sha256,
+)
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import builder, decoder
@@ -43,7 +53,9 @@ WORDS: Final = re.compile(r"[a-z][a-z_]*(\.[a-z][a-z_]*)*")
 
 @dataclass(frozen=True, slots=True)
 class Annotation:
-    """One line: `time` in ISO 8601 UTC, `kind` dotted as those of events, `prev_sha256` of the line before it."""
+    """One line: `time` in ISO 8601 UTC, `kind` dotted as those of events, `prev_sha256` of the line
+    before it.
+    """
 
     seq: int
     time: str
@@ -69,8 +81,8 @@ _read_state: Final = decoder(_OfManifest)
 class Annotations:
     """The readable annotations of a run, and problems of the file (line, sentence).
 
-    `head`: hash of the last annotation, or of the manifest. `links`: hashes of the manifest and of all lines, each with
-    the number of annotations up to there. `report`: hash of the
+    `head`: hash of the last annotation, or of the manifest. `links`: hashes of the manifest and of
+    all lines, each with the number of annotations up to there. `report`: hash of the
     `report.json` written last, if a line vouches for one.
     """
 
@@ -85,8 +97,11 @@ class Annotations:
         return [f"{NAME}: line {number} {text}" for number, text in self.wrong]
 
 
-def append(folder: Path, *, who: str, what: str, why: str, kind: str = NOTE, utc_s: float | None = None) -> str:
-    """Add an annotation to a sealed run; return the new fingerprint once it is on the disk. Raises RecordError.
+def append(
+    folder: Path, *, who: str, what: str, why: str, kind: str = NOTE, utc_s: float | None = None
+) -> str:
+    """Add an annotation to a sealed run; return the new fingerprint once it is on the disk. Raises
+    RecordError.
 
     Invisible characters of texts become spaces. `utc_s`: seconds since 1970, default now.
     """
@@ -98,20 +113,32 @@ def append(folder: Path, *, who: str, what: str, why: str, kind: str = NOTE, utc
 
     def made(seq: int, previous: str) -> bytes:
         time = moment.strftime(TIME)
-        return line_of(asdict(Annotation(seq, time, kind, texts["who"], texts["what"], texts["why"], previous)))
+        return line_of(
+            asdict(Annotation(seq, time, kind, texts["who"], texts["what"], texts["why"], previous))
+        )
 
     try:
         with suppress(FileNotFoundError):
             read_foreign(folder / NAME, Kind.ANNOTATIONS)  # refuses a file that is too large
         return add_line(folder / NAME, first, _parsed, made)
     except OSError as error:
-        raise RecordError(f"{folder / NAME} cannot be written: {error.strerror or error}") from error
+        raise RecordError(
+            f"{folder / NAME} cannot be written: {error.strerror or error}"
+        ) from error
 
 
 def vouch(folder: Path, report_sha256: str) -> None:
-    """Record the hash of the run's `report.json`, unless the last such line has it. Raises RecordError."""
+    """Record the hash of the run's `report.json`, unless the last such line has it. Raises
+    RecordError.
+    """
     if read(folder).report != report_sha256:
-        append(folder, who="jbclog report", what=f"{REPORT} SHA-256 {report_sha256}", why="the report was written", kind=VOUCHED)
+        append(
+            folder,
+            who="jbclog report",
+            what=f"{REPORT} SHA-256 {report_sha256}",
+            why="the report was written",
+            kind=VOUCHED,
+        )
 
 
 def read(folder: Path, manifest_sha256: str | None = None) -> Annotations:
@@ -128,14 +155,22 @@ def read(folder: Path, manifest_sha256: str | None = None) -> Annotations:
         raise RecordError(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
     found = chain_in(data, first, _parsed, what="annotation", of_first="the manifest")
     lines = lines_in(data)
-    vouching = {link for said, link in zip(found.entries, found.hashes, strict=True) if said.kind == VOUCHED}
+    vouching = {
+        link for said, link in zip(found.entries, found.hashes, strict=True) if said.kind == VOUCHED
+    }
     links = [sha256(line) for line in lines]
     said = {*found.hashes} - vouching
     return Annotations(
         [said for said in found.entries if said.kind != VOUCHED],
         first_faults(found.wrong),
         next((link for link in reversed(links) if link not in vouching), first),
-        dict(zip((first, *links), accumulate((link in said for link in links), initial=0), strict=True)),
+        dict(
+            zip(
+                (first, *links),
+                accumulate((link in said for link in links), initial=0),
+                strict=True,
+            )
+        ),
         next((_report_in(said) for said in reversed(found.entries) if said.kind == VOUCHED), None),
     )
 
@@ -156,13 +191,17 @@ def _parsed(line: bytes) -> Annotation | None:
 
 
 def _is_complete(said: Annotation) -> bool:
-    """Whether it has a time, an author, a text and a reason; without them it acknowledges nothing. Raises ValueError."""
+    """Whether it has a time, an author, a text and a reason; without them it acknowledges nothing.
+    Raises ValueError.
+    """
     is_time = datetime.fromisoformat(said.time).strftime(TIME) == said.time
     return is_time and all(text.strip() for text in (said.who, said.what, said.why))
 
 
 def _fit(name: str, text: str) -> str:
-    """Return the text without invisible characters, shortened. Raises RecordError if nothing is left."""
+    """Return the text without invisible characters, shortened. Raises RecordError if nothing is
+    left.
+    """
     shown = "".join(sign if sign.isprintable() else " " for sign in text).strip()
     if not shown:
         raise RecordError(f"an annotation says {name}: nothing was given")
@@ -177,13 +216,16 @@ def _first_link(folder: Path) -> str:
     except (OSError, ValueError) as error:
         raise RecordError(f"{folder} has no manifest that can be read") from error
     if state != "sealed":
-        raise RecordError(f"{folder} is not sealed: what happens now belongs into the record itself")
+        raise RecordError(
+            f"{folder} is not sealed: what happens now belongs into the record itself"
+        )
     return sha256(data)
 
 
-# A unit lasts from its `unit.begin` to its `unit.end`, or to the begin of the next; after a crash it has no end. A serial
-# named after sealing is an annotation `unit.late`. A joint belongs to the unit at its time. If no serial was read during a
-# run, all joints belong to the one unit named at its start or later; if several were named, their unit is not known.
+# A unit lasts from its `unit.begin` to its `unit.end`, or to the begin of the next; after a crash
+# it has no end. A serial named after sealing is an annotation `unit.late`. A joint belongs to the
+# unit at its time. If no serial was read during a run, all joints belong to the one unit named at
+# its start or later; if several were named, their unit is not known.
 
 BEGIN, END, LATE = "unit.begin", "unit.end", "unit.late"
 COLUMNS: Final = ["time", "kind", "raw"]
@@ -199,7 +241,9 @@ def units_in(events: Iterable[pa.Table]) -> list[Unit]:
     found: list[Unit] = []
     for group in events:
         marks = group.filter(pc.is_in(group["kind"], pa.array([BEGIN, END])))
-        for micros, kind, raw in zip(*(column.to_pylist() for column in _plain(marks)), strict=True):
+        for micros, kind, raw in zip(
+            *(column.to_pylist() for column in _plain(marks)), strict=True
+        ):
             if found and found[-1].end is None:
                 found[-1] = replace(found[-1], end=iso(micros))
             if kind == BEGIN:
@@ -221,7 +265,9 @@ def late_serials(folder: Path) -> list[str]:
 
 
 def only_unit(named: Sequence[str], late: Sequence[str]) -> str | None:
-    """Return the unit of a run without serials read: the one that people named, None if none or several."""
+    """Return the unit of a run without serials read: the one that people named, None if none or
+    several.
+    """
     serials = {*named, *late}
     return serials.pop() if len(serials) == 1 else None
 

@@ -1,7 +1,8 @@
 """Rows as batches: Arrow record batches as bytes, each with a number and a checksum over both.
 
-A batch is what one commit stores of one table: four bytes with its uncompressed length, then an Arrow IPC stream compressed by zstd
-as a whole (each of its hundred buffers alone would take five times as long to read). It is readable without the rest of the store.
+A batch is what one commit stores of one table: four bytes with its uncompressed length, then an
+Arrow IPC stream compressed by zstd as a whole (each of its hundred buffers alone would take five
+times as long to read). It is readable without the rest of the store.
 """
 
 from __future__ import annotations
@@ -19,9 +20,14 @@ import pyarrow as pa
 from jbclog.core.foreign.values import expect_values
 from jbclog.record.schema import INT, SCHEMAS
 
-BARE: Final = {table: pa.schema([pa.field(f.name, f.type, f.nullable) for f in schema]) for table, schema in SCHEMAS.items()}
-ROWS_A_BATCH: Final = 32_768  # that a recorder stores at most: more rows, which wait while the disk hangs, are several batches
-MOST_ROWS: Final = 262_144  # that are read: an earlier recorder of 256 ports at 10 Hz had so many after 100 s of waiting
+BARE: Final = {
+    table: pa.schema([pa.field(f.name, f.type, f.nullable) for f in schema])
+    for table, schema in SCHEMAS.items()
+}
+# that a recorder stores at most: more rows, which wait while the disk hangs, are several batches
+ROWS_A_BATCH: Final = 32_768
+# that are read: an earlier recorder of 256 ports at 10 Hz had so many after 100 s of waiting
+MOST_ROWS: Final = 262_144
 MOST_BYTES: Final = 64 << 20  # unpacked; stored and read
 MOST_PACKED: Final = MOST_BYTES + (1 << 16)
 SCHEMA_HEAD, ROWS_HEAD = 1, 3  # kinds of a message
@@ -42,7 +48,8 @@ class _Column(NamedTuple):
 
 
 _COLUMNS: Final = {
-    table: [_Column(f.name, pa.list_(f.type), f.type == INT, f.nullable) for f in schema] for table, schema in BARE.items()
+    table: [_Column(f.name, pa.list_(f.type), f.type == INT, f.nullable) for f in schema]
+    for table, schema in BARE.items()
 }
 _WHOLE: Final = (INT, pa.null())
 
@@ -70,12 +77,18 @@ class Batch:
 
 
 def breathe() -> None:
-    """Let other threads run: conversions hold the interpreter's lock, and a due tick must not wait."""
+    """Let other threads run: conversions hold the interpreter's lock, and a due tick must not
+    wait.
+    """
     time.sleep(0.0001)
 
 
-def encode(number: int, table: str, values: Sequence[object], breath: Callable[[], None] = breathe) -> Batch:
-    """Encode `values`, rows end to end in the columns' order. Raises NotRows, also for rows that would not be read again."""
+def encode(
+    number: int, table: str, values: Sequence[object], breath: Callable[[], None] = breathe
+) -> Batch:
+    """Encode `values`, rows end to end in the columns' order. Raises NotRows, also for rows that
+    would not be read again.
+    """
     columns = _COLUMNS[table]
     width = len(columns)
     rows = len(values) // width
@@ -84,12 +97,15 @@ def encode(number: int, table: str, values: Sequence[object], breath: Callable[[
         arrays.append(_array(values[place::width], column))
         if rows > MANY_ROWS and place % COLUMNS_A_BREATH == COLUMNS_A_BREATH - 1:
             breath()
-    return Batch(number, table, rows, _bytes(pa.RecordBatch.from_arrays(arrays, schema=BARE[table])))
+    return Batch(
+        number, table, rows, _bytes(pa.RecordBatch.from_arrays(arrays, schema=BARE[table]))
+    )
 
 
 def _array(values: Sequence[object], column: _Column) -> pa.Array:
     try:
-        if column.whole and pa.infer_type(values) not in _WHOLE:  # a fraction would be cut off silently
+        # a fraction would be cut off silently
+        if column.whole and pa.infer_type(values) not in _WHOLE:
             raise NotRows(f"{column.name}: not whole numbers")
         array = pa.scalar(values, column.list_type).values
     except MemoryError:  # also one of Arrow's errors; not caused by the rows
@@ -107,7 +123,9 @@ def _bytes(batch: pa.RecordBatch) -> bytes:
         writer.write_batch(batch)
     stream = sink.getvalue()
     if stream.size > MOST_BYTES:
-        raise NotRows(f"{batch.num_rows} rows take {stream.size} bytes; a batch has at most {MOST_BYTES}")
+        raise NotRows(
+            f"{batch.num_rows} rows take {stream.size} bytes; a batch has at most {MOST_BYTES}"
+        )
     return struct.pack("<I", stream.size) + bytes(_CODEC.compress(stream, asbytes=True))
 
 
@@ -121,17 +139,25 @@ def decode(batch: Batch, crc: int) -> pa.Table:
     if not 0 <= batch.rows <= MOST_ROWS:
         raise Damaged(f"too many rows; a recorder's batches have at most {MOST_ROWS}")
     if len(batch.data) > MOST_PACKED:
-        raise Damaged(f"it has {len(batch.data)} bytes; a recorder's batches have at most {MOST_PACKED}")
+        raise Damaged(
+            f"it has {len(batch.data)} bytes; a recorder's batches have at most {MOST_PACKED}"
+        )
     try:
         size = struct.unpack_from("<I", batch.data)[0]
         if size > MOST_BYTES:
-            raise Damaged(f"it has {size} bytes, unpacked; a recorder's batches have at most {MOST_BYTES}")
+            raise Damaged(
+                f"it has {size} bytes, unpacked; a recorder's batches have at most {MOST_BYTES}"
+            )
         stream = _CODEC.decompress(batch.data[4:], decompressed_size=size)
         _expect_plain(stream)
         table = pa.ipc.open_stream(stream).read_all()
         if table.num_rows != batch.rows:
             raise Damaged(f"it has {table.num_rows} rows, not {batch.rows}")
-        table = pa.Table.from_arrays(table.columns, schema=schema) if table.schema == BARE[batch.table] else table.cast(schema)
+        table = (
+            pa.Table.from_arrays(table.columns, schema=schema)
+            if table.schema == BARE[batch.table]
+            else table.cast(schema)
+        )
         _expect_whole(table)
         return table
     except (pa.ArrowException, OSError, ValueError, IndexError, struct.error) as error:
@@ -139,7 +165,9 @@ def decode(batch: Batch, crc: int) -> pa.Table:
 
 
 def _expect_whole(table: pa.Table) -> None:
-    """Raise Damaged or NotReadable for values that no part may hold: missing where they must not be, or out of range."""
+    """Raise Damaged or NotReadable for values that no part may hold: missing where they must not
+    be, or out of range.
+    """
     for field, column in zip(table.schema, table.columns, strict=True):
         if column.null_count and not field.nullable:
             raise Damaged(f"{field.name} has no value in {column.null_count} rows")
@@ -147,10 +175,11 @@ def _expect_whole(table: pa.Table) -> None:
 
 
 def _expect_plain(stream: pa.Buffer) -> None:
-    """Raise Damaged if a message is compressed again, or neither schema nor rows: it could expand without limit.
+    """Raise Damaged if a message is compressed again, or neither schema nor rows: it could expand
+    without limit.
 
-    A message's head is a FlatBuffers table (Arrow's Message.fbs): its second field is the kind of the content, its third the
-    content, and compressed rows have a fourth field.
+    A message's head is a FlatBuffers table (Arrow's Message.fbs): its second field is the kind of
+    the content, its third the content, and compressed rows have a fourth field.
     """
     for message in pa.ipc.MessageReader.open_stream(stream):
         head = message.metadata.to_pybytes()
@@ -158,7 +187,10 @@ def _expect_plain(stream: pa.Buffer) -> None:
         kind, rows = _field(head, root, 1), _field(head, root, 2)
         if kind is None or rows is None or head[kind] not in (SCHEMA_HEAD, ROWS_HEAD):
             raise Damaged("it holds what no recorder writes")
-        if head[kind] == ROWS_HEAD and _field(head, rows + _U32.unpack_from(head, rows)[0], 3) is not None:
+        if (
+            head[kind] == ROWS_HEAD
+            and _field(head, rows + _U32.unpack_from(head, rows)[0], 3) is not None
+        ):
             raise Damaged("its rows are packed twice")
 
 
@@ -172,7 +204,8 @@ def _field(head: bytes, table: int, number: int) -> int | None:
 
 
 def keep_pandas_out() -> None:
-    """Keep pyarrow from importing pandas at its first conversion: half a second and 50 MB that a recorder does not need.
+    """Keep pyarrow from importing pandas at its first conversion: half a second and 50 MB that a
+    recorder does not need.
 
     Later imports of pandas in the same process work.
     """

@@ -1,22 +1,26 @@
-"""The serial capture of a station, ``wire/STATION.tsv.gz``: a table of three columns that any tool opens.
+"""The serial capture of a station, ``wire/STATION.tsv.gz``: a table of three columns that any tool
+opens.
 
 ::
 
     at_s            what    data
-    8123.480001251  run     {"format": 3, "station": "dde-1", ...}       the session's options (`Head`)
-    8123.480341902  opened  /dev/ttyUSB0                                  lost, failed and closed give the reason
-    8123.481126017  sent    023030303152534d4e0302                        bytes, two hexadecimal digits each
-    8123.498264515  heard   023031303041534d4e204444450374
-    8123.498271302  told    ask 15 8123.481124960                         the request answered, with its number of bytes,
-    8123.580107466  told    wait 0                                        and when the command was sent
-    8125.006217701  told    gather 0                                      all stations have finished this step of the start
-    9001.220071830  broke   listen the port is gone                       instead of an answer; stopped: the run's end
-    9002.118204002  done                                                  the session ended
+    8123.480001251  run     {"format": 3, "station": "dde-1", ...}       the session's options
+    (`Head`) 8123.480341902  opened  /dev/ttyUSB0                                  lost, failed and
+    closed give the reason 8123.481126017  sent    023030303152534d4e0302
+    bytes, two hexadecimal digits each 8123.498264515  heard   023031303041534d4e204444450374
+    8123.498271302  told    ask 15 8123.481124960                         the request answered, with
+    its number of bytes, 8123.580107466  told    wait 0                                        and
+    when the command was sent 8125.006217701  told    gather 0
+    all stations have finished this step of the start 9001.220071830  broke   listen the port is
+    gone                       instead of an answer; stopped: the run's end 9002.118204002  done
+    the session ended
 
-`at_s` is the recorder's monotonic clock in seconds. Texts have JSON's escapes. ``zcat`` and ``pandas.read_csv`` read it.
+`at_s` is the recorder's monotonic clock in seconds. Texts have JSON's escapes. ``zcat`` and
+``pandas.read_csv`` read it.
 
-It is written a few times a second, each time a block with its own checksum (`capture_file.py`); several blocks contain the row
-``run``. A damaged stretch becomes a `Hole` between the rows. `mend` cuts off an incomplete block that a kill leaves at the end.
+It is written a few times a second, each time a block with its own checksum (`capture_file.py`);
+several blocks contain the row ``run``. A damaged stretch becomes a `Hole` between the rows. `mend`
+cuts off an incomplete block that a kill leaves at the end.
 """
 
 from __future__ import annotations
@@ -128,7 +132,12 @@ def _head(path: Path) -> Head:
         if isinstance(block, Block):
             if block.first_line == 1 and not block.text.startswith(COLUMNS):
                 raise ValueError("its columns are others")
-            _, what, data = (*block.text.removeprefix(COLUMNS).partition("\n")[0].split("\t"), "", "", "")[:3]
+            _, what, data = (
+                *block.text.removeprefix(COLUMNS).partition("\n")[0].split("\t"),
+                "",
+                "",
+                "",
+            )[:3]
             if what == RUN:
                 return _believed(_build_head(json_of(data)), path)
             if block.first_line == 1:
@@ -147,7 +156,9 @@ def _believed(head: Head, path: Path) -> Head:
 
 
 def _why_none(path: Path) -> str:
-    """Return why a file has no head; a newer format may be packed differently, and still states its number."""
+    """Return why a file has no head; a newer format may be packed differently, and still states its
+    number.
+    """
     with open_foreign(path, Kind.WIRE) as file:
         first = file.read(FIRST_BYTES)
     found = re.search(rb'\trun\t\{[^\n]*"format": ([0-9]{1,9})', _begun(first))
@@ -166,7 +177,9 @@ def _begun(first: bytes) -> bytes:
 
 
 def rows_and_holes(path: Path) -> Iterator[CaptureRow | Hole]:
-    """Yield all intact rows in order, and holes between them. Raises RecordError if an intact line is no row."""
+    """Yield all intact rows in order, and holes between them. Raises RecordError if an intact line
+    is no row.
+    """
     last: float | None = None
     open_gap: Gap | None = None
     for block in _blocks(path):
@@ -206,7 +219,9 @@ def read_rows(path: Path) -> Iterator[CaptureRow]:
 
 
 def read_to_hole(path: Path, first: int = 0) -> Iterator[CaptureRow]:
-    """Yield the rows from number `first` to the first hole: a session cannot be replayed beyond it."""
+    """Yield the rows from number `first` to the first hole: a session cannot be replayed beyond
+    it.
+    """
     return islice(_to_hole(path), first, None)
 
 
@@ -218,7 +233,9 @@ def _to_hole(path: Path) -> Iterator[CaptureRow]:
 
 
 def read_exchanges(path: Path) -> Iterator[CaptureRow]:
-    """Yield the rows without those from the last command before a hole to the first behind it: their answers may be lost."""
+    """Yield the rows without those from the last command before a hole to the first behind it:
+    their answers may be lost.
+    """
     held: list[CaptureRow] = []
     is_whole = True
     for row in rows_and_holes(path):
@@ -254,7 +271,8 @@ def is_done(path: Path) -> bool:
 def mend(path: Path) -> int:
     """Cut off an incomplete block at the end; return the number of bytes. Raises OSError.
 
-    Cuts only if nothing intact follows, nothing that exceeds a limit, and never a whole file that may be something else.
+    Cuts only if nothing intact follows, nothing that exceeds a limit, and never a whole file that
+    may be something else.
     """
     last: Block | Gap | None = None
     for last in blocks(path):  # noqa: B007  # the last one counts

@@ -12,7 +12,14 @@ from math import isfinite
 from pathlib import Path
 from typing import Final, cast, get_args
 
-from jbclog.core.capture_rows import CaptureRow, LinkRow, LinkRowKind, RequestName, ResultKind, ResultRow
+from jbclog.core.capture_rows import (
+    CaptureRow,
+    LinkRow,
+    LinkRowKind,
+    RequestName,
+    ResultKind,
+    ResultRow,
+)
 from jbclog.core.foreign.files import Kind, open_foreign
 
 BYTES: Final = ("sent", "heard")
@@ -53,7 +60,9 @@ def row_of(line: str) -> CaptureRow:
         size, sent, late, *more = *rest.split(" "), "", ""
         if any(more):
             raise ValueError(f"{rest} has too many fields for a serial capture")
-        return ResultRow(moment, "told", request, _count(size), _finite(sent or "0"), late_s=_finite(late or "0"))
+        return ResultRow(
+            moment, "told", request, _count(size), _finite(sent or "0"), late_s=_finite(late or "0")
+        )
     return ResultRow(moment, cast(ResultKind, what), request, text=_plain(rest))
 
 
@@ -78,17 +87,19 @@ def _plain(text: str) -> str:
     return str(json.loads(f'"{text}"'))
 
 
-# Each block is a gzip member with its own checksum, so that damage costs only the blocks it touches.
+# Each block is a gzip member with its own checksum, so that damage costs only the blocks it
+# touches.
 #
 # ::
 #
-#     1f 8b 08 04 ...  gzip's head (RFC 1952) with an extra field `JW`, which other tools skip: number of the block, number
+#     1f 8b 08 04 ...  gzip's head (RFC 1952) with an extra field `JW`, which other tools skip:
+#     number of the block, number
 #                      of its first line, kin, length of the block in bytes, CRC-32 of all of that
 #     ...              its lines, deflated
 #     crc size         of the lines, as gzip has them
 #
-# `kin` is the CRC-32 of the file's first head: it identifies blocks of another file. Numbers of blocks and lines have no gaps, so
-# missing lines are counted even if no byte of them is left.
+# `kin` is the CRC-32 of the file's first head: it identifies blocks of another file. Numbers of
+# blocks and lines have no gaps, so missing lines are counted even if no byte of them is left.
 #
 # Format 1 was a single member with one checksum; such a file is read only if that is right.
 
@@ -102,8 +113,10 @@ MOST_BYTES: Final = 64 << 20  # of a decompressed block: three times what a reco
 MOST_LINES: Final = 32_768  # of a block: a recorder's has at most 20 002
 MOST_LINE: Final = 1 << 20
 FREE_BYTES: Final = 256 << 20  # that a file may unpack to, whatever its size,
-RATIO: Final = 50  # and beyond that so many times its size; a busy link has seven, a flooded one hundreds for a while
-FREE_LINES: Final = 10_000  # and beyond these no more lines than packed bytes: the time of each line takes four
+# and beyond that so many times its size; a busy link has seven, a flooded one hundreds for a while
+RATIO: Final = 50
+# and beyond these no more lines than packed bytes: the time of each line takes four
+FREE_LINES: Final = 10_000
 NOT_OURS: Final = "no recorder writes that; restore the file from a copy"
 STEP: Final = 1 << 20  # bytes unpacked at a time
 SEARCHED: Final = 4 << 20  # bytes at a time
@@ -124,7 +137,8 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """What is lost: its bytes in the file (`end` excluded), its number of lines (None: not known), and why.
+    """What is lost: its bytes in the file (`end` excluded), its number of lines (None: not known),
+    and why.
 
     `is_refused`: the bytes may be intact, and exceed a limit.
     """
@@ -137,7 +151,11 @@ class Gap:
     is_refused: bool = False
 
     def __str__(self) -> str:
-        where = f"bytes {self.start} to {self.end - 1}" if self.end > self.start else f"at byte {self.start}"
+        where = (
+            f"bytes {self.start} to {self.end - 1}"
+            if self.end > self.start
+            else f"at byte {self.start}"
+        )
         if self.next_line is None:
             return f"{where}, from line {self.first_line} on: {self.why}"
         last = self.next_line - 1
@@ -166,13 +184,28 @@ def packed(text: str, number: int, first_line: int, kin: int) -> bytes:
     """Pack lines into a block."""
     data = text.encode()
     packer = zlib.compressobj(LEVEL, zlib.DEFLATED, -WINDOW, MEMORY)
-    body = packer.compress(data) + packer.flush() + struct.pack("<II", zlib.crc32(data), len(data) & 0xFFFFFFFF)
-    header = FIXED, FIELD_BYTES + 4, FIELD_NAME, FIELD_BYTES, number, first_line, kin, HEAD.size + len(body)
+    body = (
+        packer.compress(data)
+        + packer.flush()
+        + struct.pack("<II", zlib.crc32(data), len(data) & 0xFFFFFFFF)
+    )
+    header = (
+        FIXED,
+        FIELD_BYTES + 4,
+        FIELD_NAME,
+        FIELD_BYTES,
+        number,
+        first_line,
+        kin,
+        HEAD.size + len(body),
+    )
     return HEAD.pack(*header, _crc(HEAD.pack(*header, 0))) + body
 
 
 def has_head(number: int) -> bool:
-    """Whether the block of that number repeats the file's head: 0, 1, 2, 4, 8 …, so that copies are spread over the file."""
+    """Whether the block of that number repeats the file's head: 0, 1, 2, 4, 8 …, so that copies are
+    spread over the file.
+    """
     return number & (number - 1) == 0
 
 
@@ -191,7 +224,9 @@ def blocks(path: Path) -> Iterator[Block | Gap]:
 
 
 class _Bytes:
-    """The bytes of an open file by slices. A memory map would count as memory, and a shrinking file would kill the process."""
+    """The bytes of an open file by slices. A memory map would count as memory, and a shrinking file
+    would kill the process.
+    """
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -209,13 +244,19 @@ def _labels(data: _Bytes) -> Iterator[_Label]:
     """Yield every intact head of a block."""
     for at in _places_of_heads(data):
         head = data[at : at + HEAD.size]
-        if len(head) == HEAD.size and head.startswith(FIXED) and HEAD.unpack(head)[-1] == _crc(head):
+        if (
+            len(head) == HEAD.size
+            and head.startswith(FIXED)
+            and HEAD.unpack(head)[-1] == _crc(head)
+        ):
             yield _Label(at, *HEAD.unpack(head)[4:8])
 
 
 def _places_of_heads(data: _Bytes) -> Iterator[int]:
     """Yield every place where a head may begin. Pieces overlap, so that none is cut in two."""
-    sought = FIXED[:4]  # no zeros: `find` steps over what cannot be part of it, and zeros are what large hostile files have
+    # no zeros: `find` steps over what cannot be part of it, and zeros are what large hostile files
+    # have
+    sought = FIXED[:4]
     for start in range(0, len(data), SEARCHED - len(sought) + 1):
         piece = data[start : start + SEARCHED]
         at = piece.find(sought)
@@ -234,7 +275,10 @@ def _numbered(data: _Bytes, first: _Label, labels: Iterator[_Label]) -> Iterator
         too_much = _excess_of_file(unpacked, label.at + label.length)
         excess = too_much or _excess_of_block(text)
         if text is None or excess:
-            why, is_refused = why or excess or _doubt(label, first, number), is_refused or bool(excess)
+            why, is_refused = (
+                why or excess or _doubt(label, first, number),
+                is_refused or bool(excess),
+            )
             if too_much:
                 break
             continue
@@ -243,15 +287,27 @@ def _numbered(data: _Bytes, first: _Label, labels: Iterator[_Label]) -> Iterator
             yield Gap(end, label.at, line, label.first_line, missing, is_refused)
         block = Block(label.first_line, text)
         yield block
-        end, number, line, why, is_refused = label.at + label.length, label.number + 1, block.next_line, "", False
+        end, number, line, why, is_refused = (
+            label.at + label.length,
+            label.number + 1,
+            block.next_line,
+            "",
+            False,
+        )
     if end < len(data):
-        yield Gap(end, len(data), line, None, why or "damaged, or not written to its end", is_refused)
+        yield Gap(
+            end, len(data), line, None, why or "damaged, or not written to its end", is_refused
+        )
 
 
 def _excess_of_block(text: str | None) -> str:
     """Return which limit a block exceeds; empty where none."""
     lines = 0 if text is None else text.count("\n")
-    return f"a block of {lines} lines; a recorder's have at most {MOST_LINES} ({NOT_OURS})" if lines > MOST_LINES else ""
+    return (
+        f"a block of {lines} lines; a recorder's have at most {MOST_LINES} ({NOT_OURS})"
+        if lines > MOST_LINES
+        else ""
+    )
 
 
 def _excess_of_file(unpacked: int, packed: int) -> str:
@@ -272,7 +328,9 @@ def _doubt(label: _Label, first: _Label, number: int) -> str:
 
 
 def _unpack(member: bytes) -> tuple[str | None, int]:
-    """Return the lines of a gzip member if its checksum and size are right, else None; and the bytes that were unpacked."""
+    """Return the lines of a gzip member if its checksum and size are right, else None; and the
+    bytes that were unpacked.
+    """
     unpacker, pieces, size, left = zlib.decompressobj(16 + zlib.MAX_WBITS), list[bytes](), 0, member
     try:
         while not unpacker.eof and size <= MOST_BYTES:
@@ -304,7 +362,9 @@ def _singles(data: _Bytes) -> Iterator[Block | Gap]:
 
 
 def _unpacked(data: _Bytes) -> Iterator[tuple[bytes, int, int | None]]:
-    """Yield the first member in small pieces, each with the bytes taken so far, and its end with the last. Raises zlib.error."""
+    """Yield the first member in small pieces, each with the bytes taken so far, and its end with
+    the last. Raises zlib.error.
+    """
     unpacker = zlib.decompressobj(16 + zlib.MAX_WBITS)
     for place in range(0, len(data), PIECE):
         left = data[place : place + PIECE]
@@ -318,7 +378,9 @@ def _unpacked(data: _Bytes) -> Iterator[tuple[bytes, int, int | None]]:
 
 
 def _sound_end(data: _Bytes) -> tuple[int | None, str]:
-    """Return the end of the first member; None if it is damaged, holds no lines of text, or exceeds a limit, and which."""
+    """Return the end of the first member; None if it is damaged, holds no lines of text, or exceeds
+    a limit, and which.
+    """
     end, rest, lines, unpacked = None, b"", 0, 0
     try:
         for piece, taken, end in _unpacked(data):  # noqa: B007  # the last one counts
@@ -326,7 +388,13 @@ def _sound_end(data: _Bytes) -> tuple[int | None, str]:
             whole.decode()
             lines, unpacked = lines + whole.count(b"\n"), unpacked + len(piece)
             if lines > max(FREE_LINES, taken):
-                return None, f"unpacks to more than {lines} lines from {taken} bytes; each takes a byte or more ({NOT_OURS})"
+                return (
+                    None,
+                    (
+                        f"unpacks to more than {lines} lines from {taken} bytes; each takes a byte"
+                        f" or more ({NOT_OURS})"
+                    ),
+                )
             if excess := _excess_of_file(unpacked, taken):
                 return None, excess
             if len(rest) > MOST_LINE:

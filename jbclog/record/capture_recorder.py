@@ -2,7 +2,8 @@
 
 1. A row costs the session an append. A thread formats, packs and writes the rows twice a second.
 2. A kill loses about half a second of rows.
-3. Trouble with a file ends that capture, not the run. So does little free space, which belongs to the record.
+3. Trouble with a file ends that capture, not the run. So does little free space, which belongs to
+   the record.
 4. Memory is bounded: a disk that takes nothing for more than a minute is trouble, too.
 """
 
@@ -25,14 +26,17 @@ from jbclog.record.capture_file import has_head, line_of, packed
 
 WRITE_S: Final = 0.5
 MOST_ROWS: Final = 20_000  # waiting for a station: 90 s of a busy link at 19200 baud
-BREATH_S: Final = 0.001  # after each capture: a thread that is always ready would delay each read of the sessions
+# after each capture: a thread that is always ready would delay each read of the sessions
+BREATH_S: Final = 0.001
 LEAST_FREE: Final = 64 << 20  # bytes of the disk, reserved for the record
 
 Keep = Callable[[CaptureRow], object]
 
 
 class Wire:
-    """The capture of one station. `keep` may be called in any thread, the rest only by the recorder."""
+    """The capture of one station. `keep` may be called in any thread, the rest only by the
+    recorder.
+    """
 
     def __init__(self, path: Path, head: Head) -> None:
         self.trouble: str | None = None
@@ -44,7 +48,9 @@ class Wire:
         self._blocks = self._lines = self._written = 0
         self._descriptor = -1
         try:
-            self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            self._descriptor = os.open(
+                path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644
+            )
             self._put("")
         except OSError as error:
             self.give_up(error.strerror or str(error))
@@ -73,7 +79,11 @@ class Wire:
 
     def _put(self, text: str) -> None:
         """Write a whole block of these lines. Raises OSError."""
-        text = (COLUMNS if self._blocks == 0 else "") + (self._head if has_head(self._blocks) else "") + text
+        text = (
+            (COLUMNS if self._blocks == 0 else "")
+            + (self._head if has_head(self._blocks) else "")
+            + text
+        )
         block = packed(text, self._blocks, self._lines + 1, self._kin)
         rest = memoryview(block)
         while rest:
@@ -83,7 +93,10 @@ class Wire:
 
     def give_up(self, why: str) -> None:
         """Stop writing; complete blocks stay."""
-        self.trouble = f"{FOLDER}/{self._path.name} cannot be written any further: {why}. The run continues without it."
+        self.trouble = (
+            f"{FOLDER}/{self._path.name} cannot be written any further: {why}. The run continues"
+            " without it."
+        )
         if self.is_open:
             self._end()
 
@@ -93,7 +106,10 @@ class Wire:
             os.ftruncate(descriptor, self._written)
             os.fsync(descriptor)
         except OSError as error:
-            self.trouble = self.trouble or f"{FOLDER}/{self._path.name} cannot be closed: {error.strerror or error}"
+            self.trouble = (
+                self.trouble
+                or f"{FOLDER}/{self._path.name} cannot be closed: {error.strerror or error}"
+            )
         finally:
             os.close(descriptor)
             if not self._written:
@@ -148,7 +164,9 @@ class WireRecorder:
 
     def news(self) -> list[str]:
         """Return the troubles not returned before."""
-        fresh = [wire for wire in self._wires if wire.trouble is not None and wire not in self._reported]
+        fresh = [
+            wire for wire in self._wires if wire.trouble is not None and wire not in self._reported
+        ]
         self._reported += fresh
         return [wire.trouble for wire in fresh if wire.trouble is not None]
 
@@ -160,7 +178,10 @@ class WireRecorder:
         if disk.f_bavail * disk.f_frsize < LEAST_FREE:
             for wire in self._wires:
                 if wire.is_open:
-                    wire.give_up(f"less than {LEAST_FREE >> 20} MB are free on the disk, and the record needs them")
+                    wire.give_up(
+                        f"less than {LEAST_FREE >> 20} MB are free on the disk, and the record"
+                        " needs them"
+                    )
 
     def _write_on(self) -> None:
         while not self._ending.wait(WRITE_S):

@@ -14,11 +14,19 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
 from jbclog.core.rows import EventRow
 from jbclog.record.folder import LETTERS, RUN_NAME
-from jbclog.record.manifest import NAME, Manifest, Previous, RunState, manifest_sha256, read_manifest
+from jbclog.record.manifest import (
+    NAME,
+    Manifest,
+    Previous,
+    RunState,
+    manifest_sha256,
+    read_manifest,
+)
 from jbclog.record.schema import SCHEMAS
 
-# Each event holds the SHA-256 of the event before it, the first one that of the run's name. A changed, removed or inserted event
-# breaks the chain at its place. A missing end shows by the manifest's hash of the file.
+# Each event holds the SHA-256 of the event before it, the first one that of the run's name. A
+# changed, removed or inserted event breaks the chain at its place. A missing end shows by the
+# manifest's hash of the file.
 
 COLUMNS: Final = tuple(SCHEMAS["events"].names)
 
@@ -29,8 +37,12 @@ def first_link(run: str) -> str:
 
 
 def digest(row: Mapping[str, object]) -> str:
-    """Return the SHA-256 of an event as canonical JSON: all columns by name, times in µs, keys sorted, no blanks."""
-    return hashlib.sha256(json.dumps(row, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    """Return the SHA-256 of an event as canonical JSON: all columns by name, times in µs, keys
+    sorted, no blanks.
+    """
+    return hashlib.sha256(
+        json.dumps(row, sort_keys=True, separators=(",", ":")).encode()
+    ).hexdigest()
 
 
 class Chain:
@@ -50,7 +62,8 @@ class Chain:
         return chain
 
     def link(self, event: EventRow, rows: list[object]) -> None:
-        """Put the row of `event`, in the columns' order, behind `rows`: it is a link then, and not before.
+        """Put the row of `event`, in the columns' order, behind `rows`: it is a link then, and not
+        before.
 
         Raises ValueError or TypeError for what is no event.
         """
@@ -75,15 +88,27 @@ class Chain:
 
 
 def breaks(run: str, rows: Iterable[Mapping[str, object]]) -> Iterable[tuple[int, str]]:
-    """Yield where the chain of `rows` (times in µs) is broken: the event's seq, and what is wrong."""
+    """Yield where the chain of `rows` (times in µs) is broken: the event's seq, and what is
+    wrong.
+    """
     previous, seq = first_link(run), 0
     for row in rows:
         found = row["seq"]
         number = found if isinstance(found, int) else -1
         if number != seq + 1:
-            yield number, f"follows event {seq}; {number - seq - 1} are missing" if number > seq else f"stands after event {seq}"
+            yield (
+                number,
+                (
+                    f"follows event {seq}; {number - seq - 1} are missing"
+                    if number > seq
+                    else f"stands after event {seq}"
+                ),
+            )
         elif row["prev_sha256"] != previous:
-            yield number, "does not carry the hash of the event before it: one of the two was changed"
+            yield (
+                number,
+                "does not carry the hash of the event before it: one of the two was changed",
+            )
         previous, seq = digest(row), number
 
 
@@ -91,13 +116,16 @@ def _whole(value: int | None) -> int | None:
     return None if value is None else int(value)
 
 
-# A manifest carries the fingerprint of the run before it on the same line: the SHA-256 of its manifest, which holds those of its
-# files. A folder rewritten as a whole, hashes included, shows only by copies elsewhere: on a printed report, in the next manifest.
+# A manifest carries the fingerprint of the run before it on the same line: the SHA-256 of its
+# manifest, which holds those of its files. A folder rewritten as a whole, hashes included, shows
+# only by copies elsewhere: on a printed report, in the next manifest.
 #
-# The same line is the line's name in the same folder of runs (`--out`). The run before is the newest sealed one by its folder's
-# name, which begins with its start; open runs and unreadable manifests are skipped.
+# The same line is the line's name in the same folder of runs (`--out`). The run before is the
+# newest sealed one by its folder's name, which begins with its start; open runs and unreadable
+# manifests are skipped.
 
-SHOWN: Final = 24  # hex digits of the short form, 96 bits: too many to make a second record with them
+# hex digits of the short form, 96 bits: too many to make a second record with them
+SHOWN: Final = 24
 LEAST: Final = 16  # what reports of the first release show
 HEAD: Final = re.compile(r"(?:[0-9a-fA-F]{4}[ -]?){4,16}")
 
@@ -119,15 +147,21 @@ def digits(typed: str) -> int:
 
 
 def previous_run(out: Path, line: str) -> Previous:
-    """Return what the next run of `line` below `out` carries. Raises RecordError if the network mount of `out` hangs."""
+    """Return what the next run of `line` below `out` carries. Raises RecordError if the network
+    mount of `out` hangs.
+    """
     expect_answer(out)
     newest_first = sorted(_runs_of(out, line), key=lambda folder: folder.name, reverse=True)
     for folder in newest_first:
         with suppress(RecordError, OSError):
             if read_manifest(folder).state == RunState.SEALED:
-                return Previous(folder.name, manifest_sha256(folder), f"The run before this one on line {line}.")
+                return Previous(
+                    folder.name, manifest_sha256(folder), f"The run before this one on line {line}."
+                )
     if newest_first:
-        return Previous(None, None, f"No run of line {line} in this folder was sealed when this one began.")
+        return Previous(
+            None, None, f"No run of line {line} in this folder was sealed when this one began."
+        )
     return Previous(None, None, f"The first run of line {line} in this folder.")
 
 
@@ -140,7 +174,9 @@ def _runs_of(out: Path, line: str) -> Iterator[Path]:
 
 
 def broken_links(folder: Path, manifest: Manifest) -> Iterator[str]:
-    """Yield disagreements between this run and its neighbours in the folder of runs; missing ones are skipped."""
+    """Yield disagreements between this run and its neighbours in the folder of runs; missing ones
+    are skipped.
+    """
     folder = folder.absolute()
     yield from _before(folder, manifest)
     yield from _behind(folder, manifest)
@@ -155,8 +191,9 @@ def _before(folder: Path, manifest: Manifest) -> Iterator[str]:
         return
     found = _head_of(folder.parent / carried.run)
     if found is not None and found != carried.sha256:
-        yield f"previous: {carried.run} is not what it was when this run began: its head is {short_head(found)}, " + _carried(
-            carried
+        yield (
+            f"previous: {carried.run} is not what it was when this run began: its head is"
+            f" {short_head(found)}, " + _carried(carried)
         )
 
 
@@ -166,11 +203,16 @@ def _behind(folder: Path, manifest: Manifest) -> Iterator[str]:
     own = manifest_sha256(folder)
     for path in sorted(_runs_of(folder.parent, manifest.line.name)):
         with suppress(RecordError, OSError):
-            if path.name == folder.name or manifest.run.encode() not in read_foreign(path / NAME, Kind.MANIFEST):
+            if path.name == folder.name or manifest.run.encode() not in read_foreign(
+                path / NAME, Kind.MANIFEST
+            ):
                 continue
             carried = read_manifest(path).previous
             if carried is not None and carried.run == manifest.run and carried.sha256 != own:
-                yield f"was changed after {path.name} began: its head is {short_head(own)}, " + _carried(carried)
+                yield (
+                    f"was changed after {path.name} began: its head is {short_head(own)}, "
+                    + _carried(carried)
+                )
 
 
 def _carried(carried: Previous) -> str:

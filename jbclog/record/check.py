@@ -1,7 +1,7 @@
 """Integrity check of a sealed run.
 
-Compares the tables with the manifest, the manifest with its digest, and both with the report, the annotations, the neighbouring
-runs, and a fingerprint that somebody types from a printed page.
+Compares the tables with the manifest, the manifest with its digest, and both with the report, the
+annotations, the neighbouring runs, and a fingerprint that somebody types from a printed page.
 """
 
 from __future__ import annotations
@@ -45,16 +45,20 @@ from jbclog.record.manifest import (
 from jbclog.record.parts import part_paths, read_through, row_groups
 from jbclog.record.schema import TABLES
 
-# Hashes inside a folder reveal accidental and hasty changes. Whoever recomputes all of them is revealed only by hashes kept
+# Hashes inside a folder reveal accidental and hasty changes. Whoever recomputes all of them is
+# revealed only by hashes kept
 # elsewhere: the next run's manifest, a report, an annotation, a printed page.
 
 AGAIN: Final = "make the report again"
 MOST_OF_A_KIND: Final = 100  # findings
-VERIFICATIONS: Final = "verifications.jsonl"  # of all runs of a folder (`jbclog.maintenance.verification`)
+# of all runs of a folder (`jbclog.maintenance.verification`)
+VERIFICATIONS: Final = "verifications.jsonl"
 
 
 def cross_check(folder: Path, manifest: Manifest, head: str | None) -> Iterator[tuple[str, str]]:
-    """Yield file and text of each disagreement with files that are not sealed, with other runs and with `head`."""
+    """Yield file and text of each disagreement with files that are not sealed, with other runs and
+    with `head`.
+    """
     own = manifest_sha256(folder)
     if (folder / NAME).is_symlink():
         yield NAME, "is a link, not a file"
@@ -71,29 +75,51 @@ def cross_check(folder: Path, manifest: Manifest, head: str | None) -> Iterator[
 
 
 def uncovered(folder: Path, head: str | None) -> Iterator[tuple[str, str]]:
-    """Yield file and reason for each file of a sealed run whose bytes `check` cannot vouch for; it covers all others."""
+    """Yield file and reason for each file of a sealed run whose bytes `check` cannot vouch for; it
+    covers all others.
+    """
     if head is None and not has_digest(folder):
         yield NAME, "has no digest (first release): only --head reveals a change"
     if os.path.lexists(folder / guard_actions.LEASE):
-        yield guard_actions.LEASE, "only its stations and ports are compared; `jbclog safe` removes it when their tools are safe"
+        yield (
+            guard_actions.LEASE,
+            (
+                "only its stations and ports are compared; `jbclog safe` removes it when their"
+                " tools are safe"
+            ),
+        )
     if os.path.lexists(folder / guard_actions.LOCK):
-        yield guard_actions.LOCK, "an empty lock, as a killed guard leaves one; nothing says whose it is"
+        yield (
+            guard_actions.LOCK,
+            "an empty lock, as a killed guard leaves one; nothing says whose it is",
+        )
     for name in CACHES:
         if os.path.lexists(folder / name):
-            yield name, "a cache, never the truth: only `jbclog trend` reads it, and `--no-cache` computes the same from the record"
+            yield (
+                name,
+                (
+                    "a cache, never the truth: only `jbclog trend` reads it, and `--no-cache`"
+                    " computes the same from the record"
+                ),
+            )
     report, said = _report(folder), _annotations(folder)[0]
     if report is None:
         return
     anew = f"`jbclog report {folder}` makes the report anew"
     if said.report is None:
-        yield REPORT, f"not vouched for: no line of {ANNOTATIONS} has its hash; {anew} and adds the line"
+        yield (
+            REPORT,
+            f"not vouched for: no line of {ANNOTATIONS} has its hash; {anew} and adds the line",
+        )
     if not report.get("written"):
         for name in _of_report(folder):
             yield name, f"not vouched for: {REPORT} has no hash of it; {anew}, with its hashes"
 
 
 def _lease(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]]:
-    """A lease is left only while its tools may be hot, and the manifest names the same stations; or its guard was killed late."""
+    """A lease is left only while its tools may be hot, and the manifest names the same stations; or
+    its guard was killed late.
+    """
     if not os.path.lexists(folder / guard_actions.LEASE):
         return
     named = conclude.left_leases(folder).keys()
@@ -102,7 +128,10 @@ def _lease(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]]:
     if not named:
         yield guard_actions.LEASE, "names no station whose tools may be hot"
     elif unknown:
-        yield guard_actions.LEASE, f"names {', '.join(sorted(unknown))} as possibly hot; the manifest does not"
+        yield (
+            guard_actions.LEASE,
+            f"names {', '.join(sorted(unknown))} as possibly hot; the manifest does not",
+        )
 
 
 def _guard_lock(folder: Path) -> Iterator[tuple[str, str]]:
@@ -118,8 +147,14 @@ def _guard_lock(folder: Path) -> Iterator[tuple[str, str]]:
 
 
 def _verifications(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]]:
-    """Each verification that the manifest cites is a line of the file beside the run, where that exists."""
-    cited = {one.sha256: f"{one.station} port {one.port}" for one in reversed(manifest.verifications) if one.sha256 is not None}
+    """Each verification that the manifest cites is a line of the file beside the run, where that
+    exists.
+    """
+    cited = {
+        one.sha256: f"{one.station} port {one.port}"
+        for one in reversed(manifest.verifications)
+        if one.sha256 is not None
+    }
     path = folder.absolute().parent / VERIFICATIONS
     if not cited:
         return
@@ -131,14 +166,20 @@ def _verifications(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]
         yield f"../{VERIFICATIONS}", f"cannot be read: {error.strerror or error}"
         return
     for place in (place for line, place in cited.items() if line not in lines):
-        yield f"../{VERIFICATIONS}", f"lacks the line that this run cites ({place}): changed or removed"
+        yield (
+            f"../{VERIFICATIONS}",
+            f"lacks the line that this run cites ({place}): changed or removed",
+        )
 
 
-def report_disagreements(folder: Path, manifest: Manifest, said: Annotations) -> Iterator[tuple[str, str]]:
-    """Yield file and text of each disagreement between the report, its files, the manifest and the annotations.
+def report_disagreements(
+    folder: Path, manifest: Manifest, said: Annotations
+) -> Iterator[tuple[str, str]]:
+    """Yield file and text of each disagreement between the report, its files, the manifest and the
+    annotations.
 
-    The report names the manifest and the annotations that it was made from and the hash of each file written with it. A line of
-    the annotations holds the report's own hash.
+    The report names the manifest and the annotations that it was made from and the hash of each
+    file written with it. A line of the annotations holds the report's own hash.
     """
     own, made = manifest_sha256(folder), _of_report(folder)
     if not os.path.lexists(folder / REPORT):
@@ -151,7 +192,10 @@ def report_disagreements(folder: Path, manifest: Manifest, said: Annotations) ->
         yield REPORT, "is not a run's report"
         return
     if report["manifest_sha256"] != own:
-        text = f"was made from manifest {short_head(str(report['manifest_sha256']))}, not from this one, {short_head(own)}"
+        text = (
+            f"was made from manifest {short_head(str(report['manifest_sha256']))}, not from this"
+            f" one, {short_head(own)}"
+        )
         yield REPORT, text
     if said.report is not None and _sha256(folder / REPORT) != said.report:
         yield REPORT, f"was changed: its SHA-256 differs from the one in {ANNOTATIONS}; {AGAIN}"
@@ -167,7 +211,9 @@ def _report(folder: Path) -> dict[str, Any] | None:
     """Return the report's facts; None without a report or where the file is not one."""
     try:
         report = read_json(folder / REPORT, Kind.REPORT)
-        fits = isinstance(report["manifest_sha256"], str) and isinstance(report.get("written", {}), dict)
+        fits = isinstance(report["manifest_sha256"], str) and isinstance(
+            report.get("written", {}), dict
+        )
     except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         return None
     return cast("dict[str, Any]", report) if fits else None
@@ -180,17 +226,28 @@ def _of_report(folder: Path) -> list[str]:
     return sorted(name for name in names if is_of_report(name) and name != REPORT)
 
 
-def _unlike(report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str) -> Iterator[tuple[str, str]]:
-    """Yield where a report of this manifest contradicts the manifest or the annotations, which it repeats."""
+def _unlike(
+    report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str
+) -> Iterator[tuple[str, str]]:
+    """Yield where a report of this manifest contradicts the manifest or the annotations, which it
+    repeats.
+    """
     if said.links and str(report.get("annotations_head", own)) not in said.links:
-        yield ANNOTATIONS, f"lacks the line that was last when {REPORT} was made: lines were changed or removed"
+        yield (
+            ANNOTATIONS,
+            f"lacks the line that was last when {REPORT} was made: lines were changed or removed",
+        )
     try:
-        yield from ((REPORT, text) for text in report_repeats.differences(report, manifest, said, own))
+        yield from (
+            (REPORT, text) for text in report_repeats.differences(report, manifest, said, own)
+        )
     except (TypeError, ValueError, AttributeError, LookupError, RecursionError) as error:
         yield REPORT, f"cannot be compared further: {unexpected_error_text(error)}"
 
 
-def _report_files(folder: Path, hashes: Mapping[str, object], made: set[str]) -> Iterator[tuple[str, str]]:
+def _report_files(
+    folder: Path, hashes: Mapping[str, object], made: set[str]
+) -> Iterator[tuple[str, str]]:
     for name in sorted(made - {*hashes}):
         yield name, f"was not written with {REPORT}; {AGAIN}"
     for name in sorted({*hashes} - made):
@@ -218,7 +275,8 @@ def _annotations(folder: Path) -> tuple[Annotations, list[str]]:
     return found, [f"line {number} {text}" for number, text in found.wrong]
 
 
-MAY_BE_EMPTY: Final = ("recipes", capture.FOLDER, "figures", "tables")  # a crash at the start, or a report, leaves them so
+# a crash at the start, or a report, leaves them so
+MAY_BE_EMPTY: Final = ("recipes", capture.FOLDER, "figures", "tables")
 
 
 class Finding(NamedTuple):
@@ -240,22 +298,43 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
     digest = wrong_digest(folder)
     findings = [Finding(NAME, digest)] if digest else []
     if manifest.state != RunState.SEALED:
-        return [*findings, Finding(NAME, "the run is not sealed: it is being recorded, or it crashed; then run `jbclog recover`")]
-    for kind in (cross_check(folder, manifest, head), _files(folder, manifest), _wires(folder, manifest)):
+        return [
+            *findings,
+            Finding(
+                NAME,
+                "the run is not sealed: it is being recorded, or it crashed; then run `jbclog"
+                " recover`",
+            ),
+        ]
+    for kind in (
+        cross_check(folder, manifest, head),
+        _files(folder, manifest),
+        _wires(folder, manifest),
+    ):
         findings += _first(kind)
     unreadable = [*_first(_unreadable(folder, manifest))]
     if unreadable:
         return findings + unreadable
     try:
-        for kind in (_ledger(folder, manifest), _units(folder, manifest), _events(folder, manifest), _samples(folder)):
+        for kind in (
+            _ledger(folder, manifest),
+            _units(folder, manifest),
+            _events(folder, manifest),
+            _samples(folder),
+        ):
             findings += _first(kind)
         return findings
     except Exception as error:  # rows that no recorder wrote must not hide the findings so far
-        return [*findings, Finding("tables", f"cannot be checked further: {unexpected_error_text(error)}")]
+        return [
+            *findings,
+            Finding("tables", f"cannot be checked further: {unexpected_error_text(error)}"),
+        ]
 
 
 def _first(findings: Iterable[tuple[str, str]]) -> Iterator[Finding]:
-    """Yield the first `MOST_OF_A_KIND`, and how many more there are: a list that somebody made must not hide the other kinds."""
+    """Yield the first `MOST_OF_A_KIND`, and how many more there are: a list that somebody made must
+    not hide the other kinds.
+    """
     more, last = 0, NAME
     for number, (last, text) in enumerate(findings):
         if number < MOST_OF_A_KIND:
@@ -353,7 +432,9 @@ def _wires(folder: Path, manifest: Manifest) -> Iterator[Finding]:
         try:
             yield from (Finding(name, text) for text in sealed_files.losses(path))
             if manifest.wire == capture.WHOLE and sealed_files.ends_early(path):
-                yield Finding(name, "ends before its session, although the manifest says that it is whole")
+                yield Finding(
+                    name, "ends before its session, although the manifest says that it is whole"
+                )
         except OSError as error:
             yield Finding(name, f"cannot be read: {error.strerror or error}")
 
@@ -370,7 +451,10 @@ def _ledger(folder: Path, manifest: Manifest) -> Iterator[Finding]:
             mine, said = ours.get(port, {}), theirs.get(port, {})
             for signal in sorted(mine.keys() | said.keys()):
                 if mine.get(signal) != said.get(signal):
-                    text = f"ledger, {station} port {port}: {signal}: {said.get(signal)}, the tables give {mine.get(signal)}"
+                    text = (
+                        f"ledger, {station} port {port}: {signal}: {said.get(signal)}, the tables"
+                        f" give {mine.get(signal)}"
+                    )
                     yield Finding(NAME, text)
     if manifest.exit_status != "lost" and manifest.lost is None:
         for facts in manifest.stations:
@@ -383,13 +467,18 @@ def _units(folder: Path, manifest: Manifest) -> Iterator[Finding]:
 
 
 def _events(folder: Path, manifest: Manifest) -> Iterator[Finding]:
-    rows = (row for group in row_groups(folder, "events") for row in plain_events(group).to_pylist())
+    rows = (
+        row for group in row_groups(folder, "events") for row in plain_events(group).to_pylist()
+    )
     for seq, text in chains.breaks(manifest.run, rows):
         yield Finding("events/", f"event {seq} {text}")
 
 
 def _samples(folder: Path) -> Iterator[Finding]:
-    stepped = any(pc.any(pc.equal(group["kind"], "clock.step")).as_py() for group in row_groups(folder, "events", ["kind"]))
+    stepped = any(
+        pc.any(pc.equal(group["kind"], "clock.step")).as_py()
+        for group in row_groups(folder, "events", ["kind"])
+    )
     ends: dict[tuple[str, int], _Last] = {}
     for group in row_groups(folder, "samples"):
         yield from _qualities(group)
@@ -401,10 +490,16 @@ def _qualities(rows: pa.Table) -> Iterator[Finding]:
     for pair in rows.group_by(["quality", "reasons"]).aggregate([([], "count_all")]).to_pylist():
         reasons = dict(reasons_of(pair["reasons"])) if pair["reasons"] is not None else {}
         if pair["quality"] != quality_of(reasons):
-            text = f"{pair['count_all']} rows have quality {pair['quality']} with reasons {pair['reasons']}"
+            text = (
+                f"{pair['count_all']} rows have quality {pair['quality']} with reasons"
+                f" {pair['reasons']}"
+            )
             yield Finding("samples/", text)
         for column in reasons.keys() - set(SIGNAL_COLUMNS):
-            yield Finding("samples/", f"{pair['count_all']} rows give a reason for {column}, which is not a signal")
+            yield Finding(
+                "samples/",
+                f"{pair['count_all']} rows give a reason for {column}, which is not a signal",
+            )
 
 
 def _values_with_reasons(rows: pa.Table) -> Iterator[Finding]:
@@ -417,7 +512,10 @@ def _values_with_reasons(rows: pa.Table) -> Iterator[Finding]:
         named = pc.match_substring_regex(failed["reasons"], f"(^|;){column}=")
         both = pc.sum(pc.and_(named, pc.is_valid(failed[column]))).as_py() or 0
         if both:
-            yield Finding("samples/", f"{both} rows have both a value of {column} and a reason for its absence")
+            yield Finding(
+                "samples/",
+                f"{both} rows have both a value of {column} and a reason for its absence",
+            )
 
 
 @dataclass(slots=True)
@@ -429,25 +527,35 @@ class _Last:
 
 
 def _order(rows: pa.Table, ends: dict[tuple[str, int], _Last], stepped: bool) -> Iterator[Finding]:
-    """Check that ticks rise within a port, and with them the times of answers unless the clock was stepped.
+    """Check that ticks rise within a port, and with them the times of answers unless the clock was
+    stepped.
 
-    A row without a temperature has its due time, which can precede a late answer to the previous tick.
+    A row without a temperature has its due time, which can precede a late answer to the previous
+    tick.
     """
     for pair in rows.group_by(["station", "port"]).aggregate([]).to_pylist():
         station, port = pair["station"], pair["port"]
         last = ends.setdefault((station, port), _Last())
-        mine = rows.filter(pc.and_(pc.equal(rows["station"], station), pc.equal(rows["port"], port)))
+        mine = rows.filter(
+            pc.and_(pc.equal(rows["station"], station), pc.equal(rows["port"], port))
+        )
         answered = mine.filter(pc.is_valid(mine["temperature_c"]))
         wrong, last.tick = _falls(mine["tick"], last.tick, strictly=True)
         if wrong:
             yield Finding("samples/", f"{station} port {port}: ticks do not rise in {wrong} places")
         back, last.time = _falls(answered["time"].cast(pa.int64()), last.time, strictly=False)
         if back and not stepped:
-            yield Finding("samples/", f"{station} port {port}: time goes back in {back} places without a step of the clock")
+            yield Finding(
+                "samples/",
+                f"{station} port {port}: time goes back in {back} places without a step of the"
+                " clock",
+            )
 
 
 def _falls(values: pa.ChunkedArray, before: int, *, strictly: bool) -> tuple[int, int]:
-    """Return how often a value is not above (not `strictly`: is below) its predecessor, and the last value."""
+    """Return how often a value is not above (not `strictly`: is below) its predecessor, and the
+    last value.
+    """
     numbers = [before, *values.to_pylist()]
     falls = sum(one >= two if strictly else one > two for one, two in pairwise(numbers))
     return falls, numbers[-1]

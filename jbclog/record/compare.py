@@ -1,7 +1,8 @@
-"""Compares two records of the same session, except for the times of rows, which follow the drifting wall clock.
+"""Compares two records of the same session, except for the times of rows, which follow the drifting
+wall clock.
 
-A tick's lateness and its scan's duration are compared. The result states how much was compared: records without common rows do not
-differ either.
+A tick's lateness and its scan's duration are compared. The result states how much was compared:
+records without common rows do not differ either.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """All tables of all stations, and differences of the manifests. `is_cut`: a record lacks its end."""
+    """All tables of all stations, and differences of the manifests. `is_cut`: a record lacks its
+    end.
+    """
 
     tables: Sequence[Compared]
     facts: Sequence[str]
@@ -52,11 +55,15 @@ class Comparison:
 
     @property
     def differences(self) -> list[str]:
-        """Return the differences as sentences; if a record lacks its end, those of the common part."""
+        """Return the differences as sentences; if a record lacks its end, those of the common
+        part.
+        """
         found: list[str] = []
         for one in self.tables:
             if one.first != one.second and not self.is_cut:
-                found.append(f"{one.table}, {one.station}: {one.second} rows instead of {one.first}")
+                found.append(
+                    f"{one.table}, {one.station}: {one.second} rows instead of {one.first}"
+                )
             found += one.differing
         return [*found, *self.facts]
 
@@ -74,14 +81,18 @@ class Comparison:
     def lacking(self) -> list[str]:
         """Return the tables with fewer rows in the second record, as sentences."""
         short = (one for one in self.tables if one.second < one.first)
-        return [f"{one.table}, {one.station}: only {one.second} of {one.first} rows could be compared" for one in short]
+        return [
+            f"{one.table}, {one.station}: only {one.second} of {one.first} rows could be compared"
+            for one in short
+        ]
 
 
 def compare_records(first: Path, second: Path, *, is_cut: bool = False) -> Comparison:
     """Compare the sealed run in `second` with the one in `first`. Raises RecordError.
 
-    `is_cut`: one of them may lack its end; then only the common part of the tables is compared, not the manifests. Events of the
-    run as a whole are left out: they concern the recorder and its host.
+    `is_cut`: one of them may lack its end; then only the common part of the tables is compared, not
+    the manifests. Events of the run as a whole are left out: they concern the recorder and its
+    host.
     """
     tables = [one for table in TABLES for one in _compared(first, second, table)]
     return Comparison(tables, [] if is_cut else list(_differing_facts(first, second)), is_cut)
@@ -91,7 +102,9 @@ def _compared(first: Path, second: Path, table: str) -> Iterator[Compared]:
     ours, theirs = _by_station(first, table), _by_station(second, table)
     for station in sorted(ours.keys() | theirs.keys()):
         mine, others = ours.get(station, []), theirs.get(station, [])
-        yield Compared(table, station, len(mine), len(others), tuple(_differing(table, station, mine, others)))
+        yield Compared(
+            table, station, len(mine), len(others), tuple(_differing(table, station, mine, others))
+        )
 
 
 def _by_station(folder: Path, table: str) -> dict[str, Rows]:
@@ -109,9 +122,17 @@ def _by_station(folder: Path, table: str) -> dict[str, Rows]:
 
 def _differing(table: str, station: str, ours: Rows, theirs: Rows) -> Iterator[str]:
     columns = [name for name in SCHEMAS[table].names if name not in LEFT_OUT]
-    pairs = [(number, *pair) for number, pair in enumerate(zip(ours, theirs, strict=False)) if pair[0] != pair[1]]
+    pairs = [
+        (number, *pair)
+        for number, pair in enumerate(zip(ours, theirs, strict=False))
+        if pair[0] != pair[1]
+    ]
     for number, mine, other in pairs[:MOST_SHOWN]:
-        named = (f"{name} {b!r} instead of {a!r}" for name, a, b in zip(columns, mine, other, strict=True) if a != b)
+        named = (
+            f"{name} {b!r} instead of {a!r}"
+            for name, a, b in zip(columns, mine, other, strict=True)
+            if a != b
+        )
         yield f"{table}, {station}, row {number}: {', '.join(named)}"
     if len(pairs) > MOST_SHOWN:
         yield f"{table}, {station}: {len(pairs) - MOST_SHOWN} more rows differ"

@@ -1,7 +1,7 @@
 """Closes a run: derives the manifest's ledger, losses and files, and names tools that may be hot.
 
-Safe to repeat after a crash at any point: everything is derived anew, and nothing is removed before a manifest with state
-"sealed" is on the disk.
+Safe to repeat after a crash at any point: everything is derived anew, and nothing is removed before
+a manifest with state "sealed" is on the disk.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ from jbclog.record.store_reader import StoreReader
 
 _build_station_facts: Final = builder(StationFacts)
 
-# Whether a tool was made safe is not known if recorder and guard both died, without a guard, or if the guard could not log its
-# actions. The open lease and the sessions' last facts name these tools.
+# Whether a tool was made safe is not known if recorder and guard both died, without a guard, or if
+# the guard could not log its actions. The open lease and the sessions' last facts name these tools.
 
 KIND: Final = "safety.not_known"
 NO_GUARD: Final = "none"  # in the manifest
@@ -79,7 +79,9 @@ class Lease:
 
 
 class Unknown(NamedTuple):
-    """A tool, or with `port` None a feeder, whose safe state is not known, and the sentence about it."""
+    """A tool, or with `port` None a feeder, whose safe state is not known, and the sentence about
+    it.
+    """
 
     station: str
     port: int | None
@@ -118,26 +120,39 @@ def _lease(folder: Path) -> tuple[dict[str, Lease], str]:
     for number, line in enumerate(lines, 1):
         try:
             fields = json_of(line)
-            found[str(fields["name"])] = Lease(tuple(int(port) for port in fields.get("ports", ())), bool(fields.get("feeds")))
+            found[str(fields["name"])] = Lease(
+                tuple(int(port) for port in fields.get("ports", ())), bool(fields.get("feeds"))
+            )
         except (ValueError, KeyError, TypeError, AttributeError):
             wrong = f"line {number} is not a station's lease"
     return found, wrong
 
 
 def unconfirmed_leases(folder: Path, stations: Collection[StationFacts]) -> set[str]:
-    """Return the stations of the open lease, but for those whose leased tools the facts have in their safe state.
+    """Return the stations of the open lease, but for those whose leased tools the facts have in
+    their safe state.
 
-    A guard that is killed after it made the tools safe, and logged that, leaves its lease open. A recorder that ends closes it:
-    then only the guard's lines count.
+    A guard that is killed after it made the tools safe, and logged that, leaves its lease open. A
+    recorder that ends closes it: then only the guard's lines count.
     """
     held, known = left_leases(folder), {facts.name: facts for facts in stations}
     if not held.keys() & known.keys():
         return {*held}
-    by_guard = {(event.station, event.port) for event in guard_actions.action_log(folder) if event.kind == guard_actions.SAFE}
-    return {name for name, lease in held.items() if name not in known or not _is_confirmed(known[name], lease, by_guard)}
+    by_guard = {
+        (event.station, event.port)
+        for event in guard_actions.action_log(folder)
+        if event.kind == guard_actions.SAFE
+    }
+    return {
+        name
+        for name, lease in held.items()
+        if name not in known or not _is_confirmed(known[name], lease, by_guard)
+    }
 
 
-def _is_confirmed(facts: StationFacts, lease: Lease, by_guard: Collection[tuple[str | None, int | None]]) -> bool:
+def _is_confirmed(
+    facts: StationFacts, lease: Lease, by_guard: Collection[tuple[str | None, int | None]]
+) -> bool:
     def is_safe(port: int) -> bool:
         is_open = facts.outcome == RUNNING or (facts.name, port) in by_guard
         return is_open and facts.safe_state.get(port) == SafetyResult.VERIFIED
@@ -145,18 +160,31 @@ def _is_confirmed(facts: StationFacts, lease: Lease, by_guard: Collection[tuple[
     return not facts.unsafe and not lease.feeds and all(is_safe(port) for port in lease.ports)
 
 
-def hot_warning(folder: Path, stations: Collection[StationFacts], unsafe: Collection[str] = ()) -> str:
-    """Return the warning about stations that may still be hot, `unsafe` included; empty where there are none.
+def hot_warning(
+    folder: Path, stations: Collection[StationFacts], unsafe: Collection[str] = ()
+) -> str:
+    """Return the warning about stations that may still be hot, `unsafe` included; empty where there
+    are none.
 
     `stations` are the facts that the record has, with the guard's results.
     """
-    names, why = ", ".join(sorted({*unconfirmed_leases(folder, stations), *unsafe})), unreadable_lease(folder)
+    names, why = (
+        ", ".join(sorted({*unconfirmed_leases(folder, stations), *unsafe})),
+        unreadable_lease(folder),
+    )
     found = []
     if names:
         found.append(f"Tools of {names} may still be hot: their safe state is not confirmed.")
     if why:
-        found.append(f"{guard_actions.LEASE} cannot be read ({why}): which tools of this run may still be hot is not known.")
-    return " ".join([*found, "`jbclog safe`, or a new run on their ports, makes them safe."]) if found else ""
+        found.append(
+            f"{guard_actions.LEASE} cannot be read ({why}): which tools of this run may still be"
+            " hot is not known."
+        )
+    return (
+        " ".join([*found, "`jbclog safe`, or a new run on their ports, makes them safe."])
+        if found
+        else ""
+    )
 
 
 def unknown_tools(folder: Path, stations: list[StationFacts], guard: str | None) -> list[Unknown]:
@@ -173,7 +201,10 @@ def _places(folder: Path, stations: list[StationFacts]) -> Iterator[tuple[str, i
     held, why = _lease(folder)
     was_taken_over = any(event.kind in TOOK_OVER for event in guard_actions.action_log(folder))
     for facts in stations:
-        lease, is_running = held.get(facts.name, Lease()), facts.outcome == RUNNING and facts.asked_safe_state != ""
+        lease, is_running = (
+            held.get(facts.name, Lease()),
+            facts.outcome == RUNNING and facts.asked_safe_state != "",
+        )
         ports = {*lease.ports, *(facts.touched if is_running or why else ())}
         yield from ((facts.name, port) for port in sorted(ports - facts.safe_state.keys()))
         if lease.feeds or ((is_running or why) and facts.may_feed and not was_taken_over):
@@ -201,7 +232,9 @@ def _seen(last: Last | None) -> str:
     return f"Last read {last.celsius:g} °C{status} at {moment:%H:%M:%S} UTC"
 
 
-def _last_read(folder: Path, places: set[tuple[str, int | None]]) -> dict[tuple[str, int | None], Last]:
+def _last_read(
+    folder: Path, places: set[tuple[str, int | None]]
+) -> dict[tuple[str, int | None], Last]:
     """Return the last reading of each place, searched from the end of the samples."""
     found: dict[tuple[str, int | None], Last] = {}
     for path in reversed(part_paths(folder, "samples")):
@@ -222,13 +255,20 @@ def _last_in(group: pa.Table, station: str, port: int | None) -> Last | None:
     read = group.filter(pc.and_(mine, pc.is_valid(group["temperature_c"])))
     if not len(read):
         return None
-    row = read.slice(len(read) - 1).set_column(0, "time", read["time"].slice(len(read) - 1).cast(pa.int64())).to_pylist()[0]
+    row = (
+        read.slice(len(read) - 1)
+        .set_column(0, "time", read["time"].slice(len(read) - 1).cast(pa.int64()))
+        .to_pylist()[0]
+    )
     return Last(row["time"], row["temperature_c"], row["status"])
 
 
 def hot_events(found: list[Unknown], time: int) -> list[EventRow]:
     """Return an event for each, at `time` (UTC in µs), the record's last moment."""
-    return [EventRow(time, KIND, Severity.CRITICAL, one.text, one.station, one.port, value=one.celsius) for one in found]
+    return [
+        EventRow(time, KIND, Severity.CRITICAL, one.text, one.station, one.port, value=one.celsius)
+        for one in found
+    ]
 
 
 def with_unknown(stations: list[StationFacts], found: list[Unknown]) -> list[StationFacts]:
@@ -237,7 +277,10 @@ def with_unknown(stations: list[StationFacts], found: list[Unknown]) -> list[Sta
     for one in found:
         place = one.station if one.port is None else f"{one.station} port {one.port}"
         texts.setdefault(one.station, []).append(f"{place}: {one.text}")
-    return [replace(facts, unsafe=[*facts.unsafe, *_new(facts, texts.get(facts.name, []))]) for facts in stations]
+    return [
+        replace(facts, unsafe=[*facts.unsafe, *_new(facts, texts.get(facts.name, []))])
+        for facts in stations
+    ]
 
 
 def _new(facts: StationFacts, texts: list[str]) -> list[str]:
@@ -248,17 +291,29 @@ NOT_KEPT: Final = "could not be kept while the disk did not take them"
 OF_REPORT: Final = ("report.html", "report.pdf", "report.json", "joints.parquet")
 CACHES: Final = (METRICS_CACHE, f".{METRICS_CACHE}.tmp")  # the second: its writer was killed
 LATER: Final = (NAME, ANNOTATIONS, guard_actions.LEASE, guard_actions.LOCK, *CACHES)
-"""Files outside the sealed record: the manifest, annotations, the lease and lock of tools left hot, and the cache of metrics."""
-MADE: Final = (("figures/", ".svg"), ("tables/", ".csv"))  # folders of a report, and their files' suffixes
+"""Files outside the sealed record: the manifest, annotations, the lease and lock of tools left hot,
+and the cache of metrics.
+"""
+# folders of a report, and their files' suffixes
+MADE: Final = (("figures/", ".svg"), ("tables/", ".csv"))
 
-TAKEN_IN: Final = ("line.toml", "recipes", capture.FOLDER, guard_actions.ACTION_LOG, DAMAGE_NOTES, REMAINS)
+TAKEN_IN: Final = (
+    "line.toml",
+    "recipes",
+    capture.FOLDER,
+    guard_actions.ACTION_LOG,
+    DAMAGE_NOTES,
+    REMAINS,
+)
 
 
 def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
-    """Close a run whose rows are all sealed (`seal`); return the manifest as written, in state "sealed".
+    """Close a run whose rows are all sealed (`seal`); return the manifest as written, in state
+    "sealed".
 
-    `manifest` has what only the recorder knows: outcome, verdict, times. Stations, ledger, losses and files are added here. The
-    lock is released and removed. Raises `RecordError`, and then removed nothing.
+    `manifest` has what only the recorder knows: outcome, verdict, times. Stations, ledger, losses
+    and files are added here. The lock is released and removed. Raises `RecordError`, and then
+    removed nothing.
     """
     lock.expect_ours()
     try:
@@ -270,7 +325,13 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
             stations = with_unknown(stations, unknown_tools(folder, stations, manifest.guard))
             dropped = unkept_rows(store)
         lost = manifest.lost or _lost(read_damage(folder), dropped)
-        sealed = replace(manifest, state=RunState.SEALED, stations=stations, lost=lost, ended=manifest.ended or last_time(folder))
+        sealed = replace(
+            manifest,
+            state=RunState.SEALED,
+            stations=stations,
+            lost=lost,
+            ended=manifest.ended or last_time(folder),
+        )
         sealed.ledger = ledger_of(folder, stations)
         _keep_damaged(folder)
         guard_actions.tidy(folder)
@@ -291,31 +352,43 @@ def _refuse_unsealed(store: StoreReader) -> None:
 
 
 def stations_of(folder: Path, store: StoreReader, manifest: Manifest) -> list[StationFacts]:
-    """Return the stations' facts with the guard's results, as far as nothing in the record is later."""
-    return guard_actions.with_guard(folder, known_stations(store, manifest.stations), _overtaken(folder))
+    """Return the stations' facts with the guard's results, as far as nothing in the record is
+    later.
+    """
+    return guard_actions.with_guard(
+        folder, known_stations(store, manifest.stations), _overtaken(folder)
+    )
 
 
 def _overtaken(folder: Path) -> dict[tuple[str, int], int]:
     """Return from when on (UTC in µs) the guard's word counts, for each tool of the open lease.
 
-    The guard logs a tool after the lease, and after the recorder's last reading: a lease or a reading that is later than its line
-    shows that the tool may have been touched again.
+    The guard logs a tool after the lease, and after the recorder's last reading: a lease or a
+    reading that is later than its line shows that the tool may have been touched again.
     """
     held, why = _lease(folder)
     if not held and not why:
         return {}
     written = (folder / guard_actions.LEASE).lstat().st_mtime_ns // 1000
-    logged = [(event.station, event.port) for event in guard_actions.action_log(folder) if event.kind == guard_actions.SAFE]
+    logged = [
+        (event.station, event.port)
+        for event in guard_actions.action_log(folder)
+        if event.kind == guard_actions.SAFE
+    ]
     open_ports = {(name, port) for name, lease in held.items() for port in lease.ports}
     places = {
-        (name, port) for name, port in logged if name is not None and port is not None and (why or (name, port) in open_ports)
+        (name, port)
+        for name, port in logged
+        if name is not None and port is not None and (why or (name, port) in open_ports)
     }
     last = _last_read(folder, {*places}) if places else {}
     return {place: max(written, last[place].time if place in last else 0) for place in places}
 
 
 def unkept_rows(store: StoreReader) -> int:
-    """Return the number of rows that the disk never took: by the store, or by the lock's witness if that has more."""
+    """Return the number of rows that the disk never took: by the store, or by the lock's witness if
+    that has more.
+    """
     return max(store.dropped_rows, commit_status(store.folder).unkept)
 
 
@@ -331,7 +404,9 @@ def known_stations(store: StoreReader, known: list[StationFacts]) -> list[Statio
         try:
             facts[name] = _build_station_facts(json_of(text))
         except ValueError as error:
-            raise RecordError(f"{store.folder}: the facts of station {name} cannot be read: {error}") from error
+            raise RecordError(
+                f"{store.folder}: the facts of station {name} cannot be read: {error}"
+            ) from error
     return list(facts.values())
 
 
@@ -343,7 +418,9 @@ def _lost(found: list[Damage], dropped: int) -> Lost | None:
 
 
 def _keep_damaged(folder: Path) -> None:
-    """Set a damaged store aside instead of removing it; one that only lost its end has nothing more to offer."""
+    """Set a damaged store aside instead of removing it; one that only lost its end has nothing more
+    to offer.
+    """
     if any(one.seconds is None for one in read_damage(folder)):
         for path in segments(folder):
             beside = companions(path)
@@ -377,8 +454,12 @@ def files_of(folder: Path) -> Iterator[SealedFile]:
             yield sealed_file(folder, path, metadata_of(path).num_rows)
     for name in TAKEN_IN:
         there = folder / name
-        for path in sorted(there.iterdir()) if there.is_dir() else [there] if there.exists() else []:
-            yield sealed_file(folder, path, capture.count_rows(path) if name == capture.FOLDER else None)
+        for path in (
+            sorted(there.iterdir()) if there.is_dir() else [there] if there.exists() else []
+        ):
+            yield sealed_file(
+                folder, path, capture.count_rows(path) if name == capture.FOLDER else None
+            )
 
 
 def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
@@ -412,4 +493,6 @@ def remove_live(folder: Path, lock: FolderLock) -> None:
         lock.remove()
         sync_folder(folder)
     except OSError as error:
-        raise RecordError(f"{folder}: the live store of a sealed run cannot be removed: {error}") from error
+        raise RecordError(
+            f"{folder}: the live store of a sealed run cannot be removed: {error}"
+        ) from error

@@ -3,8 +3,9 @@
     for one in find(Path("runs"), Filter(order="88123", since=datetime(2026, 11, 1, tzinfo=UTC))):
         ...  # a `Found`, or an `Unreadable` one, which may fit
 
-A text matches as a whole; ``*`` stands for any characters. Runs come in the order of their folders' names, which begin with their
-start. Serials read during a run are in its manifest once it is sealed.
+A text matches as a whole; ``*`` stands for any characters. Runs come in the order of their folders'
+names, which begin with their start. Serials read during a run are in its manifest once it is
+sealed.
 """
 
 from __future__ import annotations
@@ -27,17 +28,32 @@ from jbclog.core.text import shortened
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import late_serials
 from jbclog.record.folder import RUN_NAME
-from jbclog.record.manifest import NAME, LineFile, Lost, Metadata, RecipeFile, RunState, Unit, why_changed
+from jbclog.record.manifest import (
+    NAME,
+    LineFile,
+    Lost,
+    Metadata,
+    RecipeFile,
+    RunState,
+    Unit,
+    why_changed,
+)
 from jbclog.record.schema import SCHEMA_VERSION
 
 MOST_WHY: Final = 500  # characters of why a manifest cannot be read
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
-ENDINGS: Final = {"success": "ended", "aborted": "cut short", "failed": "ended with error", "lost": "recovered"}
+ENDINGS: Final = {
+    "success": "ended",
+    "aborted": "cut short",
+    "failed": "ended with error",
+    "lost": "recovered",
+}
 """How a run ended, by the manifest's `exit_status`; independent of its verdict."""
 STARTED: Final = "%Y%m%dT%H%M%SZ"  # as a folder's name begins
 STARTED_LENGTH: Final = 16
 OVER: Final = b'\n "state": "sealed"'
-ENDED: Final = re.compile(rb'\n "ended": "([0-9T:.+-]+)"')  # of the run itself: deeper keys are indented more
+# of the run itself: deeper keys are indented more
+ENDED: Final = re.compile(rb'\n "ended": "([0-9T:.+-]+)"')
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +90,10 @@ _read_summary: Final = decoder(_Summary)
 class Found:
     """A run. `state` is ``running``, ``crashed`` (`recover` finishes it) or ``sealed``.
 
-    `units` are all serials: named at the start, read during the run, added later. `recipes` are ``NAME@REVISION``.
-    `changed` says what is wrong with the manifest: somebody, or a disk, changed it. `periods_s` are seconds between the ticks of
-    each station that was sampled; None without pause.
+    `units` are all serials: named at the start, read during the run, added later. `recipes` are
+    ``NAME@REVISION``. `changed` says what is wrong with the manifest: somebody, or a disk, changed
+    it. `periods_s` are seconds between the ticks of each station that was sampled; None without
+    pause.
     """
 
     folder: Path
@@ -104,7 +121,9 @@ class Found:
 
     @property
     def shown_state(self) -> str:
-        """``running``, ``crashed``, or how it ended: ``ended``, ``cut short``, ``ended with error``, ``recovered``."""
+        """``running``, ``crashed``, or how it ended: ``ended``, ``cut short``, ``ended with
+        error``, ``recovered``.
+        """
         return ending(self.exit_status, self.state) if self.state == SEALED else self.state
 
 
@@ -118,10 +137,12 @@ class Unreadable:
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """The conditions; None matches all. `since` and `until` limit a run's start, `until` excluded, both with a zone.
+    """The conditions; None matches all. `since` and `until` limit a run's start, `until` excluded,
+    both with a zone.
 
-    `ended_since`: runs that ended then or later, or not at all; others are skipped by the end of their manifest alone. A recipe is
-    ``NAME`` or ``NAME@REVISION``, a tip its ID, with or without its place.
+    `ended_since`: runs that ended then or later, or not at all; others are skipped by the end of
+    their manifest alone. A recipe is ``NAME`` or ``NAME@REVISION``, a tip its ID, with or without
+    its place.
     """
 
     operator: str | None = None
@@ -171,7 +192,15 @@ class Filter:
 
     def may_be_in(self, data: bytes, *, has_annotations: bool = False) -> bool:
         """Whether the bytes of a manifest contain all texts, so that the run may match."""
-        sought = [self.operator, self.order, self.product, self.wire_lot, self.flux_lot, self.line, self.station]
+        sought = [
+            self.operator,
+            self.order,
+            self.product,
+            self.wire_lot,
+            self.flux_lot,
+            self.line,
+            self.station,
+        ]
         sought += [None if has_annotations else self.unit, self.verdict and self.verdict.upper()]
         texts = (text for text in (*sought, *self.tags.values()) if text and "*" not in text)
         return all(json.dumps(text, ensure_ascii=False).encode() in data for text in texts)
@@ -185,13 +214,21 @@ class Filter:
 
     def _has_ended(self, ended: str | None) -> bool:
         """Raise ValueError for text that is no time."""
-        return self.ended_since is not None and ended is not None and datetime.fromisoformat(ended) < self.ended_since
+        return (
+            self.ended_since is not None
+            and ended is not None
+            and datetime.fromisoformat(ended) < self.ended_since
+        )
 
     def _is_within(self, started: str | None) -> bool:
         if self.since is None and self.until is None:
             return True
         began = None if started is None else datetime.fromisoformat(started)
-        return began is not None and (self.since is None or began >= self.since) and (self.until is None or began < self.until)
+        return (
+            began is not None
+            and (self.since is None or began >= self.since)
+            and (self.until is None or began < self.until)
+        )
 
 
 ALL: Final = Filter()
@@ -203,7 +240,9 @@ def ending(exit_status: str | None, state: str) -> str:
 
 
 def find(folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
-    """Yield the matching runs directly below `folder`, or `folder` itself if it is one. Raises RecordError if it cannot be read."""
+    """Yield the matching runs directly below `folder`, or `folder` itself if it is one. Raises
+    RecordError if it cannot be read.
+    """
     for path in runs_in(folder):
         if wanted.may_have(path):
             run = summary_of(path, wanted)
@@ -219,7 +258,9 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
         if wanted.had_ended(data):
             return None
         changed = why_changed(data)
-        if changed is None and not wanted.may_be_in(data, has_annotations=(folder / ANNOTATIONS).exists()):
+        if changed is None and not wanted.may_be_in(
+            data, has_annotations=(folder / ANNOTATIONS).exists()
+        ):
             return None
         summary = _read_summary(data)
         if summary.state not in set(RunState) or summary.schema > SCHEMA_VERSION:
@@ -230,7 +271,11 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
             expect_period(station.period_s)
         return _found(folder, summary, changed, hashlib.sha256(data).hexdigest())
     except FileNotFoundError:
-        return Unreadable(folder, "it has no manifest: cut off at its very start, or no run; `jbclog recover` finishes it")
+        return Unreadable(
+            folder,
+            "it has no manifest: cut off at its very start, or no run; `jbclog recover`"
+            " finishes it",
+        )
     except (OSError, ValueError, AttributeError, RecursionError, RecordError) as error:
         return Unreadable(folder, shortened(f"its manifest cannot be read: {error}", MOST_WHY))
 
@@ -238,7 +283,11 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
 def _found(folder: Path, summary: _Summary, changed: str | None, sha256: str) -> Found:
     state = summary.state if summary.state == SEALED else RUNNING if is_held(folder) else CRASHED
     metadata = summary.metadata
-    serials = [*metadata.units, *(unit.serial for unit in summary.units), *(late_serials(folder) if state == SEALED else ())]
+    serials = [
+        *metadata.units,
+        *(unit.serial for unit in summary.units),
+        *(late_serials(folder) if state == SEALED else ()),
+    ]
     return Found(
         folder=folder,
         state=state,
@@ -260,13 +309,19 @@ def _found(folder: Path, summary: _Summary, changed: str | None, sha256: str) ->
         exit_code=summary.exit_code,
         lost=None if summary.lost is None else summary.lost.text,
         changed=changed,
-        periods_s={station.name: station.period_s for station in summary.stations if station.first_tick is not None},
+        periods_s={
+            station.name: station.period_s
+            for station in summary.stations
+            if station.first_tick is not None
+        },
         manifest_sha256=sha256,
     )
 
 
 def runs_in(folder: Path) -> list[Path]:
-    """Return the runs' folders directly below `folder` by their names, or `folder` itself if it is one. Raises RecordError."""
+    """Return the runs' folders directly below `folder` by their names, or `folder` itself if it is
+    one. Raises RecordError.
+    """
     expect_answer(folder)
     try:
         if RUN_NAME.fullmatch(Path(os.path.realpath(folder)).name) or (folder / NAME).exists():

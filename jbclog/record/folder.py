@@ -17,11 +17,14 @@ from jbclog.core.foreign.files import Kind, NotReadable, expect_answer, read_for
 from jbclog.core.rows import StationFacts
 
 FOLDER: Final = "recipes"
-METRICS_CACHE: Final = "metrics.parquet"  # beside the record, after it was sealed; never a part of it
+# beside the record, after it was sealed; never a part of it
+METRICS_CACHE: Final = "metrics.parquet"
 
 
 def recipe_copy(folder: Path, file: str) -> Path:
-    """Return the path of the copy of recipe `file`. Raises NotReadable if their folder is a link."""
+    """Return the path of the copy of recipe `file`. Raises NotReadable if their folder is a
+    link.
+    """
     return _copies(folder) / Path(file).name
 
 
@@ -38,12 +41,16 @@ def _copies(folder: Path) -> Path:
 
 
 def joints_asked(folder: Path, facts: StationFacts) -> Mapping[str, object]:
-    """Return the table `[joints]` of a station's recipe, checked when the run began; empty if it is missing or unreadable."""
+    """Return the table `[joints]` of a station's recipe, checked when the run began; empty if it is
+    missing or unreadable.
+    """
     return recipe_table(folder, facts, "joints")
 
 
 def recipe_table(folder: Path, facts: StationFacts, name: str) -> Mapping[str, object]:
-    """Return a table of a station's recipe, checked when the run began; empty if it is missing or unreadable."""
+    """Return a table of a station's recipe, checked when the run began; empty if it is missing or
+    unreadable.
+    """
     if facts.recipe is None:
         return {}
     try:
@@ -61,7 +68,8 @@ TRIES = 20
 
 
 def create_run(out: Path, line_name: str, utc_s: float) -> Path:
-    """Create the folder of a new run below `out`, check that files in it last, and return its path. Raises RecordError.
+    """Create the folder of a new run below `out`, check that files in it last, and return its path.
+    Raises RecordError.
 
     `utc_s`: the run's start in seconds since 1970 UTC.
     """
@@ -75,7 +83,9 @@ def create_run(out: Path, line_name: str, utc_s: float) -> Path:
         _prove(folder)
         sync_folder(out)
     except OSError as error:
-        raise RecordError(f"{out} cannot hold a record: {error.strerror or error}. No station was touched.") from error
+        raise RecordError(
+            f"{out} cannot hold a record: {error.strerror or error}. No station was touched."
+        ) from error
     return folder
 
 
@@ -102,7 +112,9 @@ def _prove(folder: Path) -> None:
 
 
 def keep_text(folder: Path, name: str, text: str) -> None:
-    """Store `text` unchanged as the run's file `name`, for example the line file. Raises RecordError."""
+    """Store `text` unchanged as the run's file `name`, for example the line file. Raises
+    RecordError.
+    """
     path = folder / name
     try:
         path.parent.mkdir(exist_ok=True)
@@ -112,7 +124,9 @@ def keep_text(folder: Path, name: str, text: str) -> None:
 
 
 def expect_no_links(folder: Path) -> None:
-    """Raise RecordError if the folder contains a link: no recorder makes one, and writing through it would change other files."""
+    """Raise RecordError if the folder contains a link: no recorder makes one, and writing through
+    it would change other files.
+    """
     for path in sorted(folder.rglob("*")):
         if path.is_symlink():
             raise RecordError(f"{path} is a link; a run's folder holds none. Nothing was changed")

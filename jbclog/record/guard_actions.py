@@ -36,11 +36,15 @@ REACHED: Final = {SAFE: "verified", "safety.not_safe": "failed"}
 
 @contextmanager
 def without_guard(folder: Path, patience_s: float) -> Iterator[None]:
-    """Wait until no guard works on a run, and lock guards out: the record needs all their actions. Raises RecordError."""
+    """Wait until no guard works on a run, and lock guards out: the record needs all their actions.
+    Raises RecordError.
+    """
     end = time.monotonic() + patience_s
     while (descriptor := try_lock(folder / LOCK)) is None:
         if time.monotonic() >= end:
-            raise RecordError(f"{folder}: its guard is at work; nothing was changed. Try again when it has ended")
+            raise RecordError(
+                f"{folder}: its guard is at work; nothing was changed. Try again when it has ended"
+            )
         time.sleep(RETRY_S)
     try:
         yield
@@ -58,7 +62,9 @@ def await_guard(folder: Path, patience_s: float) -> None:
 
 def was_lost(folder: Path) -> bool:
     """Whether a run was without its guard for a time, by its sealed events."""
-    return any(LOST in group["kind"].to_pylist() for group in row_groups(folder, "events", ["kind"]))
+    return any(
+        LOST in group["kind"].to_pylist() for group in row_groups(folder, "events", ["kind"])
+    )
 
 
 def tidy(folder: Path) -> None:
@@ -79,7 +85,12 @@ def tidy(folder: Path) -> None:
 def action_log(folder: Path) -> list[EventRow]:
     """Return the readable lines of the guard's action log as events."""
     try:
-        lines = read_foreign(folder / ACTION_LOG, Kind.ACTION_LOG).rstrip(BLANK).decode(errors="replace").splitlines()
+        lines = (
+            read_foreign(folder / ACTION_LOG, Kind.ACTION_LOG)
+            .rstrip(BLANK)
+            .decode(errors="replace")
+            .splitlines()
+        )
     except FileNotFoundError:
         return []
     return [event for line in lines if (event := _event(line)) is not None]
@@ -109,10 +120,16 @@ def _event(line: str) -> EventRow | None:
 
 
 def take_in(folder: Path, run: str, events: list[EventRow]) -> None:
-    """Append those of the guard's events that the sealed ones lack. The live store's must be sealed before."""
+    """Append those of the guard's events that the sealed ones lack. The live store's must be sealed
+    before.
+    """
     if not events:
         return
-    wanted, known, last = {(event.time, event.text) for event in events}, set[tuple[int, str]](), None
+    wanted, known, last = (
+        {(event.time, event.text) for event in events},
+        set[tuple[int, str]](),
+        None,
+    )
     for group in row_groups(folder, "events"):
         for last in plain_events(group).to_pylist():
             known |= {(last["time"], last["text"])} & wanted
@@ -139,10 +156,13 @@ def plain_events(events: pa.Table) -> pa.Table:
     return events
 
 
-def with_guard(folder: Path, stations: list[StationFacts], counts_from: Mapping[tuple[str, int], int]) -> list[StationFacts]:
+def with_guard(
+    folder: Path, stations: list[StationFacts], counts_from: Mapping[tuple[str, int], int]
+) -> list[StationFacts]:
     """Return the facts updated by the guard's results; of several about a tool, the last.
 
-    A safe state that was logged before `counts_from` (UTC in µs, by station and port) is out of date.
+    A safe state that was logged before `counts_from` (UTC in µs, by station and port) is out of
+    date.
     """
     reached: dict[str, dict[int, EventRow]] = {}
     for event in action_log(folder):
@@ -157,5 +177,9 @@ def with_guard(folder: Path, stations: list[StationFacts], counts_from: Mapping[
 
 def _updated(facts: StationFacts, reached: Mapping[int, EventRow]) -> StationFacts:
     states = {port: REACHED[event.kind] for port, event in reached.items()}
-    unsafe = [f"{facts.name} port {port}: {event.text}" for port, event in reached.items() if REACHED[event.kind] == "failed"]
+    unsafe = [
+        f"{facts.name} port {port}: {event.text}"
+        for port, event in reached.items()
+        if REACHED[event.kind] == "failed"
+    ]
     return replace(facts, safe_state=facts.safe_state | states, unsafe=[*facts.unsafe, *unsafe])

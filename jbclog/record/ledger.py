@@ -1,8 +1,10 @@
-"""The accounting (`ledger` in the manifest): readings due, obtained and missing with their reasons, by station, port and signal.
+"""The accounting (`ledger` in the manifest): readings due, obtained and missing with their reasons,
+by station, port and signal.
 
-It is derived from the tables. A signal has the name of the first column that its answer fills; a reading was due if that column has
-a value or `reasons` names it. Counters are signals of their own names. The stations' facts supply what leaves no rows: ticks of a
-stopped host (`skipped`), and settings read again during the run.
+It is derived from the tables. A signal has the name of the first column that its answer fills; a
+reading was due if that column has a value or `reasons` names it. Counters are signals of their own
+names. The stations' facts supply what leaves no rows: ticks of a stopped host (`skipped`), and
+settings read again during the run.
 """
 
 from __future__ import annotations
@@ -44,13 +46,19 @@ def reasons_of(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _count_samples(ledger: Ledger, rows: pa.Table) -> None:
-    counted = rows.group_by(["station", "port"]).aggregate([(signal, "count") for signal in SIGNALS] + [([], "count_all")])
+    counted = rows.group_by(["station", "port"]).aggregate(
+        [(signal, "count") for signal in SIGNALS] + [([], "count_all")]
+    )
     for row in counted.to_pylist():
         port = _port(ledger, row["station"], row["port"])
         _add(port, _ROWS, "ok", row["count_all"])
         for signal in SIGNALS:
             _add(port, signal, "ok", row[f"{signal}_count"])
-    failed = rows.filter(pc.is_valid(rows["reasons"])).group_by(["station", "port", "reasons"]).aggregate([([], "count_all")])
+    failed = (
+        rows.filter(pc.is_valid(rows["reasons"]))
+        .group_by(["station", "port", "reasons"])
+        .aggregate([([], "count_all")])
+    )
     for row in failed.to_pylist():
         port = _port(ledger, row["station"], row["port"])
         for column, reason in reasons_of(row["reasons"]):
@@ -60,14 +68,20 @@ def _count_samples(ledger: Ledger, rows: pa.Table) -> None:
 
 def _count_counters(ledger: Ledger, rows: pa.Table) -> None:
     failed = pc.if_else(pc.is_null(rows["value"]), rows["raw"], None)
-    counted = rows.append_column("failed", failed).group_by(["station", "port", "counter", "failed"]).aggregate([([], "count_all")])
+    counted = (
+        rows.append_column("failed", failed)
+        .group_by(["station", "port", "counter", "failed"])
+        .aggregate([([], "count_all")])
+    )
     for row in counted.to_pylist():
         reason = "ok" if row["failed"] is None else str(row["failed"]).strip("<>")
         _add(_port(ledger, row["station"], row["port"]), row["counter"], reason, row["count_all"])
 
 
 def _add_facts(ledger: Ledger, facts: StationFacts) -> None:
-    """Add ticks without rows to signals read at every tick, and watched settings, which have no column."""
+    """Add ticks without rows to signals read at every tick, and watched settings, which have no
+    column.
+    """
     for port in ledger.get(facts.name, {}).values():
         rows = port.get(_ROWS, {}).get("due", 0)
         for signal in SIGNALS:
@@ -77,11 +91,18 @@ def _add_facts(ledger: Ledger, facts: StationFacts) -> None:
         for setting, counts in settings.items():
             for word, count in counts.items():
                 if word != "due":
-                    _add(ledger.setdefault(facts.name, {}).setdefault(number, {}), setting, word, count)
+                    _add(
+                        ledger.setdefault(facts.name, {}).setdefault(number, {}),
+                        setting,
+                        word,
+                        count,
+                    )
 
 
 def _port(ledger: Ledger, station: object, port: object) -> dict[str, SignalLedger]:
-    return ledger.setdefault(str(station), {}).setdefault(NO_PORT if port is None else str(port), {})
+    return ledger.setdefault(str(station), {}).setdefault(
+        NO_PORT if port is None else str(port), {}
+    )
 
 
 def _add(port: dict[str, SignalLedger], signal: str, word: str, count: int) -> None:
@@ -95,7 +116,11 @@ def _tidy(ledger: Ledger) -> Ledger:
     """Remove signals that were never due; sort reasons by name."""
     return {
         station: {
-            port: {signal: _in_order(counts) for signal, counts in signals.items() if signal != _ROWS and counts["due"]}
+            port: {
+                signal: _in_order(counts)
+                for signal, counts in signals.items()
+                if signal != _ROWS and counts["due"]
+            }
             for port, signals in sorted(ports.items())
         }
         for station, ports in ledger.items()
@@ -107,16 +132,27 @@ def _in_order(counts: SignalLedger) -> SignalLedger:
     return {"due": counts["due"], "ok": counts["ok"], **reasons}
 
 
-def disagreements(ledger: Mapping[str, Mapping[str, Mapping[str, SignalLedger]]], facts: StationFacts) -> Iterator[str]:
+def disagreements(
+    ledger: Mapping[str, Mapping[str, Mapping[str, SignalLedger]]], facts: StationFacts
+) -> Iterator[str]:
     """Yield differences between the accounting and the session's own count of due readings.
 
-    Counters are also read outside the sampling, so the accounting may have more of them, never fewer.
+    Counters are also read outside the sampling, so the accounting may have more of them, never
+    fewer.
     """
     for port, signals in facts.due.items():
         for signal, counted in signals.items():
             found = ledger.get(facts.name, {}).get(port, {}).get(signal, {"due": 0})
             due = found["due"]
-            if signal in SIGNALS and facts.skipped and found.get("skipped", 0) >= facts.skipped and due - facts.skipped == counted:
+            if (
+                signal in SIGNALS
+                and facts.skipped
+                and found.get("skipped", 0) >= facts.skipped
+                and due - facts.skipped == counted
+            ):
                 continue
             if due < counted or (due > counted and signal in SIGNALS):
-                yield f"{facts.name} port {port}: {signal}: {due} readings in the record, {counted} were due"
+                yield (
+                    f"{facts.name} port {port}: {signal}: {due} readings in the record, {counted}"
+                    " were due"
+                )

@@ -1,14 +1,16 @@
 """The live store: takes rows at once, commits them every second, then shows the events.
 
 1. Adding a row costs an append (`RowBuffer`). Only `commit_now` and `close` wait for the disk.
-2. One synced transaction a second holds everything of all stations (`StoreWriter`); `at_once` brings it forward.
+2. One synced transaction a second holds everything of all stations (`StoreWriter`); `at_once`
+   brings it forward.
 3. A kill loses only what came after the last commit, at most a second.
-4. If a commit fails, it is retried with space from the reserve or in a new file. If that fails too, or the disk is full, `failure`
-   is set, `on_failure` is called once, rows wait in memory up to `HELD_BYTES`, and each second it is tried again. Dropped rows
-   are counted.
+4. If a commit fails, it is retried with space from the reserve or in a new file. If that fails too,
+   or the disk is full, `failure` is set, `on_failure` is called once, rows wait in memory up to
+   `HELD_BYTES`, and each second it is tried again. Dropped rows are counted.
 5. Every hour a child process of low priority seals the committed rows into Parquet (`seal`).
-6. `on_event` gets each event after its commit was tried, so that what people read is in the record. A commit that the disk delays
-   holds events back for at most `WAITED_S`; after `STALLED_S` the disk counts as failed (`check_stall`).
+6. `on_event` gets each event after its commit was tried, so that what people read is in the record.
+   A commit that the disk delays holds events back for at most `WAITED_S`; after `STALLED_S` the
+   disk counts as failed (`check_stall`).
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ OnEvent = Callable[[EventRow], None]
 
 
 class PendingEvents:
-    """Events that wait for their commit before people see them: what a person has read must survive a kill.
+    """Events that wait for their commit before people see them: what a person has read must survive
+    a kill.
 
     Calls `show` with each event once, in order. Callers may be in any thread.
     """
@@ -60,7 +63,9 @@ class PendingEvents:
             return self._shown + len(self._waiting)
 
     def show_first(self, count: int) -> None:
-        """Show those of the first `count` events that were not shown yet. An observer's error is not the record's."""
+        """Show those of the first `count` events that were not shown yet. An observer's error is
+        not the record's.
+        """
         with self._lock:
             while self._waiting and self._shown < count:
                 event = self._waiting.popleft()
@@ -82,19 +87,24 @@ def _no_values() -> dict[str, list[object]]:
 
 @dataclass(slots=True)
 class _Rows:
-    """The values of each table's rows end to end, events that are not linked yet, and stations' facts."""
+    """The values of each table's rows end to end, events that are not linked yet, and stations'
+    facts.
+    """
 
     values: dict[str, list[object]] = field(default_factory=_no_values)
-    done: dict[str, int] = field(default_factory=lambda: dict.fromkeys(TABLES, 0))  # how many values are in batches
+    # how many values are in batches
+    done: dict[str, int] = field(default_factory=lambda: dict.fromkeys(TABLES, 0))
     events: list[EventRow] = field(default_factory=list)
     facts: dict[str, dict[str, object]] = field(default_factory=dict)
 
 
 class RowBuffer:
-    """Takes rows from any thread; `take` turns them into batches and facts, which stay here until they are stored.
+    """Takes rows from any thread; `take` turns them into batches and facts, which stay here until
+    they are stored.
 
-    Memory may be refused at any step of `take`: rows in work stay there and come first at the next call. `take` calls
-    `on_bad_row` in its own thread. `dropped_rows` counts invalid rows and the oldest samples beyond `HELD_BYTES`.
+    Memory may be refused at any step of `take`: rows in work stay there and come first at the next
+    call. `take` calls `on_bad_row` in its own thread. `dropped_rows` counts invalid rows and the
+    oldest samples beyond `HELD_BYTES`.
     """
 
     def __init__(self, run: str, on_bad_row: OnBadRow) -> None:
@@ -153,7 +163,9 @@ class RowBuffer:
                 self.backlog[place] = encode(batch.number, batch.table, ())
 
     def _finish(self) -> None:
-        """Move the rows in work on. Each step ends with one that cannot fail, so that no row is lost or doubled."""
+        """Move the rows in work on. Each step ends with one that cannot fail, so that no row is
+        lost or doubled.
+        """
         rows = self._in_work
         while rows.events:
             self._link(rows.events[0], rows.values["events"])
@@ -186,7 +198,9 @@ class RowBuffer:
         done[table] = 0
 
     def _has_encoded(self, table: str, values: Sequence[object]) -> bool:
-        """Add these rows to the backlog as a batch; return False for several rows with an invalid one among them."""
+        """Add these rows to the backlog as a batch; return False for several rows with an invalid
+        one among them.
+        """
         number = self.number + 1
         try:
             self.backlog.append(encode(number, table, values))
@@ -208,7 +222,8 @@ class RowBuffer:
 
 
 COMMIT_S: Final = 0.8
-AT_RISK_S: Final = 1.0  # the most that a kill loses: the pause between two commits, and the commit itself
+# the most that a kill loses: the pause between two commits, and the commit itself
+AT_RISK_S: Final = 1.0
 SEAL_S: Final = 3600.0
 WAITED_S: Final = 2.0
 STALLED_S: Final = 10.0
@@ -217,10 +232,12 @@ OnFailure = Callable[[RecordError], None]
 
 
 class LiveStore:
-    """The journal of one run (`rows.Journal`), written to SQLite in `folder`. Callers may be in any thread.
+    """The journal of one run (`rows.Journal`), written to SQLite in `folder`. Callers may be in any
+    thread.
 
-    Calls `on_failure` once, and `on_event`, in the writer's thread or in that of `check_stall`. Holds the folder's lock from
-    `start` until `release`, so that sealing after `close` is still the only writer.
+    Calls `on_failure` once, and `on_event`, in the writer's thread or in that of `check_stall`.
+    Holds the folder's lock from `start` until `release`, so that sealing after `close` is still the
+    only writer.
     """
 
     def __init__(
@@ -233,7 +250,8 @@ class LiveStore:
     ) -> None:
         self.folder = folder
         self.failure: RecordError | None = None
-        self._no_memory = RecordError(f"{folder}: the record is not whole: memory was refused")  # made while memory is available
+        # made while memory is available
+        self._no_memory = RecordError(f"{folder}: the record is not whole: memory was refused")
         self._is_failure_reported = False
         self._on_failure = on_failure
         self._seal_every_s = seal_every_s
@@ -280,7 +298,9 @@ class LiveStore:
         return self.dropped_rows + sum(batch.rows for batch in self._buffer.backlog)
 
     def start(self) -> None:
-        """Create the store and start to commit. Raises `RecordError`, and then leaves nothing open."""
+        """Create the store and start to commit. Raises `RecordError`, and then leaves nothing
+        open.
+        """
         keep_pandas_out()
         self._lock = FolderLock.take(self.folder)
         try:
@@ -288,12 +308,16 @@ class LiveStore:
         except (OSError, sqlite3.Error) as error:
             self._writer.close()
             self.release()
-            raise RecordError(f"{self.folder}: no record can be written there: {error}. No station was touched.") from error
+            raise RecordError(
+                f"{self.folder}: no record can be written there: {error}. No station was touched."
+            ) from error
         self._safe_until = time.monotonic()
         self._thread.start()
 
     def commit_now(self) -> None:
-        """Commit all rows added before; they are stored on return. Raises `RecordError` otherwise."""
+        """Commit all rows added before; they are stored on return. Raises `RecordError`
+        otherwise.
+        """
         with self._committing:
             if not self._commit():
                 raise self.failure or RecordError(f"{self.folder}: not committed")
@@ -366,7 +390,9 @@ class LiveStore:
                     self._fail(cause(error))
 
     def _commit(self, *, closing: bool = False) -> bool:
-        """Store all rows so far, or keep them for the next time; return whether all are stored. Then show their events."""
+        """Store all rows so far, or keep them for the next time; return whether all are stored.
+        Then show their events.
+        """
         pending = self._pending.count
         self._commit_began = began = time.monotonic()
         try:
@@ -378,7 +404,9 @@ class LiveStore:
             self._pending.show_first(pending)
 
     def _write_witness(self, began: float | None) -> None:
-        """Write into the lock up to which batch all is stored, for `recover`. `began`: start of a successful commit."""
+        """Write into the lock up to which batch all is stored, for `recover`. `began`: start of a
+        successful commit.
+        """
         now, before = time.monotonic(), self._witness
         waited = now - self._safe_until
         if began is None:
@@ -386,7 +414,10 @@ class LiveStore:
         else:
             self._safe_until = began
             self._witness = CommitStatus(
-                self._buffer.number, round(time.time() - (now - began), 3), max(before.risk_s, round(waited, 3)), self.dropped_rows
+                self._buffer.number,
+                round(time.time() - (now - began), 3),
+                max(before.risk_s, round(waited, 3)),
+                self.dropped_rows,
             )
         if self._lock is not None:
             self._lock.write_status(self._witness)
@@ -405,7 +436,9 @@ class LiveStore:
     def _store(self, closing: bool) -> bool:
         meta = self._meta(closing)
         self._facts.update(self._buffer.changed_facts)
-        fresh = meta | {(FACTS, station): text for station, text in self._buffer.changed_facts.items()}
+        fresh = meta | {
+            (FACTS, station): text for station, text in self._buffer.changed_facts.items()
+        }
         everything = meta | {(FACTS, station): text for station, text in self._facts.items()}
         kept = self._writer.add(self._buffer.backlog, fresh, everything)
         if kept.safe:
@@ -413,13 +446,22 @@ class LiveStore:
         else:
             self._buffer.drop_oldest()
         if kept.moved_to:
-            self._note("record.new_file", Severity.ERROR, f"{kept.trouble}; recording continues in {kept.moved_to}.")
+            self._note(
+                "record.new_file",
+                Severity.ERROR,
+                f"{kept.trouble}; recording continues in {kept.moved_to}.",
+            )
         elif kept.trouble:
             self._fail(kept.trouble)
         return kept.safe
 
     def _meta(self, closing: bool = False) -> dict[tuple[str, str], str]:
-        meta = {"schema": SCHEMA_VERSION, "run": self.folder.name, "last": self._buffer.number, "dropped": self.dropped_rows}
+        meta = {
+            "schema": SCHEMA_VERSION,
+            "run": self.folder.name,
+            "last": self._buffer.number,
+            "dropped": self.dropped_rows,
+        }
         closed = {(META, "closed"): "1"} if closing else {}
         return {(META, key): str(value) for key, value in meta.items()} | closed
 
@@ -431,7 +473,11 @@ class LiveStore:
                 self._not_sealed(problem)
 
     def _not_sealed(self, problem: str) -> None:
-        self._note("record.not_sealed", Severity.WARNING, f"The hourly sealing failed and will be done later: {problem}")
+        self._note(
+            "record.not_sealed",
+            Severity.WARNING,
+            f"The hourly sealing failed and will be done later: {problem}",
+        )
 
     def _bad_row(self, table: str, error: Exception) -> None:
         self._fail(f"a row of {table} could not be recorded: {cause(error)}")

@@ -1,4 +1,6 @@
-"""The manifest of a run, `manifest.json`: who, what, when, and the result. It never changes once sealed."""
+"""The manifest of a run, `manifest.json`: who, what, when, and the result. It never changes once
+sealed.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,14 @@ from typing import Final
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
-from jbclog.core.foreign.json_reader import builder, expect_moment, expect_period, expect_year, json_of, read_json
+from jbclog.core.foreign.json_reader import (
+    builder,
+    expect_moment,
+    expect_period,
+    expect_year,
+    json_of,
+    read_json,
+)
 from jbclog.core.rows import Goal, StationFacts, TipCheck
 from jbclog.record.manifest_counts import MOST, expect_counts
 from jbclog.record.schema import SCHEMA_VERSION
@@ -29,7 +38,18 @@ _DIGEST: Final = re.compile(rb',\n "digest": "([0-9a-f]{64})"\n\}\n')
 _DIGEST_BYTES: Final = len(DIGEST % ("0" * 64))
 OF_0_1: Final = frozenset(
     {
-        *("schema", "run", "state", "exit_status", "exit_code", "verdict", "verdict_rules", "started", "ended", "t0_mono"),
+        *(
+            "schema",
+            "run",
+            "state",
+            "exit_status",
+            "exit_code",
+            "verdict",
+            "verdict_rules",
+            "started",
+            "ended",
+            "t0_mono",
+        ),
         *(
             "t0_utc",
             "line",
@@ -91,7 +111,8 @@ class RecipeFile:
 class Metadata:
     """What people stated when they started the run.
 
-    A tip is ``ID``, ``STATION=ID`` or ``STATION:PORT=ID``: for all tools, for those of a station, for one.
+    A tip is ``ID``, ``STATION=ID`` or ``STATION:PORT=ID``: for all tools, for those of a station,
+    for one.
     """
 
     operator: str | None = None
@@ -104,15 +125,24 @@ class Metadata:
     tips: list[str] = field(default_factory=list)
 
     def said(self) -> dict[str, str]:
-        """Return all entries by name, tags last, several of a kind joined, at most `MOST_SAID` of them."""
+        """Return all entries by name, tags last, several of a kind joined, at most `MOST_SAID` of
+        them.
+        """
         plain = {"operator": self.operator, "order": self.order, "product": self.product}
-        several = {"units": self.units, "wire lots": self.wire_lots, "flux lots": self.flux_lots, "tips": self.tips}
+        several = {
+            "units": self.units,
+            "wire lots": self.wire_lots,
+            "flux lots": self.flux_lots,
+            "tips": self.tips,
+        }
         shown = plain | {name: _joined(texts) for name, texts in several.items()}
         tags = {f"tag {name}" if name in shown else name: text for name, text in self.tags.items()}
         return {name: text for name, text in shown.items() if text} | tags
 
     def tip(self, station: str, port: int) -> str | None:
-        """Return the stated tip of a port: the port's, else its station's, else the run's. None if not stated, or ambiguous."""
+        """Return the stated tip of a port: the port's, else its station's, else the run's. None if
+        not stated, or ambiguous.
+        """
         of: dict[str, set[str]] = {}
         for text in self.tips:
             place, equals, name = text.partition("=")
@@ -128,7 +158,9 @@ def _joined(texts: list[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit worked on during the run; times as in the manifest, `end` None if no event gives it."""
+    """A unit worked on during the run; times as in the manifest, `end` None if no event gives
+    it.
+    """
 
     serial: str
     begin: str
@@ -137,7 +169,9 @@ class Unit:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """What a crash, a disk or damage took: at most so many seconds of each station (None: not known), and a sentence."""
+    """What a crash, a disk or damage took: at most so many seconds of each station (None: not
+    known), and a sentence.
+    """
 
     seconds_at_most: float | None
     text: str
@@ -145,7 +179,9 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class SealedFile:
-    """A file of the run: its path in the folder, its rows (None if it has none), its size, its hash."""
+    """A file of the run: its path in the folder, its rows (None if it has none), its size, its
+    hash.
+    """
 
     path: str
     rows: int | None
@@ -155,7 +191,9 @@ class SealedFile:
 
 @dataclass(frozen=True, slots=True)
 class Previous:
-    """The run before this one on the same line, and its fingerprint; without one the text states why."""
+    """The run before this one on the same line, and its fingerprint; without one the text states
+    why.
+    """
 
     run: str | None
     sha256: str | None
@@ -166,12 +204,15 @@ class Previous:
 class Manifest:
     """`exit_status` is ``success``, ``aborted``, ``failed``, ``lost`` or not yet known.
 
-    Times are ISO 8601 in UTC. `t0_mono`: tick 0 on the recorder's monotonic clock in seconds; `t0_utc`: the same moment in seconds
-    since 1970 UTC. `rate`: in Hz, or ``max``. `wire`: None without serial captures, ``whole`` with complete ones, else what is
-    missing. `previous`: None if the recorder did not get as far as searching for it. `units`: those whose serials were read during
-    the run; units named at its start are in `metadata`. `verifications`: the tip verifications in force when the run began.
-    `goals`: the numbers after which it was to end, and their results. `rules`: version of the rules and methods of its verdict
-    (`analysis/verdict/versions.py`); older records have none, which is 1.
+    Times are ISO 8601 in UTC. `t0_mono`: tick 0 on the recorder's monotonic clock in seconds;
+    `t0_utc`: the same moment in seconds since 1970 UTC. `rate`: in Hz, or ``max``. `wire`: None
+    without serial captures, ``whole`` with complete ones, else what is missing. `previous`: None if
+    the recorder did not get as far as searching for it. `units`: those whose serials were read
+    during the run; units named at its start are in `metadata`. `verifications`: the tip
+    verifications in force when the run began.
+    `goals`: the numbers after which it was to end, and their results. `rules`: version of the rules
+    and methods of its verdict (`analysis/verdict/versions.py`); older records have none, which is
+    1.
 
     The file has a last key `digest`: the SHA-256 of the file without it.
     """
@@ -205,7 +246,9 @@ class Manifest:
     goals: list[Goal] = field(default_factory=list)
 
     def serials(self) -> list[str]:
-        """Return all known units, each once: those named at the start, then those read during the run."""
+        """Return all known units, each once: those named at the start, then those read during the
+        run.
+        """
         return list(dict.fromkeys([*self.metadata.units, *(unit.serial for unit in self.units)]))
 
     def counts(self) -> dict[str, int]:
@@ -226,7 +269,9 @@ class Manifest:
             "tips": len(stated.tips),
             "stated units": len(stated.units),
             "stations in the accounting": len(self.ledger),
-            "signals in the accounting": sum(len(signals) for ports in self.ledger.values() for signals in ports.values()),
+            "signals in the accounting": sum(
+                len(signals) for ports in self.ledger.values() for signals in ports.values()
+            ),
         }
 
     def station(self, name: str) -> StationFacts | None:
@@ -239,18 +284,25 @@ _build_manifest: Final = builder(Manifest)
 
 def iso(micros: int) -> str:
     """Format UTC microseconds since 1970 as in the manifest: ``2026-11-21T01:30:00.000000Z``."""
-    moment = datetime.fromtimestamp(micros // 1_000_000, UTC).replace(microsecond=micros % 1_000_000)
+    moment = datetime.fromtimestamp(micros // 1_000_000, UTC).replace(
+        microsecond=micros % 1_000_000
+    )
     return moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read the manifest of a run. Raises RecordError if it is missing, no manifest, or of a newer jbclog."""
+    """Read the manifest of a run. Raises RecordError if it is missing, no manifest, or of a newer
+    jbclog.
+    """
     path = folder / NAME
     try:
         data = read_json(path, Kind.MANIFEST, in_utf8=True)
         version = data.get("schema")
         if isinstance(version, int) and version > SCHEMA_VERSION:
-            raise RecordError(f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}; use a newer jbclog")
+            raise RecordError(
+                f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}; use a"
+                " newer jbclog"
+            )
         manifest = _build_manifest(data)
         expect_counts(manifest.counts(), manifest.stations)
         for time in (manifest.started, manifest.ended):
@@ -260,7 +312,9 @@ def read_manifest(folder: Path) -> Manifest:
             expect_period(station.period_s)
         return manifest
     except FileNotFoundError:
-        raise RecordError(f"{folder} has no manifest; it is no run, or one that was cut off at its very start") from None
+        raise RecordError(
+            f"{folder} has no manifest; it is no run, or one that was cut off at its very start"
+        ) from None
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise NoManifest(f"{path} is no manifest: {error}") from error
 
@@ -280,31 +334,51 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     try:
         write_whole(folder / NAME, manifest_text(manifest).encode())
     except OSError as error:
-        raise RecordError(f"{folder / NAME} cannot be written: {error.strerror or error}") from error
+        raise RecordError(
+            f"{folder / NAME} cannot be written: {error.strerror or error}"
+        ) from error
 
 
 def manifest_text(manifest: Manifest) -> str:
-    """Format a manifest with its digest; what UTF-8 cannot encode (a folder's name in another encoding) becomes a question mark."""
-    plain = json.dumps(asdict(manifest), indent=1, ensure_ascii=False, allow_nan=False).encode(errors="replace").decode() + "\n"
+    """Format a manifest with its digest; what UTF-8 cannot encode (a folder's name in another
+    encoding) becomes a question mark.
+    """
+    plain = (
+        json.dumps(asdict(manifest), indent=1, ensure_ascii=False, allow_nan=False)
+        .encode(errors="replace")
+        .decode()
+        + "\n"
+    )
     return plain.removesuffix(END.decode()) + DIGEST % hashlib.sha256(plain.encode()).hexdigest()
 
 
 def expect_readable(manifest: Manifest) -> None:
-    """Raise RecordError for a manifest that no reader would take, because a list or the whole is too long."""
+    """Raise RecordError for a manifest that no reader would take, because a list or the whole is
+    too long.
+    """
     try:
         expect_counts(manifest.counts(), manifest.stations)
     except ValueError as error:
         raise RecordError(f"too much for one record: {error}") from error
     size = len(manifest_text(manifest).encode())
     if size > LIMITS[Kind.MANIFEST]:
-        raise RecordError(f"too much for one record: its manifest has {size} bytes, at most {LIMITS[Kind.MANIFEST]}")
+        raise RecordError(
+            f"too much for one record: its manifest has {size} bytes, at most"
+            f" {LIMITS[Kind.MANIFEST]}"
+        )
 
 
 def fitting_units(manifest: Manifest, units: list[Unit]) -> list[Unit]:
-    """Return the first units, as many as a manifest with these other parts can have; all stay in the events."""
+    """Return the first units, as many as a manifest with these other parts can have; all stay in
+    the events.
+    """
     size = len(manifest_text(replace(manifest, units=[])).encode())
     ends = accumulate(
-        (len(json.dumps(asdict(one), indent=3, ensure_ascii=False).encode(errors="replace")) + ROUND_A_UNIT for one in units),
+        (
+            len(json.dumps(asdict(one), indent=3, ensure_ascii=False).encode(errors="replace"))
+            + ROUND_A_UNIT
+            for one in units
+        ),
         initial=size,
     )
     room = sum(end <= LIMITS[Kind.MANIFEST] for end in islice(ends, 1, None))
@@ -312,7 +386,9 @@ def fitting_units(manifest: Manifest, units: list[Unit]) -> list[Unit]:
 
 
 def manifest_sha256(folder: Path) -> str:
-    """Return the fingerprint of a run, by which annotations, reports and other runs cite it. Raises RecordError."""
+    """Return the fingerprint of a run, by which annotations, reports and other runs cite it. Raises
+    RecordError.
+    """
     try:
         return hashlib.sha256(read_foreign(folder / NAME, Kind.MANIFEST)).hexdigest()
     except OSError as error:
@@ -329,7 +405,9 @@ def wrong_digest(folder: Path) -> str | None:
 
 def has_digest(folder: Path) -> bool:
     """Whether the manifest has a digest; those of the first release have none. Raises OSError."""
-    return _DIGEST.fullmatch(read_foreign(folder / NAME, Kind.MANIFEST)[-_DIGEST_BYTES:]) is not None
+    return (
+        _DIGEST.fullmatch(read_foreign(folder / NAME, Kind.MANIFEST)[-_DIGEST_BYTES:]) is not None
+    )
 
 
 def why_changed(data: bytes) -> str | None:
@@ -340,4 +418,8 @@ def why_changed(data: bytes) -> str | None:
         is_old = isinstance(plain, dict) and plain.keys() <= OF_0_1
         return None if is_old else "has lost its digest: it was changed"
     without = data[:-_DIGEST_BYTES] + END
-    return None if hashlib.sha256(without).hexdigest().encode() == found[1] else "was changed: its digest is another"
+    return (
+        None
+        if hashlib.sha256(without).hexdigest().encode() == found[1]
+        else "was changed: its digest is another"
+    )

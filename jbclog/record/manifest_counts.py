@@ -1,4 +1,6 @@
-"""How long the lists in a manifest may be: a file of a few megabytes must not cost gigabytes and minutes."""
+"""How long the lists in a manifest may be: a file of a few megabytes must not cost gigabytes and
+minutes.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ MOST_OF_STATION: Final = 1000  # entries of each list of a station
 
 
 def expect_counts(counts: Mapping[str, int], stations: Iterable[StationFacts]) -> None:
-    """Raise ValueError for a list with too many entries; `counts` has those of `Manifest.counts`."""
+    """Raise ValueError for a list with too many entries; `counts` has those of
+    `Manifest.counts`.
+    """
     for name, count in counts.items():
         if count > MOST[name]:
             raise ValueError(f"{count} {name}, at most {MOST[name]}")
@@ -38,4 +42,6 @@ def expect_counts(counts: Mapping[str, int], stations: Iterable[StationFacts]) -
         for one in fields(station):
             value = getattr(station, one.name)
             if isinstance(value, list | dict) and len(value) > MOST_OF_STATION:
-                raise ValueError(f"{len(value)} entries of {one.name} at one station, at most {MOST_OF_STATION}")
+                raise ValueError(
+                    f"{len(value)} entries of {one.name} at one station, at most {MOST_OF_STATION}"
+                )

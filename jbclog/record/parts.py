@@ -1,10 +1,11 @@
 """Parquet parts of a run's tables, and notes of damage.
 
-A part is written aside, synced, read back, compared with its source, and only then renamed to its place. Its metadata holds the
-number of its last batch (`jbclog.through`): with both a part and the live store, that separates their rows.
+A part is written aside, synced, read back, compared with its source, and only then renamed to its
+place. Its metadata holds the number of its last batch (`jbclog.through`): with both a part and the
+live store, that separates their rows.
 
-Encodings (an hour of 32 stations, zstd 3: 5.4 bytes a row, 10 with Arrow's defaults): times and ticks as differences, noisy whole
-numbers with split bytes, the rest by dictionary.
+Encodings (an hour of 32 stations, zstd 3: 5.4 bytes a row, 10 with Arrow's defaults): times and
+ticks as differences, noisy whole numbers with split bytes, the rest by dictionary.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
 from jbclog.record.schema import SCHEMAS, TABLES
 
-# Damage is noted as JSON lines in `damage.jsonl` before the work continues, and the manifest includes the notes. Damaged files are
-# set aside in `damaged/`.
+# Damage is noted as JSON lines in `damage.jsonl` before the work continues, and the manifest
+# includes the notes. Damaged files are set aside in `damaged/`.
 
 DAMAGE_NOTES: Final = "damage.jsonl"
 REMAINS: Final = "damaged"
@@ -36,7 +37,9 @@ REMAINS: Final = "damaged"
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A loss: where, how many rows (None: not known), why, and at most how many `seconds` of the run's end, if known."""
+    """A loss: where, how many rows (None: not known), why, and at most how many `seconds` of the
+    run's end, if known.
+    """
 
     place: str
     rows: int | None
@@ -44,7 +47,11 @@ class Damage:
     seconds: float | None = None
 
     def __str__(self) -> str:
-        return f"{self.place}: {self.why}" if self.rows is None else f"{self.place}, {self.rows} rows: {self.why}"
+        return (
+            f"{self.place}: {self.why}"
+            if self.rows is None
+            else f"{self.place}, {self.rows} rows: {self.why}"
+        )
 
 
 MOST_SHOWN: Final = 5  # damages in a sentence; `DAMAGE_NOTES` has all
@@ -64,13 +71,18 @@ def note_damage(folder: Path, found: Iterable[Damage]) -> None:
     known = read_damage(folder)
     new = [damage for damage in dict.fromkeys(found) if damage not in known]
     if new:
-        write_whole(folder / DAMAGE_NOTES, "".join(json.dumps(asdict(damage)) + "\n" for damage in known + new).encode())
+        write_whole(
+            folder / DAMAGE_NOTES,
+            "".join(json.dumps(asdict(damage)) + "\n" for damage in known + new).encode(),
+        )
 
 
 def read_damage(folder: Path) -> list[Damage]:
     """Return the notes of damage."""
     try:
-        lines = read_foreign(folder / DAMAGE_NOTES, Kind.DAMAGE).decode(errors="replace").split("\n")
+        lines = (
+            read_foreign(folder / DAMAGE_NOTES, Kind.DAMAGE).decode(errors="replace").split("\n")
+        )
     except FileNotFoundError:
         return []
     return [_damage(line) for line in lines if line.strip()]
@@ -93,7 +105,7 @@ def set_aside(folder: Path, path: Path) -> None:
     sync_folder(path.parent)
 
 
-# -- parts --------------------------------------------------------------------------------------------------------------------
+# -- parts -----------------------------------------------------------------------------------------
 
 ROWS_A_GROUP: Final = 32_768  # some 8 MB while it is in memory
 BYTES_A_GROUP: Final = 32 << 20  # long texts; a reader takes four times that
@@ -113,7 +125,10 @@ def part_paths(folder: Path, table: str) -> list[Path]:
     """The parts of a table that are there, in their order."""
     if not is_plain_folder(folder / table):
         return []
-    return sorted((path for path in (folder / table).glob("part-*.parquet") if PART.fullmatch(path.name)), key=_index)
+    return sorted(
+        (path for path in (folder / table).glob("part-*.parquet") if PART.fullmatch(path.name)),
+        key=_index,
+    )
 
 
 def through(folder: Path, table: str) -> int:
@@ -127,7 +142,9 @@ def parts_through(parts: list[Path]) -> int:
 
 
 def part_through(path: Path) -> int:
-    """The number of the last batch in a part. Raises `RecordError` where it cannot be read as one."""
+    """The number of the last batch in a part. Raises `RecordError` where it cannot be read as
+    one.
+    """
     try:
         metadata = metadata_of(path).metadata or {}
         return int(metadata[THROUGH])
@@ -136,7 +153,9 @@ def part_through(path: Path) -> int:
 
 
 def write_part(folder: Path, table: str, groups: Groups, last: int) -> Path:
-    """Write the next part of `table`, with the batches up to `last`. Raises OSError, RecordError."""
+    """Write the next part of `table`, with the batches up to `last`. Raises OSError,
+    RecordError.
+    """
     home = folder / table
     home.mkdir(exist_ok=True)
     parts = part_paths(folder, table)
@@ -167,7 +186,9 @@ def _index(part: Path) -> int:
 
 def _write(path: Path, table: str, groups: Groups, last: int) -> None:
     schema = SCHEMAS[table]
-    encoded = dict.fromkeys(SPLIT, "BYTE_STREAM_SPLIT") | dict.fromkeys(DIFFERENCES, "DELTA_BINARY_PACKED")
+    encoded = dict.fromkeys(SPLIT, "BYTE_STREAM_SPLIT") | dict.fromkeys(
+        DIFFERENCES, "DELTA_BINARY_PACKED"
+    )
     plain = {name: encoding for name, encoding in encoded.items() if name in schema.names}
     with pq.ParquetWriter(
         path,
@@ -184,7 +205,9 @@ def _write(path: Path, table: str, groups: Groups, last: int) -> None:
 
 
 def _compare(path: Path, groups: Groups) -> None:
-    """Raise RecordError unless the file equals `groups` as it will be read: nothing is written that jbclog refuses to read."""
+    """Raise RecordError unless the file equals `groups` as it will be read: nothing is written that
+    jbclog refuses to read.
+    """
     try:
         with open_table(path) as file:
             written = 0
@@ -230,7 +253,9 @@ def groups_of(parts: Iterable[Path], columns: list[str] | None = None) -> Iterat
 
 @contextmanager
 def _opened(path: Path) -> Iterator[ParquetTable]:
-    """Open a part; pages are checked by checksums, the footer by its required content. Raises RecordError."""
+    """Open a part; pages are checked by checksums, the footer by its required content. Raises
+    RecordError.
+    """
     with ExitStack() as opened:
         try:
             file = opened.enter_context(open_table(path))
@@ -249,15 +274,23 @@ def remove_leavings(folder: Path) -> None:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove temporary files of a crash: those of small files, of the guard's lease, and of the folder's check."""
-    for path in [*folder.glob(".*.tmp"), *folder.glob("recipes/.*.tmp"), folder / PROBE, folder / HALF_A_LEASE]:
+    """Remove temporary files of a crash: those of small files, of the guard's lease, and of the
+    folder's check.
+    """
+    for path in [
+        *folder.glob(".*.tmp"),
+        *folder.glob("recipes/.*.tmp"),
+        folder / PROBE,
+        folder / HALF_A_LEASE,
+    ]:
         path.unlink(missing_ok=True)
 
 
 def read_through(path: Path, listed_rows: int | None = None) -> None:
     """Read a part to its end, with the check sums of its pages. Raises `RecordError`.
 
-    `listed_rows` is how many the manifest says that it has: nothing is read of a part that declares more.
+    `listed_rows` is how many the manifest says that it has: nothing is read of a part that declares
+    more.
     """
     part_through(path)
     declared = metadata_of(path).num_rows

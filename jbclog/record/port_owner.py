@@ -1,8 +1,9 @@
 """Finds the run in progress that holds a station's port.
 
-A run holds a port until that station's session ends, also while the link is down and the port closed. Its manifest lists the
-ports, its live store the ended sessions, and the lock of its folder the recorder. This needs /proc; without it only the lock of
-the port itself protects it. The code that reads a record is imported only where there is one.
+A run holds a port until that station's session ends, also while the link is down and the port
+closed. Its manifest lists the ports, its live store the ended sessions, and the lock of its folder
+the recorder. This needs /proc; without it only the lock of the port itself protects it. The code
+that reads a record is imported only where there is one.
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ def runs_in_progress() -> Iterator[Path]:
 
 
 def runs_that_hold(urls: Collection[str]) -> list[Path]:
-    """Return the folders of the runs in progress on this machine that hold any of the ports at `urls`."""
+    """Return the folders of the runs in progress on this machine that hold any of the ports at
+    `urls`.
+    """
     wanted = [port_address(url) for url in urls]
     return [folder for folder in runs_in_progress() if _holds(folder, wanted)]
 
@@ -54,19 +57,24 @@ def holds(folder: Path, urls: Collection[str]) -> bool:
 def why_held(urls: Mapping[str, str]) -> dict[str, str]:
     """Return the reason for each station (name to URL) whose port a run holds.
 
-    The port's own lock is not enough: a serial server accepts a second client, and a run holds its ports while a link is down.
+    The port's own lock is not enough: a serial server accepts a second client, and a run holds its
+    ports while a link is down.
     """
     found = {}
     for run in runs_that_hold([*urls.values()]):
         process = recorder_of(run)
         who = f"the run {run} (process {process}) holds" if process else f"the run {run} holds"
         for name in (name for name, url in urls.items() if holds(run, [url])):
-            found[name] = f"{name}: {who} this port; nothing was sent. End that run or wait for its end"
+            found[name] = (
+                f"{name}: {who} this port; nothing was sent. End that run or wait for its end"
+            )
     return found
 
 
 def recorder_of(folder: Path) -> int | None:
-    """Return the process that records the run in `folder`: the one in its lock, if it has the lock open."""
+    """Return the process that records the run in `folder`: the one in its lock, if it has the lock
+    open.
+    """
     process = holder_pid(folder)
     return process if process and folder in _folders_of(process) else None
 
@@ -102,14 +110,19 @@ def _is_recorded(folder: Path) -> bool:
 def _holds(folder: Path, wanted: Collection[PortAddress]) -> bool:
     from jbclog.record.manifest import RunState, read_manifest
 
-    ended = _ended(folder)  # before the manifest, which says "sealed" if the store is removed meanwhile
+    # before the manifest, which says "sealed" if the store is removed meanwhile
+    ended = _ended(folder)
     try:
         manifest = read_manifest(folder)
     except RecordError:
         return False  # it has not sent anything yet
     if manifest.state != RunState.OPEN:
         return False
-    held = [port_address(facts.url) for facts in manifest.stations if facts.outcome == RUNNING and facts.name not in ended]
+    held = [
+        port_address(facts.url)
+        for facts in manifest.stations
+        if facts.outcome == RUNNING and facts.name not in ended
+    ]
     return any(one.is_at(other) for one in held for other in wanted)
 
 
@@ -118,7 +131,8 @@ def _ended(folder: Path) -> set[str]:
     from jbclog.record.store import FACTS, Segment, segments
 
     facts: dict[str, str] = {}
-    with contextlib.suppress(OSError, sqlite3.Error, RecordError, ValueError, TypeError):  # a foreign store can hold anything
+    # a foreign store can hold anything
+    with contextlib.suppress(OSError, sqlite3.Error, RecordError, ValueError, TypeError):
         for path in segments(folder):
             with closing(Segment.look(path)) as segment:
                 facts |= segment.notes(FACTS)
@@ -126,7 +140,9 @@ def _ended(folder: Path) -> set[str]:
 
 
 def _says_ended(text: str) -> bool:
-    """Whether a station's facts say that its session has ended. Foreign text may be no facts at all."""
+    """Whether a station's facts say that its session has ended. Foreign text may be no facts at
+    all.
+    """
     with contextlib.suppress(ValueError, TypeError, RecursionError):
         facts = json.loads(text)
         return isinstance(facts, dict) and facts.get("outcome", RUNNING) != RUNNING

@@ -1,7 +1,8 @@
 """Finishes runs that a crash left open.
 
-A crash can leave an empty folder, inputs without a manifest, a live store with some of its rows already sealed, or a sealed run
-whose store was not removed. All of these end in the same sealed form; the manifest states what is missing.
+A crash can leave an empty folder, inputs without a manifest, a live store with some of its rows
+already sealed, or a sealed run whose store was not removed. All of these end in the same sealed
+form; the manifest states what is missing.
 """
 
 from __future__ import annotations
@@ -41,7 +42,16 @@ from jbclog.record.conclude import (
 )
 from jbclog.record.folder import RUN_NAME, expect_no_links, recipe_texts
 from jbclog.record.live import AT_RISK_S
-from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, RunState, SealedFile, read_manifest, wrong_digest
+from jbclog.record.manifest import (
+    NAME,
+    Lost,
+    Manifest,
+    NoManifest,
+    RunState,
+    SealedFile,
+    read_manifest,
+    wrong_digest,
+)
 from jbclog.record.parts import part_paths, read_through, remove_leavings, remove_unfinished
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
@@ -65,13 +75,19 @@ def _difference(folder: Path, listed: SealedFile) -> str | None:
     try:
         if not path.is_file():
             return "is missing"
-        return None if sealed_file(folder, path, None).sha256 == listed.sha256 else "was changed after it was sealed"
+        return (
+            None
+            if sealed_file(folder, path, None).sha256 == listed.sha256
+            else "was changed after it was sealed"
+        )
     except (OSError, ValueError) as error:  # not ours to read; a name that no file can have
         return f"cannot be read: {getattr(error, 'strerror', None) or error}"
 
 
 def set_parts_aside(folder: Path, manifest: Manifest) -> None:
-    """Set unreadable and changed parts aside and note them; their rows are sealed again as far as the live store has them."""
+    """Set unreadable and changed parts aside and note them; their rows are sealed again as far as
+    the live store has them.
+    """
     wrong = changed_parts(folder, manifest)
     for table in TABLES:
         for path in part_paths(folder, table):
@@ -87,13 +103,16 @@ def _unreadable(path: Path) -> str | None:
     try:
         read_through(path)
     except (pa.ArrowException, OSError, RecordError) as error:
-        return "cannot be read: " + str(error).replace(str(path), path.name)  # the folder may be moved
+        # the folder may be moved
+        return "cannot be read: " + str(error).replace(str(path), path.name)
     return None
 
 
 PATIENCE_S: Final = 10.0  # how long to wait for a sealing child that outlived its recorder
 FINISHED: Final = "already finished; nothing was changed."
-NOT_REBUILT: Final = "No live store is left to rebuild it from; `jbclog check` lists what else is wrong."
+NOT_REBUILT: Final = (
+    "No live store is left to rebuild it from; `jbclog check` lists what else is wrong."
+)
 EXIT_CODE: Final = RecordError.exit_code
 
 
@@ -107,7 +126,8 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """The result for one run: a sentence in `text`, the sealed rows by table and lines of captures in `rows`.
+    """The result for one run: a sentence in `text`, the sealed rows by table and lines of captures
+    in `rows`.
 
     `is_safe` is False where the record shows a tool that may still be hot.
     """
@@ -121,11 +141,15 @@ class Recovery:
 
 def is_run(folder: Path) -> bool:
     """Whether `folder` is a run's folder, also one that a crash left empty."""
-    return folder.is_dir() and (bool(RUN_NAME.fullmatch(folder.name)) or (folder / NAME).exists() or bool(segments(folder)))
+    return folder.is_dir() and (
+        bool(RUN_NAME.fullmatch(folder.name)) or (folder / NAME).exists() or bool(segments(folder))
+    )
 
 
 def recover_all(folder: Path, patience_s: float = PATIENCE_S) -> list[Recovery]:
-    """Recover the run in `folder`, or every run directly below it; a refused one does not stop the others."""
+    """Recover the run in `folder`, or every run directly below it; a refused one does not stop the
+    others.
+    """
     expect_answer(folder)
     runs = [folder] if is_run(folder) else sorted(path for path in folder.iterdir() if is_run(path))
     return [_tried(run, patience_s) for run in runs]
@@ -141,14 +165,20 @@ def _tried(folder: Path, patience_s: float) -> Recovery:
 def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     """Finish the run in `folder`.
 
-    Raises `RecordError` where the run is being written, is of a newer jbclog, or the disk fails. The record is then unchanged.
+    Raises `RecordError` where the run is being written, is of a newer jbclog, or the disk fails.
+    The record is then unchanged.
     """
     if not is_run(folder):
         raise RecordError(f"{folder} is not a run")
     expect_no_links(folder)
     manifest = _draft(folder)
     if manifest.state == RunState.SEALED and not live_files(folder):
-        return _recovery(folder, Outcome.WHOLE, f"{folder.name}: {FINISHED}{_not_rebuilt(folder, manifest)}", manifest)
+        return _recovery(
+            folder,
+            Outcome.WHOLE,
+            f"{folder.name}: {FINISHED}{_not_rebuilt(folder, manifest)}",
+            manifest,
+        )
     refuse_newer(folder)
     lock = FolderLock.take(folder, patience_s)
     try:
@@ -166,7 +196,9 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
 
 
 def _not_rebuilt(folder: Path, manifest: Manifest) -> str:
-    """Describe the damaged parts of a sealed run, which nothing is left to rebuild; empty where there are none."""
+    """Describe the damaged parts of a sealed run, which nothing is left to rebuild; empty where
+    there are none.
+    """
     found = [f"{name} {why}" for name, why in changed_parts(folder, manifest).items()]
     return f" But {'; '.join(found)}. {NOT_REBUILT}" if found else ""
 
@@ -182,13 +214,25 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     with StoreReader(folder) as store:
         _note_missing_end(folder, store.last)
         stations = _note_left_hot(folder, manifest, store)
-        manifest = _outcome(folder, manifest, store, is_safe=not any(facts.unsafe for facts in stations))
+        manifest = _outcome(
+            folder, manifest, store, is_safe=not any(facts.unsafe for facts in stations)
+        )
     sealed = conclude(folder, manifest, lock)
     rows = rows_of(sealed)
-    text = f"{folder.name}: recovered, {_counted(rows)} sealed; exit status {sealed.exit_status}, verdict {sealed.verdict}."
+    text = (
+        f"{folder.name}: recovered, {_counted(rows)} sealed; exit status {sealed.exit_status},"
+        f" verdict {sealed.verdict}."
+    )
     text += f" {sealed.wire}" if sealed.wire is not None and NOT_OURS in sealed.wire else ""
     unsafe = [facts.name for facts in sealed.stations if facts.unsafe]
-    return _recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else ""), sealed, rows, unsafe)
+    return _recovery(
+        folder,
+        Outcome.RECOVERED,
+        text + (f" {sealed.lost.text}" if sealed.lost else ""),
+        sealed,
+        rows,
+        unsafe,
+    )
 
 
 def _recovery(
@@ -204,7 +248,9 @@ def _recovery(
 
 
 def _note_left_hot(folder: Path, manifest: Manifest, store: StoreReader) -> list[StationFacts]:
-    """Add an event for each tool whose safe state is not known; return the stations' facts with it."""
+    """Add an event for each tool whose safe state is not known; return the stations' facts with
+    it.
+    """
     stations = stations_of(folder, store, manifest)
     unknown = unknown_tools(folder, stations, manifest.guard)
     guard_actions.take_in(folder, manifest.run, hot_events(unknown, last_micros(folder) or 0))
@@ -212,7 +258,9 @@ def _note_left_hot(folder: Path, manifest: Manifest, store: StoreReader) -> list
 
 
 def rows_of(manifest: Manifest) -> dict[str, int]:
-    """Return the number of sealed rows by table, and of capture lines where the run was captured."""
+    """Return the number of sealed rows by table, and of capture lines where the run was
+    captured.
+    """
     found: Counter[str] = Counter(dict.fromkeys(TABLES, 0))
     for file in manifest.files:
         found[file.path.partition("/")[0]] += file.rows or 0
@@ -227,11 +275,19 @@ def _counted(rows: Mapping[str, int]) -> str:
 
 def _named(name: str, count: int) -> str:
     several = "lines of serial capture" if name == capture.FOLDER else name
-    return several if count != 1 else "line of serial capture" if name == capture.FOLDER else name.removesuffix("s")
+    return (
+        several
+        if count != 1
+        else "line of serial capture"
+        if name == capture.FOLDER
+        else name.removesuffix("s")
+    )
 
 
 def _draft(folder: Path) -> Manifest:
-    """Return the manifest as the recorder left it, or an empty one where it had not been written."""
+    """Return the manifest as the recorder left it, or an empty one where it had not been
+    written.
+    """
     if not (folder / NAME).exists():
         return Manifest(run=folder.name)
     try:
@@ -243,7 +299,10 @@ def _draft(folder: Path) -> Manifest:
     except NoManifest as error:
         if not live_files(folder):
             raise
-        parts.note_damage(folder, [parts.Damage(NAME, None, f"cannot be read; rewritten from the live store: {error}")])
+        parts.note_damage(
+            folder,
+            [parts.Damage(NAME, None, f"cannot be read; rewritten from the live store: {error}")],
+        )
         parts.set_aside(folder, folder / NAME)
         return Manifest(run=folder.name)
 
@@ -265,14 +324,18 @@ def _outcome(folder: Path, manifest: Manifest, store: StoreReader, *, is_safe: b
 def _lost(found: list[parts.Damage], store: StoreReader) -> Lost:
     unkept = unkept_rows(store)
     if store.was_closed and not found and not unkept:
-        return Lost(0.0, "The recorder ended before it could write the run's result; no row is missing.")
+        return Lost(
+            0.0, "The recorder ended before it could write the run's result; no row is missing."
+        )
     ends = [one.seconds for one in found if one.seconds is not None]
     text, at_risk_s = "The recorder ended without closing the record.", _at_risk_s(store.folder)
     if len(ends) == len(found) and not unkept:
         seconds = at_risk_s + sum(ends)
         return Lost(seconds, f"{text} At most the last {seconds:g} s of it are missing.")
     pieces = parts.summary_of(found) + ([f"{unkept} rows {NOT_KEPT}"] if unkept else [])
-    return Lost(None, f"{text} The last {at_risk_s:g} s of it may be missing, and: {'; '.join(pieces)}.")
+    return Lost(
+        None, f"{text} The last {at_risk_s:g} s of it may be missing, and: {'; '.join(pieces)}."
+    )
 
 
 def _at_risk_s(folder: Path) -> float:
@@ -281,7 +344,9 @@ def _at_risk_s(folder: Path) -> float:
     The guard's log has the recorder's end, and with it the length of the last wait.
     """
     said = commit_status(folder)
-    ended = [event.time / 1e6 for event in guard_actions.action_log(folder) if event.kind == TOOK_OVER[0]]
+    ended = [
+        event.time / 1e6 for event in guard_actions.action_log(folder) if event.kind == TOOK_OVER[0]
+    ]
     last = ended[0] - said.since if ended and said.since is not None else 0.0
     return math.ceil(max(AT_RISK_S, said.risk_s, last) * 10) / 10
 
@@ -297,7 +362,9 @@ def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
 
 
 def _wire(folder: Path, manifest: Manifest) -> str | None:
-    """Cut incomplete ends off the serial captures; return what is missing of them, `WHOLE` for nothing, None without captures."""
+    """Cut incomplete ends off the serial captures; return what is missing of them, `WHOLE` for
+    nothing, None without captures.
+    """
     paths = capture.wire_paths(folder)
     if not paths:
         return None if manifest.wire is None else "The recorder ended before the capture began."
@@ -317,14 +384,29 @@ def _lacking(path: Path) -> Iterator[str]:
         found = [*sealed_files.losses(path)]
         yield from (f"{name}: {text}." for text in found)
         if not any(NOT_OURS in text for text in found) and not capture.is_done(path):
-            yield f"{name} ends before its session: at most the last {AT_RISK_S:g} s are missing, or what wire.failed says."
+            yield (
+                f"{name} ends before its session: at most the last {AT_RISK_S:g} s are missing, or"
+                " what wire.failed says."
+            )
     except OSError as error:
         yield f"{name} cannot be read: {error.strerror or error}."
 
 
 def _note_missing_end(folder: Path, last: int) -> None:
-    """Note batches that the recorder acknowledged and that the store lacks: the end of SQLite's log is lost."""
+    """Note batches that the recorder acknowledged and that the store lacks: the end of SQLite's log
+    is lost.
+    """
     missing = commit_status(folder).last - last
     if missing > 0:
         which = f"batches {last + 1} to {last + missing}"
-        parts.note_damage(folder, [parts.Damage(which, None, "acknowledged, but missing from the live store", missing * AT_RISK_S)])
+        parts.note_damage(
+            folder,
+            [
+                parts.Damage(
+                    which,
+                    None,
+                    "acknowledged, but missing from the live store",
+                    missing * AT_RISK_S,
+                )
+            ],
+        )

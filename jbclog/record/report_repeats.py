@@ -1,8 +1,8 @@
 """Compares what `report.json` repeats of a run with its manifest and annotations.
 
-Who rewrites `report.json` can also rewrite the line that vouches for it; what it repeats must then still agree with the manifest,
-which a fingerprint kept elsewhere proves. What it does not repeat (joints, metrics, figures, the text of page and paper) only
-`report --verify` derives again.
+Who rewrites `report.json` can also rewrite the line that vouches for it; what it repeats must then
+still agree with the manifest, which a fingerprint kept elsewhere proves. What it does not repeat
+(joints, metrics, figures, the text of page and paper) only `report --verify` derives again.
 """
 
 from __future__ import annotations
@@ -22,9 +22,32 @@ from jbclog.record.chains import is_head
 from jbclog.record.manifest import Manifest
 
 MOST: Final = 20  # differences that are listed
-SAME: Final = ("run", "state", "exit_status", "exit_code", "started", "ended", "guard", "line", "recipes", "host", "files")
+SAME: Final = (
+    "run",
+    "state",
+    "exit_status",
+    "exit_code",
+    "started",
+    "ended",
+    "guard",
+    "line",
+    "recipes",
+    "host",
+    "files",
+)
 SAME_OF_STATION: Final = (
-    *("name", "family", "model", "model_accepted", "software", "url", "address", "period_s", "recipe", "rated_power_w"),
+    *(
+        "name",
+        "family",
+        "model",
+        "model_accepted",
+        "software",
+        "url",
+        "address",
+        "period_s",
+        "recipe",
+        "rated_power_w",
+    ),
     *("not_supported", "outcome", "reason", "outages", "garbage_bytes"),
 )
 MAIN: Final = "temperature_c"
@@ -34,14 +57,20 @@ Found = tuple[str, object, object]
 """What differs: its place, what the report says, what the record says."""
 
 
-def differences(report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str) -> Iterator[str]:
-    """Yield a sentence for each thing that the report repeats otherwise. `own`: the manifest's fingerprint."""
+def differences(
+    report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str
+) -> Iterator[str]:
+    """Yield a sentence for each thing that the report repeats otherwise. `own`: the manifest's
+    fingerprint.
+    """
     found = (one for one in _all(report, manifest, said, own) if one[1] != _plain(one[2]))
     for place, says, is_so in islice(found, MOST):
         yield f"{place}: {_short(says)}, the manifest says {_short(_plain(is_so))}"
 
 
-def _all(report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str) -> Iterator[Found]:
+def _all(
+    report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str
+) -> Iterator[Found]:
     """Yield everything that a report repeats; what an earlier release did not write is left out."""
     whole = asdict(manifest)
     yield from _same(report, {key: whole[key] for key in SAME} | {"line": whole["line"] or {}}, "")
@@ -51,7 +80,9 @@ def _all(report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: 
     if manifest.started is not None and manifest.ended is not None:
         span = datetime.fromisoformat(manifest.ended) - datetime.fromisoformat(manifest.started)
         yield from _same(report, {"duration_s": span.total_seconds()}, "")
-    sums = "".join(f"{one.sha256}  {one.path}\n" for one in sorted(manifest.files, key=lambda one: one.path))
+    sums = "".join(
+        f"{one.sha256}  {one.path}\n" for one in sorted(manifest.files, key=lambda one: one.path)
+    )
     yield from _same(report, {"data_sha256": sha256(sums.encode()).hexdigest()}, "")
     yield from _of_people(report, manifest, said, own)
     yield from _of_verdict(report.get("verdict"), manifest)
@@ -63,7 +94,9 @@ def _same(of: Mapping[str, Any], known: Mapping[str, object], place: str) -> Ite
     return ((f"{place}{key}", of[key], value) for key, value in known.items() if key in of)
 
 
-def _of_people(report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str) -> Iterator[Found]:
+def _of_people(
+    report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str
+) -> Iterator[Found]:
     given = report.get("metadata")
     if isinstance(given, dict):
         known = manifest.metadata
@@ -110,9 +143,13 @@ def _of_ledger(rows: object, manifest: Manifest) -> Iterator[Found]:
     for row in (row for row in rows if isinstance(row, dict)):
         place = [row.get("station"), row.get("port"), row.get("signal")]
         counts = by_text.get(str(place), {})
-        lost = {name: count for name, count in counts.items() if name not in ("due", "ok") and count}
+        lost = {
+            name: count for name, count in counts.items() if name not in ("due", "ok") and count
+        }
         where = f"ledger, {place[0]} port {place[1]}: {place[2]}, "
-        yield from _same(row, {"due": counts.get("due", 0), "ok": counts.get("ok", 0), "reasons": lost}, where)
+        yield from _same(
+            row, {"due": counts.get("due", 0), "ok": counts.get("ok", 0), "reasons": lost}, where
+        )
 
 
 def _of_stations(stations: object, manifest: Manifest) -> Iterator[Found]:
@@ -123,13 +160,17 @@ def _of_stations(stations: object, manifest: Manifest) -> Iterator[Found]:
         if not isinstance(station, dict):
             yield "stations", station, facts.name
             continue
-        known = {key: getattr(facts, key) for key in SAME_OF_STATION} | {"skipped_ticks": facts.skipped}
+        known = {key: getattr(facts, key) for key in SAME_OF_STATION} | {
+            "skipped_ticks": facts.skipped
+        }
         known["not_supported"] = sorted(facts.not_supported)
         if manifest.exit_status == "lost" and facts.outcome == RUNNING:
             del known["outcome"], known["reason"]  # in other words
         yield from _same(station, known, f"{facts.name}, ")
         ports = station.get("ports")
-        for port in (port for port in (ports if isinstance(ports, list) else []) if isinstance(port, dict)):
+        for port in (
+            port for port in (ports if isinstance(ports, list) else []) if isinstance(port, dict)
+        ):
             yield from _of_port(port, facts, manifest)
 
 
@@ -144,7 +185,10 @@ def _of_port(port: Mapping[str, Any], facts: StationFacts, manifest: Manifest) -
     if number in facts.last_temperature_c:
         known["last_temperature_c"] = facts.last_temperature_c[number]
     yield from _same(port, known, place)
-    recorded, counts = port.get("recorded"), manifest.ledger.get(facts.name, {}).get(str(number), {}).get(MAIN)
+    recorded, counts = (
+        port.get("recorded"),
+        manifest.ledger.get(facts.name, {}).get(str(number), {}).get(MAIN),
+    )
     if isinstance(recorded, dict) and counts is not None:
         due, ok = counts.get("due", 0), counts.get("ok", 0)
         coverage = {"due": due, "readings": ok, "coverage_percent": 100 * ok / due if due else None}

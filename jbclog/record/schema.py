@@ -1,7 +1,7 @@
 """The four tables of a run: columns, types, units, and their commands.
 
-Times are UTC microseconds; whole numbers are int64 (narrow ones overflow in squares and sums and take the same space on disk). A
-nullable value was not due, or not answered.
+Times are UTC microseconds; whole numbers are int64 (narrow ones overflow in squares and sums and
+take the same space on disk). A nullable value was not due, or not answered.
 """
 
 from __future__ import annotations
@@ -94,17 +94,25 @@ COUNTERS: Final[Sequence[Column]] = (
     ("raw!", TEXT, "", ""),
 )
 
-_PANDAS = {TIME: ("datetimetz", "datetime64[us, UTC]"), INT: ("Int64", "Int64"), FLAG: ("boolean", "boolean")}
+_PANDAS = {
+    TIME: ("datetimetz", "datetime64[us, UTC]"),
+    INT: ("Int64", "Int64"),
+    FLAG: ("boolean", "boolean"),
+}
 
 
 def _field(column: Column) -> pa.Field:
     name, kind, unit, command = column
     metadata = {key: text for key, text in (("unit", unit), ("command", command)) if text}
-    return pa.field(name.removesuffix("!"), kind, nullable=not name.endswith("!"), metadata=metadata or None)
+    return pa.field(
+        name.removesuffix("!"), kind, nullable=not name.endswith("!"), metadata=metadata or None
+    )
 
 
 def _pandas_hint(fields: Sequence[pa.Field]) -> str:
-    """Return the metadata by which pandas uses Int64 and boolean, which have missing values, instead of float and object."""
+    """Return the metadata by which pandas uses Int64 and boolean, which have missing values,
+    instead of float and object.
+    """
     columns = [
         {
             "name": field.name,
@@ -116,12 +124,22 @@ def _pandas_hint(fields: Sequence[pa.Field]) -> str:
         for field in fields
         if field.type == TIME or (field.nullable and field.type in (INT, FLAG))
     ]
-    return json.dumps({"index_columns": [], "column_indexes": [], "columns": columns, "creator": None, "pandas_version": None})
+    return json.dumps(
+        {
+            "index_columns": [],
+            "column_indexes": [],
+            "columns": columns,
+            "creator": None,
+            "pandas_version": None,
+        }
+    )
 
 
 def _schema(columns: Sequence[Column]) -> pa.Schema:
     fields = [_field(column) for column in columns]
-    return pa.schema(fields, metadata={"jbclog.schema": str(SCHEMA_VERSION), "pandas": _pandas_hint(fields)})
+    return pa.schema(
+        fields, metadata={"jbclog.schema": str(SCHEMA_VERSION), "pandas": _pandas_hint(fields)}
+    )
 
 
 SCHEMAS: Final[Mapping[str, pa.Schema]] = MappingProxyType(

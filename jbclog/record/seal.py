@@ -1,10 +1,12 @@
 """Sealing: moves rows from the live store into Parquet parts.
 
-The order survives a crash anywhere. A part is complete, synced and compared before it gets its name (`parts`) and carries the
-number of its last batch; then its batches are deleted; the store itself is removed only after the manifest says "sealed". So each
-row is in a part, in the store, or recognizably in both.
+The order survives a crash anywhere. A part is complete, synced and compared before it gets its name
+(`parts`) and carries the number of its last batch; then its batches are deleted; the store itself
+is removed only after the manifest says "sealed". So each row is in a part, in the store, or
+recognizably in both.
 
-A child process of low priority does this hourly and at the end: ``python -m jbclog.record.seal RUN``.
+A child process of low priority does this hourly and at the end: ``python -m jbclog.record.seal
+RUN``.
 """
 
 from __future__ import annotations
@@ -36,8 +38,9 @@ ROWS_A_PART: Final = 8_000_000  # an hour of 256 ports at 10 Hz; a footer of 1.3
 def seal_rows(folder: Path, *, part: bool = False) -> int:
     """Move the rows of the live store into Parquet; return the number of the last sealed batch.
 
-    With `part` the recorder continues and sealed batches are deleted from its store; without, `conclude` removes the store. The
-    caller or its parent holds the folder's lock. Raises `RecordError`.
+    With `part` the recorder continues and sealed batches are deleted from its store; without,
+    `conclude` removes the store. The caller or its parent holds the folder's lock. Raises
+    `RecordError`.
     """
     try:
         remove_leavings(folder)
@@ -45,7 +48,9 @@ def seal_rows(folder: Path, *, part: bool = False) -> int:
         if part and sound:  # a damaged store is kept as it is
             _delete(folder, last)
     except (OSError, sqlite3.Error) as error:
-        raise RecordError(f"{folder} cannot be sealed: {getattr(error, 'strerror', None) or error}") from error
+        raise RecordError(
+            f"{folder} cannot be sealed: {getattr(error, 'strerror', None) or error}"
+        ) from error
     return last
 
 
@@ -61,7 +66,9 @@ def _seal_store(folder: Path) -> tuple[int, bool]:
 
 
 def _shares(store: StoreReader, numbers: list[int]) -> Iterator[tuple[list[int], int]]:
-    """Divide batches among parts, whose footers are read whole; yield those of a part and the number of its last."""
+    """Divide batches among parts, whose footers are read whole; yield those of a part and the
+    number of its last.
+    """
     count = max(ROWS_A_PART // store.mean_rows, 1)
     for at in range(0, len(numbers), count):
         some = numbers[at : at + count]
@@ -82,10 +89,20 @@ def _delete(folder: Path, last: int) -> None:
 
 
 class SealChild:
-    """`seal_rows` in a child process of low priority, which holds the folder's lock even if the recorder dies."""
+    """`seal_rows` in a child process of low priority, which holds the folder's lock even if the
+    recorder dies.
+    """
 
     def __init__(self, folder: Path, lock: FolderLock, *, part: bool = False) -> None:
-        command = [sys.executable, "-P", "-m", "jbclog.record.seal", str(folder), "--lock", str(lock.descriptor)]
+        command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "jbclog.record.seal",
+            str(folder),
+            "--lock",
+            str(lock.descriptor),
+        ]
         self._child = subprocess.Popen(
             command + (["--part"] if part else []),
             stdin=subprocess.DEVNULL,
@@ -108,7 +125,10 @@ class SealChild:
         _, stderr = self._child.communicate()
         if self._child.returncode == 0:
             return ""
-        return stderr.decode(errors="replace").strip() or f"the sealing child ended with {self._child.returncode}"
+        return (
+            stderr.decode(errors="replace").strip()
+            or f"the sealing child ended with {self._child.returncode}"
+        )
 
 
 def seal_in_child(folder: Path, lock: FolderLock) -> None:
@@ -120,16 +140,26 @@ def seal_in_child(folder: Path, lock: FolderLock) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the child process."""
-    parser = argparse.ArgumentParser(prog="python -m jbclog.record.seal", description="Seals a run's rows into Parquet.")
+    parser = argparse.ArgumentParser(
+        prog="python -m jbclog.record.seal", description="Seals a run's rows into Parquet."
+    )
     parser.add_argument("run", type=Path)
-    parser.add_argument("--part", action="store_true", help="the recorder continues; delete sealed batches from its store")
+    parser.add_argument(
+        "--part",
+        action="store_true",
+        help="the recorder continues; delete sealed batches from its store",
+    )
     parser.add_argument("--lock", type=int, help="the folder's lock, inherited from the recorder")
     given = parser.parse_args(arguments)
     os.nice(NICENESS)
     pa.set_cpu_count(1)  # the recorder needs the other cores
     pa.set_memory_pool(pa.system_memory_pool())  # returns freed memory to the system
     try:
-        lock = FolderLock(given.run, given.lock) if given.lock is not None else FolderLock.take(given.run)
+        lock = (
+            FolderLock(given.run, given.lock)
+            if given.lock is not None
+            else FolderLock.take(given.run)
+        )
         lock.expect_ours()
         seal_rows(given.run, part=given.part)
         lock.release()

@@ -1,6 +1,7 @@
 """Compares sealed files with the manifest before they are shown or replayed.
 
-Parquet's check sums do not cover its footer, where one flipped bit changes times, types and counts; the manifest's hashes do.
+Parquet's check sums do not cover its footer, where one flipped bit changes times, types and counts;
+the manifest's hashes do.
 """
 
 from __future__ import annotations
@@ -23,17 +24,25 @@ def expect_manifest_unchanged(folder: Path) -> None:
     except (OSError, ValueError) as error:
         raise RecordError(f"{folder / NAME} cannot be read: {error}") from error
     if digest:
-        raise RecordError(f"{folder / NAME} {digest}, so the run is not shown; `jbclog check {folder}` lists all findings")
+        raise RecordError(
+            f"{folder / NAME} {digest}, so the run is not shown; `jbclog check {folder}` lists all"
+            " findings"
+        )
 
 
 def expect_unchanged(folder: Path, manifest: Manifest, table: str, parts: Sequence[Path]) -> None:
     """Raise `RecordError` unless the parts of a sealed run's table are those that were sealed."""
-    listed = {file.path: file.sha256 for file in manifest.files if file.path.startswith(f"{table}/")}
+    listed = {
+        file.path: file.sha256 for file in manifest.files if file.path.startswith(f"{table}/")
+    }
     there = {path.relative_to(folder).as_posix(): path for path in parts}
     for name in sorted(listed.keys() | there.keys()):
         trouble = _trouble(there.get(name), listed.get(name), folder)
         if trouble:
-            raise RecordError(f"{folder / name} {trouble}, so {table} are not shown; `jbclog check {folder}` lists all findings")
+            raise RecordError(
+                f"{folder / name} {trouble}, so {table} are not shown; `jbclog check {folder}`"
+                " lists all findings"
+            )
 
 
 def _trouble(path: Path | None, sha256: str | None, folder: Path) -> str | None:
@@ -100,7 +109,9 @@ def readable_heads(paths: Sequence[Path]) -> list[Head]:
 
 
 def changed_since(folder: Path, manifest: Manifest) -> Iterator[str]:
-    """Yield a sentence for each file that a replay reads and that differs from the manifest. Raises OSError."""
+    """Yield a sentence for each file that a replay reads and that differs from the manifest. Raises
+    OSError.
+    """
     for listed in manifest.files:
         if not listed.path.startswith(PLAYED) or ".." in Path(listed.path).parts:
             continue
@@ -114,7 +125,13 @@ def changed_since(folder: Path, manifest: Manifest) -> Iterator[str]:
 def doubts(folder: Path, manifest: Manifest | None) -> list[str]:
     """Return all damage to files that a replay reads. Raises `RecordError`."""
     try:
-        changed = [*changed_since(folder, manifest)] if manifest is not None and manifest.state == RunState.SEALED else []
+        changed = (
+            [*changed_since(folder, manifest)]
+            if manifest is not None and manifest.state == RunState.SEALED
+            else []
+        )
     except OSError as error:
         raise RecordError(f"{folder}: {error}") from error
-    return changed + [f"{FOLDER}/{path.name}: {text}" for path in wire_paths(folder) for text in losses(path)]
+    return changed + [
+        f"{FOLDER}/{path.name}: {text}" for path in wire_paths(folder) for text in losses(path)
+    ]

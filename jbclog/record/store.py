@@ -1,7 +1,9 @@
-"""The live store's files: SQLite, with a reserve of disk space and a successor for a file that fails.
+"""The live store's files: SQLite, with a reserve of disk space and a successor for a file that
+fails.
 
-The store is one file, `live.sqlite`. After an input/output error that file takes nothing new, because data that a failed fsync lost
-stays lost: recording continues in `live-1.sqlite` and so on, and unacknowledged batches are written again under their numbers.
+The store is one file, `live.sqlite`. After an input/output error that file takes nothing new,
+because data that a failed fsync lost stays lost: recording continues in `live-1.sqlite` and so on,
+and unacknowledged batches are written again under their numbers.
 """
 
 from __future__ import annotations
@@ -26,25 +28,42 @@ from jbclog.record.schema import SCHEMA_VERSION
 MOST_BATCHES: Final = 2_000_000  # of a file: more than two weeks of commits that were never sealed
 MOST_NOTES_BYTES: Final = 16 << 20  # 250 stations take below one
 BUSY_S = 10.0  # a sealing child holds the file for some 0.05 s
-DELETE_AT_ONCE = 40  # batches deleted in one transaction, some 50 ms: the recorder's commit can wait that long
+# batches deleted in one transaction, some 50 ms: the recorder's commit can wait that long
+DELETE_AT_ONCE = 40
 
 _CREATE = """
 PRAGMA journal_mode = WAL;
 BEGIN IMMEDIATE;
 CREATE TABLE batch (
-  number INTEGER PRIMARY KEY, name TEXT NOT NULL, rows INTEGER NOT NULL, crc INTEGER NOT NULL, data BLOB NOT NULL
+  number INTEGER PRIMARY KEY, name TEXT NOT NULL, rows INTEGER NOT NULL, crc INTEGER NOT NULL,
+  data BLOB NOT NULL
 );
-CREATE TABLE note (kind TEXT NOT NULL, key TEXT NOT NULL, text TEXT NOT NULL, crc INTEGER NOT NULL, PRIMARY KEY (kind, key));
+CREATE TABLE note (
+  kind TEXT NOT NULL, key TEXT NOT NULL, text TEXT NOT NULL, crc INTEGER NOT NULL,
+  PRIMARY KEY (kind, key)
+);
 COMMIT;
 """
-COLUMNS = {"batch": ("number", "name", "rows", "crc", "data"), "note": ("kind", "key", "text", "crc")}
-_ADD_BATCH = "INSERT OR REPLACE INTO batch VALUES (?, ?, ?, ?, ?)"  # a batch whose commit was not confirmed is written again
+COLUMNS = {
+    "batch": ("number", "name", "rows", "crc", "data"),
+    "note": ("kind", "key", "text", "crc"),
+}
+# a batch whose commit was not confirmed is written again
+_ADD_BATCH = "INSERT OR REPLACE INTO batch VALUES (?, ?, ?, ?, ?)"
 _INDEX = "SELECT number, substr(name, 1, 20), rows FROM batch ORDER BY number"
-_GET = "SELECT substr(name, 1, 20), rows, crc, length(data), CASE WHEN length(data) <= ? THEN data END FROM batch WHERE number = ?"
+_GET = (
+    "SELECT substr(name, 1, 20), rows, crc, length(data), CASE WHEN length(data) <= ? THEN data END"
+    " FROM batch WHERE number = ?"
+)
 LEAST_NOTE = 64  # bytes that a note takes in memory beside its text
-_SET_NOTE = "INSERT INTO note VALUES (?, ?, ?, ?) ON CONFLICT (kind, key) DO UPDATE SET text = excluded.text, crc = excluded.crc"
+_SET_NOTE = (
+    "INSERT INTO note VALUES (?, ?, ?, ?) ON CONFLICT (kind, key) DO UPDATE SET text ="
+    " excluded.text, crc = excluded.crc"
+)
 
-META = "meta"  # notes of the store itself: schema, run, last (number stored), sealed (through that number), dropped (rows)
+# notes of the store itself: schema, run, last (number stored), sealed (through that number),
+# dropped (rows)
+META = "meta"
 FACTS = "facts"  # notes by station: StationFacts as JSON
 
 Notes = Mapping[tuple[str, str], str]
@@ -66,14 +85,20 @@ def segment_name(index: int) -> str:
 def segments(folder: Path) -> list[Path]:
     """Return the store's files, oldest first."""
     found = [
-        (int(match[1] or 0), path) for path in folder.iterdir() if (match := re.fullmatch(r"live(?:-(\d+))?\.sqlite", path.name))
+        (int(match[1] or 0), path)
+        for path in folder.iterdir()
+        if (match := re.fullmatch(r"live(?:-(\d+))?\.sqlite", path.name))
     ]
     return [path for _, path in sorted(found)]
 
 
 def companions(segment: Path) -> list[Path]:
     """Return a segment's existing log, index and journal files."""
-    return [path for path in (segment.with_name(segment.name + end) for end in ("-wal", "-shm", "-journal")) if path.exists()]
+    return [
+        path
+        for path in (segment.with_name(segment.name + end) for end in ("-wal", "-shm", "-journal"))
+        if path.exists()
+    ]
 
 
 class Segment:
@@ -102,7 +127,9 @@ class Segment:
 
     @classmethod
     def look(cls, path: Path) -> Segment:
-        """Open a segment read-only, beside a recorder that may be writing. Needs no space on the disk."""
+        """Open a segment read-only, beside a recorder that may be writing. Needs no space on the
+        disk.
+        """
         connection = open_database(path, only_reads=True, busy_s=BUSY_S)
         return cls(path, connection, only_reads=True)
 
@@ -112,10 +139,13 @@ class Segment:
             self._remove_made_for_reading()
 
     def _remove_made_for_reading(self) -> None:
-        """Remove the log and index that SQLite made for this reader, if the store was removed meanwhile."""
+        """Remove the log and index that SQLite made for this reader, if the store was removed
+        meanwhile.
+        """
         for path in companions(self.path):
             with contextlib.suppress(OSError):  # already gone, or not ours to remove
-                if not (path.name.endswith("-wal") and path.stat().st_size):  # a log with content is not a reader's
+                # a log with content is not a reader's
+                if not (path.name.endswith("-wal") and path.stat().st_size):
                     path.unlink()
 
     def is_begun(self) -> bool:
@@ -126,20 +156,30 @@ class Segment:
         return self._db.expect_tables(COLUMNS)
 
     def add(self, batches: Iterable[Batch], notes: Notes) -> None:
-        """Store everything in one transaction, synced on return. Raises sqlite3.Error, and then stored nothing."""
+        """Store everything in one transaction, synced on return. Raises sqlite3.Error, and then
+        stored nothing.
+        """
         with self._transaction():
-            self._db.executemany(_ADD_BATCH, ((b.number, b.table, b.rows, b.crc, b.data) for b in batches))
+            self._db.executemany(
+                _ADD_BATCH, ((b.number, b.table, b.rows, b.crc, b.data) for b in batches)
+            )
             self._note(notes)
 
     def _note(self, notes: Notes) -> None:
-        self._db.executemany(_SET_NOTE, ((kind, key, text, _note_crc(kind, key, text)) for (kind, key), text in notes.items()))
+        self._db.executemany(
+            _SET_NOTE,
+            ((kind, key, text, _note_crc(kind, key, text)) for (kind, key), text in notes.items()),
+        )
 
     def delete_through(self, number: int) -> None:
-        """Delete the batches up to `number`, a few at a time; the note `sealed` records the progress."""
+        """Delete the batches up to `number`, a few at a time; the note `sealed` records the
+        progress.
+        """
         while True:
             with self._transaction():
                 rows = self._db.execute(
-                    "SELECT number FROM batch WHERE number <= ? ORDER BY number LIMIT ?", (number, DELETE_AT_ONCE)
+                    "SELECT number FROM batch WHERE number <= ? ORDER BY number LIMIT ?",
+                    (number, DELETE_AT_ONCE),
                 ).fetchall()
                 end = number if len(rows) < DELETE_AT_ONCE else rows[-1][0]
                 self._db.execute("DELETE FROM batch WHERE number <= ?", (end,))
@@ -165,7 +205,8 @@ class Segment:
         """Read everything inside from one snapshot."""
         self._db.execute("BEGIN")
         try:
-            self._db.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchone()  # this fixes the snapshot
+            # this fixes the snapshot
+            self._db.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchone()
             yield
         finally:
             if self._db.in_transaction:
@@ -175,7 +216,9 @@ class Segment:
         """Return the notes of a kind by key, without those whose check sum fails."""
         self._db.within()
         found, size = dict[str, str](), 0
-        for key, text, crc in self._db.execute("SELECT key, text, crc FROM note WHERE kind = ?", (kind,)):
+        for key, text, crc in self._db.execute(
+            "SELECT key, text, crc FROM note WHERE kind = ?", (kind,)
+        ):
             size += len(str(key)) + len(str(text)) + LEAST_NOTE
             if size > MOST_NOTES_BYTES:
                 raise NotAStore(f"its notes have more than {MOST_NOTES_BYTES >> 20} MiB")
@@ -184,7 +227,9 @@ class Segment:
         return found
 
     def index(self) -> Iterator[tuple[int, str, int]]:
-        """Yield number, table and declared rows of each batch. Raises sqlite3.DatabaseError for damaged pages."""
+        """Yield number, table and declared rows of each batch. Raises sqlite3.DatabaseError for
+        damaged pages.
+        """
         self._db.within()
         rows = self._db.execute(_INDEX)
         for count, (number, name, declared) in enumerate(rows):
@@ -193,7 +238,9 @@ class Segment:
             yield int(number), str(name), declared if isinstance(declared, int) else 0
 
     def get(self, number: int) -> Stored | None:
-        """Return a batch, None if it is missing. Raises sqlite3.DatabaseError for a damaged page, `NotAStore` for a large one."""
+        """Return a batch, None if it is missing. Raises sqlite3.DatabaseError for a damaged page,
+        `NotAStore` for a large one.
+        """
         self._db.within()
         row = self._db.execute(_GET, (MOST_PACKED, number)).fetchone()
         if row is None:
@@ -201,8 +248,17 @@ class Segment:
         name, rows, crc, size, data = row
         if data is None:
             raise NotAStore(f"it has {size} bytes; a recorder's batches have at most {MOST_PACKED}")
-        sound = isinstance(name, str) and isinstance(rows, int) and isinstance(crc, int) and isinstance(data, bytes)
-        return Stored(Batch(number, name, rows, data), crc) if sound else Stored(Batch(number, "", 0, b""), -1)
+        sound = (
+            isinstance(name, str)
+            and isinstance(rows, int)
+            and isinstance(crc, int)
+            and isinstance(data, bytes)
+        )
+        return (
+            Stored(Batch(number, name, rows, data), crc)
+            if sound
+            else Stored(Batch(number, "", 0, b""), -1)
+        )
 
 
 def _note_crc(kind: object, key: object, text: object) -> int:
@@ -243,8 +299,8 @@ NEW_FILE_ON: Final = (sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLI
 class Kept:
     """The result of storing: whether everything is safe, and the trouble on the way, if any.
 
-    `moved_to` names a new file in which recording continues. Trouble without it means that the disk is failing or full, even if
-    it took this.
+    `moved_to` names a new file in which recording continues. Trouble without it means that the disk
+    is failing or full, even if it took this.
     """
 
     safe: bool
@@ -252,7 +308,8 @@ class Kept:
     moved_to: str | None = None
 
 
-KEPT: Final = Kept(True)  # made beforehand: a refused allocation must not hide that something was stored
+# made beforehand: a refused allocation must not hide that something was stored
+KEPT: Final = Kept(True)
 
 
 class StoreWriter:
@@ -262,10 +319,13 @@ class StoreWriter:
         self.folder = folder
         self._segment: Segment | None = None
         self._index = 0
-        self._home = folder.lstat()  # never write through a link or into another folder in its place
+        # never write through a link or into another folder in its place
+        self._home = folder.lstat()
 
     def begin(self, notes: Notes) -> None:
-        """Take the reserve and create the first file. Raises OSError or sqlite3.Error, and then leaves nothing open."""
+        """Take the reserve and create the first file. Raises OSError or sqlite3.Error, and then
+        leaves nothing open.
+        """
         self._take_reserve()
         segment = Segment.create(self.folder / segment_name(0))
         try:
@@ -277,7 +337,9 @@ class StoreWriter:
         self._segment = segment
 
     def add(self, batches: Sequence[Batch], fresh: Notes, everything: Notes) -> Kept:
-        """Store `batches` and the `fresh` notes in one transaction; a new file gets `everything`, all notes."""
+        """Store `batches` and the `fresh` notes in one transaction; a new file gets `everything`,
+        all notes.
+        """
         if self._segment is None:
             return Kept(False, "the store is not open")
         if not self._is_there(self._segment.path):  # SQLite would keep writing to the removed file

@@ -22,18 +22,28 @@ from jbclog.record.store import FACTS, META, Segment, segments
 LEAST_BYTES: Final = 1024  # no batch is smaller, so no file holds more batches than this says
 MOST_DAMAGE: Final = 100  # places of damage that are listed
 LARGEST_NUMBER: Final = 1 << 62
-MORE: Final = Damage("the live store", None, f"more than {MOST_DAMAGE} places of it are damaged; the others are not listed")
+MORE: Final = Damage(
+    "the live store",
+    None,
+    f"more than {MOST_DAMAGE} places of it are damaged; the others are not listed",
+)
 
 TRANSIENT: Final = (
     *(sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_NOMEM),
     *(sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_PERM),
 )
-UNREADABLE: Final = (sqlite3.SQLITE_IOERR_READ, sqlite3.SQLITE_IOERR_SHORT_READ, sqlite3.SQLITE_IOERR_CORRUPTFS)
+UNREADABLE: Final = (
+    sqlite3.SQLITE_IOERR_READ,
+    sqlite3.SQLITE_IOERR_SHORT_READ,
+    sqlite3.SQLITE_IOERR_CORRUPTFS,
+)
 """Damage to one place of the disk: the rest of the file can still be read."""
 
 
 def expect_damage(path: Path, error: Exception) -> None:
-    """Raise `RecordError` where `error` has a passing cause and does not show damage to the file."""
+    """Raise `RecordError` where `error` has a passing cause and does not show damage to the
+    file.
+    """
     code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT)
     if code & 0xFF in TRANSIENT and code not in UNREADABLE:
         raise RecordError(f"{path} cannot be read now: {error}; nothing was changed") from error
@@ -44,12 +54,14 @@ _Place = tuple[str, tuple[Segment, ...]]
 
 
 class StoreReader:
-    """A read-only snapshot of all segments of a run's live store. `damage` grows as damage is found.
+    """A read-only snapshot of all segments of a run's live store. `damage` grows as damage is
+    found.
 
-    `rows` counts those that the batches declare. A batch in two segments is read from the first in which it is sound. A passing
-    cause (no space for SQLite's index, missing permission, a failing disk) is not damage: any call raises `RecordError`. If files
-    disappear while they are opened, the run is being sealed, and the reader lists them again. Read manifest and parts after this,
-    so that no row is missed: they exist before the store's files are removed.
+    `rows` counts those that the batches declare. A batch in two segments is read from the first in
+    which it is sound. A passing cause (no space for SQLite's index, missing permission, a failing
+    disk) is not damage: any call raises `RecordError`. If files disappear while they are opened,
+    the run is being sealed, and the reader lists them again. Read manifest and parts after this, so
+    that no row is missed: they exist before the store's files are removed.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -82,7 +94,12 @@ class StoreReader:
     def __enter__(self) -> StoreReader:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._snapshots.close()
 
     def _open(self, path: Path, opened: contextlib.ExitStack) -> None:
@@ -111,14 +128,20 @@ class StoreReader:
 
     def numbers_of(self, table: str, after: int) -> list[int]:
         """Return the numbers of a table's batches above `after`, ascending."""
-        return sorted(number for number, (name, _) in self._where.items() if name == table and number > after)
+        return sorted(
+            number for number, (name, _) in self._where.items() if name == table and number > after
+        )
 
     def tables(self, numbers: Sequence[int]) -> Iterator[pa.Table]:
-        """Yield the rows of these batches in pieces of at most `ROWS_A_GROUP`; damaged ones are skipped and noted."""
+        """Yield the rows of these batches in pieces of at most `ROWS_A_GROUP`; damaged ones are
+        skipped and noted.
+        """
         for number in numbers:
             table = self._sound(number)
             if table is not None:
-                yield from (table.slice(at, ROWS_A_GROUP) for at in range(0, table.num_rows, ROWS_A_GROUP))
+                yield from (
+                    table.slice(at, ROWS_A_GROUP) for at in range(0, table.num_rows, ROWS_A_GROUP)
+                )
 
     @property
     def was_closed(self) -> bool:
@@ -147,14 +170,25 @@ class StoreReader:
 
     def _number(self, key: str) -> int:
         text = self.notes.get(key, "")
-        return min(int(text), LARGEST_NUMBER) if text.isdecimal() and len(text) <= len(str(LARGEST_NUMBER)) else 0
+        return (
+            min(int(text), LARGEST_NUMBER)
+            if text.isdecimal() and len(text) <= len(str(LARGEST_NUMBER))
+            else 0
+        )
 
     def _index(self) -> None:
-        places: dict[_Place, _Place] = {}  # few are different, so that an index of millions of batches stays small
+        # few are different, so that an index of millions of batches stays small
+        places: dict[_Place, _Place] = {}
         for segment in self.segments:
             for number, table, rows in self._listed(segment):
                 name, before = self._where.get(number, ("", ()))
-                place = name if name in TABLES else table if table in TABLES else "", (*before, segment)
+                place = (
+                    name if name in TABLES else table if table in TABLES else "",
+                    (
+                        *before,
+                        segment,
+                    ),
+                )
                 self._where[number] = places.setdefault(place, place)
                 self.rows += rows if not before and 0 <= rows <= MOST_ROWS else 0
         self._note_gaps()
@@ -170,11 +204,19 @@ class StoreReader:
             self._note(segment.path.name, None, f"not read further: {error}")
         except sqlite3.DatabaseError as error:
             expect_damage(segment.path, error)
-            self._note(segment.path.name, None, f"damaged ({error}); its batches were read one by one")
-            yield from (one for one in self._probe(segment) if segment not in self._where.get(one[0], ("", ()))[1])
+            self._note(
+                segment.path.name, None, f"damaged ({error}); its batches were read one by one"
+            )
+            yield from (
+                one
+                for one in self._probe(segment)
+                if segment not in self._where.get(one[0], ("", ()))[1]
+            )
 
     def _probe(self, segment: Segment) -> Iterator[tuple[int, str, int]]:
-        """Read every possible number one by one; yield number, table and rows of those that exist."""
+        """Read every possible number one by one; yield number, table and rows of those that
+        exist.
+        """
         first = self._number("sealed") + 1
         end = first + segment.path.stat().st_size // LEAST_BYTES
         last = self._number("last")
@@ -185,13 +227,21 @@ class StoreReader:
                     yield number, stored.batch.table, stored.batch.rows
 
     def _note_gaps(self) -> None:
-        """Note missing numbers: they run without a gap from the last deleted to the last stored batch."""
+        """Note missing numbers: they run without a gap from the last deleted to the last stored
+        batch.
+        """
         if not self.segments:
             return  # sealed: no batch is stored, and the parts need not be opened to know that
-        expected = (self._number("sealed") or max(through(self.folder, table) for table in TABLES)) + 1
+        expected = (
+            self._number("sealed") or max(through(self.folder, table) for table in TABLES)
+        ) + 1
         for number in [*sorted(n for n in self._where if n >= expected), self.last + 1]:
             if number > expected:
-                which = f"batch {expected}" if number == expected + 1 else f"batches {expected} to {number - 1}"
+                which = (
+                    f"batch {expected}"
+                    if number == expected + 1
+                    else f"batches {expected} to {number - 1}"
+                )
                 self._note(which, None, "missing from the live store")
             expected = number + 1
 

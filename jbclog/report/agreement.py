@@ -1,7 +1,9 @@
-"""Compares what `report.json` repeats of its record, leaf by leaf, with what `repeated` gives again.
+"""Compares what `report.json` repeats of its record, leaf by leaf, with what `repeated` gives
+again.
 
-Sentences depend on the version that made them, so this is for a report of this jbclog; of another maker's only what the manifest
-holds is compared (`record/report_repeats.py`). What is computed from the samples is not made again here: `verify.py` does that.
+Sentences depend on the version that made them, so this is for a report of this jbclog; of another
+maker's only what the manifest holds is compared (`record/report_repeats.py`). What is computed from
+the samples is not made again here: `verify.py` does that.
 """
 
 from __future__ import annotations
@@ -25,14 +27,23 @@ from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT
 from jbclog.report.facts import Facts, PortFacts, RecordedFacts, StationReport
 from jbclog.report.maker import impossible, maker_of
-from jbclog.report.repeated import PortRows, due_readings, of_port, of_run, of_station, ports_of, verification
+from jbclog.report.repeated import (
+    PortRows,
+    due_readings,
+    of_port,
+    of_run,
+    of_station,
+    ports_of,
+    verification,
+)
 from jbclog.report.verdict import add_reasons, verdict_facts
 
 MOST: Final = 20  # differences that are listed
 ABSENT: Final = "nothing"
 COMPUTED: Final = object()
 """Stands for what a report computes: any value, but there."""
-CLAIMED: Final = ("paper_by", "drawn_by", "written")  # who made it, and hashes that `check` compares with the files
+# who made it, and hashes that `check` compares with the files
+CLAIMED: Final = ("paper_by", "drawn_by", "written")
 OF_ANNOTATIONS: Final = ("annotations", "annotations_head", "annotations_wrong")
 
 Ports = Mapping[tuple[str, int], PortRows]
@@ -41,7 +52,8 @@ Found = tuple[str, object, object]
 
 
 def compare_report(folder: Path) -> tuple[list[str], list[str]]:
-    """Return what the report of a sealed run repeats otherwise, and why not all was compared; nothing without a report.
+    """Return what the report of a sealed run repeats otherwise, and why not all was compared;
+    nothing without a report.
 
     Raises `RecordError`.
     """
@@ -56,7 +68,9 @@ def compare_report(folder: Path) -> tuple[list[str], list[str]]:
     if wrong or maker.is_this:
         return wrong or [*differences(run, report)], []
     found = [*differences(run, report)] if maker.has_these_words else []
-    return found, [f"made by {maker}: compared with the manifest only; `jbclog report {folder}` makes it again"]
+    return found, [
+        f"made by {maker}: compared with the manifest only; `jbclog report {folder}` makes it again"
+    ]
 
 
 def report_in(folder: Path) -> dict[str, Any] | None:
@@ -69,35 +83,49 @@ def report_in(folder: Path) -> dict[str, Any] | None:
 
 
 def differences(run: Run, report: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a sentence for each leaf that differs from the record of the sealed `run`. Raises `RecordError`."""
+    """Yield a sentence for each leaf that differs from the record of the sealed `run`. Raises
+    `RecordError`.
+    """
     try:
         found = [*islice(_unlike(report, _expected(run, report), ""), MOST)]
     except (TypeError, ValueError, AttributeError, LookupError, RecursionError) as error:
         yield f"cannot be compared further: {unexpected_error_text(error)}"
         return
-    yield from (f"{place}: {_short(says)}, the record gives {_short(is_so)}" for place, says, is_so in found)
+    yield from (
+        f"{place}: {_short(says)}, the record gives {_short(is_so)}" for place, says, is_so in found
+    )
 
 
 def _expected(run: Run, report: Mapping[str, Any]) -> dict[str, object]:
     """Return the report as the record gives it, `COMPUTED` where that takes the samples."""
     known = of_run(run)
-    if report.get("annotations_head") != known["annotations_head"]:  # older than the last annotation: the chain is compared
+    # older than the last annotation: the chain is compared
+    if report.get("annotations_head") != known["annotations_head"]:
         known |= dict.fromkeys(OF_ANNOTATIONS, COMPUTED)
     verdict = verdict_facts(run.folder, run.manifest, measure)
     add_reasons(verdict, report["stations"], cut_off=is_cut_off(run.manifest))
-    ports, checks = _ports(run), {(one.station, one.port): one for one in run.manifest.verifications}
+    ports, checks = (
+        _ports(run),
+        {(one.station, one.port): one for one in run.manifest.verifications},
+    )
 
     def of_one(facts: StationFacts) -> dict[str, object]:
         found = ports_of(facts, [port for name, port in ports if name == facts.name])
         each = [
             _port(run, facts, port, ports.get((facts.name, port), PortRows()))
-            | {"verification": verification(facts, port, checks.get((facts.name, port)), verdict.rules)}
+            | {
+                "verification": verification(
+                    facts, port, checks.get((facts.name, port)), verdict.rules
+                )
+            }
             for port in found
         ]
         return of_station(facts, cut_off=is_cut_off(run.manifest)) | {"ports": each}
 
     stations = [_all_of(StationReport) | of_one(facts) for facts in run.manifest.stations]
-    others = dict.fromkeys(CLAIMED, COMPUTED) | ({"vouched_in": ANNOTATIONS} if "vouched_in" in report else {})
+    others = dict.fromkeys(CLAIMED, COMPUTED) | (
+        {"vouched_in": ANNOTATIONS} if "vouched_in" in report else {}
+    )
     return _all_of(Facts) | known | {"verdict": verdict, "stations": stations} | others
 
 
@@ -116,7 +144,9 @@ def _ports(run: Run) -> Ports:
     found: dict[tuple[str, int], PortRows] = {}
     for group in run.groups("samples", ["station", "port", "temperature_c", "status"]):
         last = [("temperature_c", "last"), ("status", "last")]
-        by_port = group.group_by(["station", "port"], use_threads=False).aggregate([([], "count_all"), *last])
+        by_port = group.group_by(["station", "port"], use_threads=False).aggregate(
+            [([], "count_all"), *last]
+        )
         for row in by_port.to_pylist():
             place = (row["station"], row["port"])
             found[place] = _joined(found.get(place, PortRows()), row)
@@ -133,27 +163,45 @@ def _joined(before: PortRows, row: Mapping[str, Any]) -> PortRows:
 
 
 def _unlike(says: object, is_so: object, place: str) -> Iterator[Found]:
-    """Yield each leaf that differs; a list of another length and a key too many or too few are leaves."""
+    """Yield each leaf that differs; a list of another length and a key too many or too few are
+    leaves.
+    """
     if is_so is COMPUTED:
         return
     is_so = asdict(is_so) if is_dataclass(is_so) and not isinstance(is_so, type) else is_so
     if isinstance(is_so, Mapping) and isinstance(says, Mapping):
         plain = {str(cleaned(str(key))): value for key, value in is_so.items()}
         for key in {**plain, **says}:
-            yield from _unlike(says.get(key, ABSENT), plain.get(key, ABSENT), f"{place}, {key}" if place else str(key))
+            yield from _unlike(
+                says.get(key, ABSENT),
+                plain.get(key, ABSENT),
+                f"{place}, {key}" if place else str(key),
+            )
     elif isinstance(is_so, list | tuple) and isinstance(says, list) and len(is_so) == len(says):
         for number, (one, other) in enumerate(zip(says, is_so, strict=True), 1):
             yield from _unlike(one, other, f"{place}, {_named(other, number)}")
-    elif (plain_one := cleaned(is_so)) != says or isinstance(plain_one, bool) != isinstance(says, bool):
+    elif (plain_one := cleaned(is_so)) != says or isinstance(plain_one, bool) != isinstance(
+        says, bool
+    ):
         yield place, says, plain_one
 
 
 def _named(value: object, number: int) -> str:
     """Return the name of an entry, its port, or its place in the list."""
     of = value if isinstance(value, Mapping) else {}
-    return str(of["name"]) if "name" in of else f"port {of['port']}" if "left_means" in of else f"entry {number}"
+    return (
+        str(of["name"])
+        if "name" in of
+        else f"port {of['port']}"
+        if "left_means" in of
+        else f"entry {number}"
+    )
 
 
 def _short(value: object) -> str:
-    text = json.dumps(value, ensure_ascii=False, default=str) if isinstance(value, dict | list) else str(value)
+    text = (
+        json.dumps(value, ensure_ascii=False, default=str)
+        if isinstance(value, dict | list)
+        else str(value)
+    )
     return text if len(text) <= 80 else f"{text[:79]}…"

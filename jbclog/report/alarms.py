@@ -1,6 +1,8 @@
-"""The alarms of a report: incidents with their episodes by source, acknowledgements, and alarm figures.
+"""The alarms of a report: incidents with their episodes by source, acknowledgements, and alarm
+figures.
 
-They come from the same functions as `jbclog alarms` (`analysis/run_alarms.py`); acknowledgements are in annotations.jsonl.
+They come from the same functions as `jbclog alarms` (`analysis/run_alarms.py`); acknowledgements
+are in annotations.jsonl.
 """
 
 from __future__ import annotations
@@ -20,10 +22,11 @@ AFTERWARDS: Final = "C"
 
 @dataclass(slots=True)
 class AlarmFacts:
-    """Incidents with their episodes, the figures of each station by source, and where the sources disagree.
+    """Incidents with their episodes, the figures of each station by source, and where the sources
+    disagree.
 
-    `waiting`: how many alarms (of the station or of samples) are not acknowledged; `excursions`: incidents that only the samples
-    show afterwards, which are no alarms.
+    `waiting`: how many alarms (of the station or of samples) are not acknowledged; `excursions`:
+    incidents that only the samples show afterwards, which are no alarms.
     """
 
     incidents: list[Row]
@@ -44,7 +47,9 @@ def alarm_facts(run: Run) -> AlarmFacts:
     incidents = _incidents(found)
     return AlarmFacts(
         incidents=incidents,
-        figures=[row for row in found.figure_rows() if row["count"] and row["detector"] != AFTERWARDS],
+        figures=[
+            row for row in found.figure_rows() if row["count"] and row["detector"] != AFTERWARDS
+        ],
         findings=found.findings(),
         waiting=sum(row["waiting"] is True for row in incidents),
         excursions=sum(not row["is_alarm"] for row in incidents),
@@ -55,20 +60,36 @@ def _incidents(found: Alarms) -> list[Row]:
     rows: dict[object, list[Row]] = {}
     for row in found.rows():
         rows.setdefault(row["incident"], []).append(row)
-    return [_incident(rows[one.number], one.name, waiting=found.is_waiting(one)) for one in found.incidents]
+    return [
+        _incident(rows[one.number], one.name, waiting=found.is_waiting(one))
+        for one in found.incidents
+    ]
 
 
 def _incident(episodes: Sequence[Row], name: str, *, waiting: bool) -> Row:
     """Return an incident by the episode that it is named after."""
     chosen = next(row for row in episodes if row["episode"] == name)
-    shown = ("station", "port", "side", "onset_earliest", "onset", "end_earliest", "end", "end_reason", "seconds", "finding")
+    shown = (
+        "station",
+        "port",
+        "side",
+        "onset_earliest",
+        "onset",
+        "end_earliest",
+        "end",
+        "end_reason",
+        "seconds",
+        "finding",
+    )
     acknowledged = ("acknowledged_by", "acknowledged_at", "acknowledged_why")
     return {
         "number": chosen["incident"],
         "name": name,
         **{key: chosen[key] for key in (*shown, *acknowledged)},
         "limit_c": next((row["limit_c"] for row in episodes if row["limit_c"] is not None), None),
-        "peak_c": next((row["peak_c"] for row in (chosen, *episodes) if row["peak_c"] is not None), None),
+        "peak_c": next(
+            (row["peak_c"] for row in (chosen, *episodes) if row["peak_c"] is not None), None
+        ),
         "state": _state(episodes),
         "is_alarm": any(row["detector"] != AFTERWARDS for row in episodes),
         "waiting": waiting,
@@ -91,4 +112,6 @@ def _state(episodes: Sequence[Row]) -> str:
 def _witnesses(episodes: Sequence[Row]) -> str:
     """Return ``A, B ×2``."""
     counts = {letter: sum(row["detector"] == letter for row in episodes) for letter in WITNESSES}
-    return ", ".join(f"{letter} ×{count}" if count > 1 else letter for letter, count in counts.items() if count)
+    return ", ".join(
+        f"{letter} ×{count}" if count > 1 else letter for letter, count in counts.items() if count
+    )

@@ -35,7 +35,11 @@ def _moment(trace: Trace) -> tuple[float, str]:
         if first is not None:
             return (first.span.start + first.span.end) / 2, why
     hottest = _hottest(trace)
-    return (hottest, "the hottest reading") if hottest is not None else ((trace.start + trace.end) / 2, "the middle of the run")
+    return (
+        (hottest, "the hottest reading")
+        if hottest is not None
+        else ((trace.start + trace.end) / 2, "the middle of the run")
+    )
 
 
 def _hottest(trace: Trace) -> float | None:
@@ -50,7 +54,9 @@ def caption(trace: Trace) -> str:
     parts = [f"{_day(trace)}, times in UTC."]
     read = int(np.count_nonzero(~np.isnan(trace.setting)))
     if read:
-        parts.append(f"Setpoint shown where it was read{', as dots' if read <= WIDE.most_dots else ''}.")
+        parts.append(
+            f"Setpoint shown where it was read{', as dots' if read <= WIDE.most_dots else ''}."
+        )
     if len(trace.seconds) > 2 * WIDE.stretches:
         stretch = (trace.end - trace.start) / WIDE.stretches
         parts.append(f"Line: mean, band: min–max of every {duration_text(stretch)}.")
@@ -58,7 +64,8 @@ def caption(trace: Trace) -> str:
         parts.append(joints_marked(trace))
     gaps = sorted(trace.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))
     named = [
-        f"{gap.word.replace('_', ' ')} {duration_text(gap.seconds)} at {_clock(trace, gap.start)}" for gap in gaps[:MOST_GAPS_NAMED]
+        f"{gap.word.replace('_', ' ')} {duration_text(gap.seconds)} at {_clock(trace, gap.start)}"
+        for gap in gaps[:MOST_GAPS_NAMED]
     ]
     if named:
         more = len(gaps) - len(named)
@@ -76,20 +83,30 @@ def joints_marked(trace: Trace) -> str:
     """Return what the bars at the foot of the temperature are."""
     count, late = len(trace.joints), sum(one.word == JointEnd.LATE for one in trace.joints)
     bars = f"Bars at the foot: {count} joint{'s' * (count != 1)}"
-    return f"{bars}; high and red: {late} after which the next one came before the tip was back." if late else f"{bars}."
+    return (
+        f"{bars}; high and red: {late} after which the next one came before the tip was back."
+        if late
+        else f"{bars}."
+    )
 
 
 def description(place: str, trace: Trace) -> str:
     """Return the text for readers who do not see the figure."""
     if trace.states:
-        return f"{place}: its states over {duration_text(trace.end - trace.start)}, {len(trace.gaps)} gaps."
+        return (
+            f"{place}: its states over {duration_text(trace.end - trace.start)}, {len(trace.gaps)}"
+            " gaps."
+        )
     known = trace.temperature[~np.isnan(trace.temperature)]
     seen = f"from {known.min():g} to {known.max():g} °C" if len(known) else "never read"
     alarms = sum(mark.kind is MarkKind.ALARM for mark in trace.marks)
     length = duration_text(trace.end - trace.start)
     what = "tip" if trace.air is None else "air"
     joints = f"{len(trace.joints)} joints, " if trace.joints else ""
-    return f"{place}: {what} temperature {seen} over {length}, {joints}{alarms} alarms, {len(trace.gaps)} gaps, power below."
+    return (
+        f"{place}: {what} temperature {seen} over {length}, {joints}{alarms} alarms,"
+        f" {len(trace.gaps)} gaps, power below."
+    )
 
 
 def _day(trace: Trace) -> str:

@@ -1,4 +1,5 @@
-"""The content of a report as plain data: `report.json` is this, and page and paper are made from nothing else.
+"""The content of a report as plain data: `report.json` is this, and page and paper are made from
+nothing else.
 
 Times are ISO 8601 in UTC, None is "not known", names end with their unit.
 """
@@ -23,10 +24,12 @@ class Reason:
 
 @dataclass(slots=True)
 class VerdictFacts:
-    """`decided`: ``"with the run"`` (it stands in the manifest), ``"by recovery"`` (the run was cut off) or ``"by this report"``.
+    """`decided`: ``"with the run"`` (it stands in the manifest), ``"by recovery"`` (the run was cut
+    off) or ``"by this report"``.
 
-    `reasons`: why it is not ACCEPT. `version`: that of its rules. Where it is not the latest, `by_rules` is a sentence with the
-    verdict of the latest rules, and `by_latest` that verdict with its reasons; neither changes the verdict.
+    `reasons`: why it is not ACCEPT. `version`: that of its rules. Where it is not the latest,
+    `by_rules` is a sentence with the verdict of the latest rules, and `by_latest` that verdict with
+    its reasons; neither changes the verdict.
     """
 
     word: str
@@ -41,7 +44,9 @@ class VerdictFacts:
 
 @dataclass(slots=True)
 class FigureFacts:
-    """A figure: its file and texts; not in the JSON: two sizes as SVG, and the data of the interactive view."""
+    """A figure: its file and texts; not in the JSON: two sizes as SVG, and the data of the
+    interactive view.
+    """
 
     file: str
     caption: str
@@ -53,7 +58,9 @@ class FigureFacts:
 
 @dataclass(slots=True)
 class RecordedFacts:
-    """How much of a port's temperature was recorded; the definitions are in `analysis/verdict/samples.py`."""
+    """How much of a port's temperature was recorded; the definitions are in
+    `analysis/verdict/samples.py`.
+    """
 
     rows: int
     due: int
@@ -81,9 +88,11 @@ class TipFacts:
 
 @dataclass(slots=True)
 class PowerFacts:
-    """The highest power, and its integral: the metrics of that name (`analysis/metrics/energy.py`), `why` there is none.
+    """The highest power, and its integral: the metrics of that name (`analysis/metrics/energy.py`),
+    `why` there is none.
 
-    Joules and Wh only where the line file states the rated power; what was recorded beside a gap is the least that it can be.
+    Joules and Wh only where the line file states the rated power; what was recorded beside a gap is
+    the least that it can be.
     """
 
     greatest_permille: float | None
@@ -106,7 +115,9 @@ class StatesFacts:
 
 @dataclass(slots=True)
 class AirFacts:
-    """Hot air: the last flow as a share of the maximum, and the thermocouple on the work. None: never read."""
+    """Hot air: the last flow as a share of the maximum, and the thermocouple on the work. None:
+    never read.
+    """
 
     flow_permille: float | None
     external_least_c: float | None
@@ -116,11 +127,13 @@ class AirFacts:
 
 @dataclass(slots=True)
 class JointFacts:
-    """The joints of a port: `figures` are metrics with n, coverage, resolution and `why` there is no value (`features`).
+    """The joints of a port: `figures` are metrics with n, coverage, resolution and `why` there is
+    no value (`features`).
 
-    `taken`: the criteria, from the recipe's `[joints]` and from the run. `never_back`: a sentence where the tip seldom recovers.
-    `signals`: points of the chart that are out of the ordinary; None where it has no limits, with the reason in `refused` and in a
-    word in `refused_kind`.
+    `taken`: the criteria, from the recipe's `[joints]` and from the run. `never_back`: a sentence
+    where the tip seldom recovers.
+    `signals`: points of the chart that are out of the ordinary; None where it has no limits, with
+    the reason in `refused` and in a word in `refused_kind`.
     """
 
     figures: dict[str, dict[str, object]]
@@ -155,7 +168,8 @@ class PortFacts:
     left_warns: bool
     figures: list[FigureFacts]
     joints: JointFacts | None = None  # None for tools that make no joints
-    verification: dict[str, object] | None = None  # the tip verification that was valid when the run began
+    # the tip verification that was valid when the run began
+    verification: dict[str, object] | None = None
 
 
 @dataclass(slots=True)
@@ -243,17 +257,35 @@ class Facts:
         return sum(len(station.ports) for station in self.stations) > CROWD
 
 
-CROWD = 12  # with more ports than these each has one figure, and a closer one only where something happened
+# with more ports than these each has one figure, and a closer one only where something happened
+CROWD = 12
 
 NOT_CLAIMED = (
-    "That a solder joint is good: joints are found in temperatures and powers, which do not show the solder.",
-    "The temperature of the tip's surface, or of the air at the work: values are those of the station's own sensor in the tool. "
-    "A calibrated thermometer confirms them only where a tip verification is cited, for the time of that verification.",
-    "Energy at the tip or in the air: power is in per mille of the station's nominal maximum; "
-    "watts appear only where the line file states a rated power.",
-    "What happened between two readings: an excursion shorter than the period is seen only if it raised the station's own alarm.",
-    "That every byte was right: the stations' check byte misses some double errors. Failed checks are in the accounting.",
-    "That the host's clock was right: times are UTC of the host; durations are from a monotonic clock.",
+    (
+        "That a solder joint is good: joints are found in temperatures and powers, which do not"
+        " show the solder."
+    ),
+    (
+        "The temperature of the tip's surface, or of the air at the work: values are those of the"
+        " station's own sensor in the tool. A calibrated thermometer confirms them only where a tip"
+        " verification is cited, for the time of that verification."
+    ),
+    (
+        "Energy at the tip or in the air: power is in per mille of the station's nominal maximum; "
+        "watts appear only where the line file states a rated power."
+    ),
+    (
+        "What happened between two readings: an excursion shorter than the period is seen only if"
+        " it raised the station's own alarm."
+    ),
+    (
+        "That every byte was right: the stations' check byte misses some double errors. Failed"
+        " checks are in the accounting."
+    ),
+    (
+        "That the host's clock was right: times are UTC of the host; durations are from a monotonic"
+        " clock."
+    ),
 )
 
 NOT_CLAIMED_SHORT = (

@@ -45,7 +45,16 @@ TEXTS = ("quality", "reasons", "status")
 COUNTS = ("tick", "late_us")
 COUNTED = {kind: pd.ArrowDtype(kind) for kind in (pa.int32(), pa.int64())}
 READINGS = ("temperature_c", "power_permille", "set_c")
-COLUMNS = ("tick", "late_us", "quality", "reasons", "temperature_c", "power_permille", "status", "set_c")
+COLUMNS = (
+    "tick",
+    "late_us",
+    "quality",
+    "reasons",
+    "temperature_c",
+    "power_permille",
+    "status",
+    "set_c",
+)
 
 
 def gather(run: Run, joints: Joints) -> Facts:
@@ -67,7 +76,9 @@ def gather(run: Run, joints: Joints) -> Facts:
     )
 
 
-def _stations(run: Run, joints: Joints, overview: Overview, verdict: VerdictFacts, measuring: Measuring) -> Iterator[StationReport]:
+def _stations(
+    run: Run, joints: Joints, overview: Overview, verdict: VerdictFacts, measuring: Measuring
+) -> Iterator[StationReport]:
     """Yield one station after the other."""
     manifest, folder = run.manifest, run.folder
     t0_utc_us = round((manifest.t0_utc or 0.0) * 1e6)
@@ -76,7 +87,9 @@ def _stations(run: Run, joints: Joints, overview: Overview, verdict: VerdictFact
         t0_utc_us,
         happenings(run.events(), t0_utc_us),
         run.settings(),
-        measuring(folder, {facts.name: facts for facts in manifest.stations}, {}, own_version(manifest)),
+        measuring(
+            folder, {facts.name: facts for facts in manifest.stations}, {}, own_version(manifest)
+        ),
         manifest.ledger,
         is_cut_off(manifest),
         tuple(steps_of(folder)),
@@ -94,7 +107,9 @@ def _stations(run: Run, joints: Joints, overview: Overview, verdict: VerdictFact
 
 
 def _samples(run: Run) -> Iterator[tuple[StationFacts, dict[int, pd.DataFrame]]]:
-    """Yield the rows of each port of each station, from one pass over the samples for as many stations as fit into memory."""
+    """Yield the rows of each port of each station, from one pass over the samples for as many
+    stations as fit into memory.
+    """
     for stations in at_once(run.manifest.stations, _rows, MOST_ROWS):
         found = _by_port(run, stations)
         for facts in stations:
@@ -102,11 +117,17 @@ def _samples(run: Run) -> Iterator[tuple[StationFacts, dict[int, pd.DataFrame]]]
 
 
 def _by_port(run: Run, stations: Sequence[StationFacts]) -> dict[str, dict[int, pd.DataFrame]]:
-    """Return the rows of each port in a fifth of the memory of `Run.samples`: equal texts once, readings in 32 bits."""
+    """Return the rows of each port in a fifth of the memory of `Run.samples`: equal texts once,
+    readings in 32 bits.
+    """
     columns = {facts.name: _columns(facts) for facts in stations}
     every = [*dict.fromkeys(name for some in columns.values() for name in some)]
     none = _narrow(SCHEMAS["samples"].empty_table())
-    pieces = {(facts.name, port): [none.select(columns[facts.name])] for facts in stations for port in facts.ports}
+    pieces = {
+        (facts.name, port): [none.select(columns[facts.name])]
+        for facts in stations
+        for port in facts.ports
+    }
     for group in run.groups("samples", ["station", "port", *every]):
         for key, rows in by_port(group):
             if key[0] in columns:
@@ -118,8 +139,13 @@ def _by_port(run: Run, stations: Sequence[StationFacts]) -> dict[str, dict[int, 
 
 
 def _frame(pieces: list[pa.Table]) -> pd.DataFrame:
-    """Return the rows of a port; takes the pieces out of their list, and frees each column as soon as it is converted."""
-    rows, columns = pa.concat_tables(pieces, promote_options="permissive").unify_dictionaries(), dict[str, pd.Series]()
+    """Return the rows of a port; takes the pieces out of their list, and frees each column as soon
+    as it is converted.
+    """
+    rows, columns = (
+        pa.concat_tables(pieces, promote_options="permissive").unify_dictionaries(),
+        dict[str, pd.Series](),
+    )
     pieces.clear()
     for name in rows.column_names:
         columns[name] = rows[name].to_pandas(types_mapper=COUNTED.get)
@@ -129,9 +155,15 @@ def _frame(pieces: list[pa.Table]) -> pd.DataFrame:
 
 
 def _narrow(rows: pa.Table) -> pa.Table:
-    """Return rows with dictionaries for texts, 32 bits for counts, and readings (whole numbers of at most six digits) as floats."""
+    """Return rows with dictionaries for texts, 32 bits for counts, and readings (whole numbers of
+    at most six digits) as floats.
+    """
     narrow = {name: rows[name].dictionary_encode() for name in TEXTS if name in rows.column_names}
-    narrow |= {name: rows[name].cast(pa.float32(), safe=False) for name in READINGS if name in rows.column_names}
+    narrow |= {
+        name: rows[name].cast(pa.float32(), safe=False)
+        for name in READINGS
+        if name in rows.column_names
+    }
     narrow |= {name: _short(rows[name]) for name in COUNTS if name in rows.column_names}
     return pa.table({name: narrow.get(name, rows[name]) for name in rows.column_names})
 
@@ -152,13 +184,23 @@ def _rows(facts: StationFacts) -> float:
 
 
 def _columns(facts: StationFacts) -> tuple[str, ...]:
-    """Return the columns that the report reads; on a grid of ticks the time of a row is not needed."""
+    """Return the columns that the report reads; on a grid of ticks the time of a row is not
+    needed.
+    """
     states = () if "temperature_c" in judged_signals(facts) else STATES
-    return (*(() if facts.period_s else ("time",)), *COLUMNS, *states, *(AIR if has_air(facts) else ()))
+    return (
+        *(() if facts.period_s else ("time",)),
+        *COLUMNS,
+        *states,
+        *(AIR if has_air(facts) else ()),
+    )
 
 
 def _overview(overview: Overview) -> FigureFacts | None:
     if not overview.is_worth_it:
         return None
-    text, (wide, narrow) = overview.caption, (svg_text(overview.draw(form)) for form in (WIDE, NARROW))
+    text, (wide, narrow) = (
+        overview.caption,
+        (svg_text(overview.draw(form)) for form in (WIDE, NARROW)),
+    )
     return FigureFacts("figures/overview.svg", text, f"Overview of the run. {text}", wide, narrow)

@@ -1,9 +1,11 @@
-"""Deficit and recovery joint by joint: how far below its setpoint the tip begins, and how long it takes to be back.
+"""Deficit and recovery joint by joint: how far below its setpoint the tip begins, and how long it
+takes to be back.
 
-Recoveries are individuals and moving ranges, with limits where `spc` allows them. Where it refuses (too few values,
-autocorrelation, a spread below the resolution), or where the next joint too often began before the tip was back, there are no
-limits, and the caption states why. Such a joint has an arrow at the time until the next joint: its recovery is longer. Of more
-joints than are seen apart, each stretch shows its least and greatest; points with a signal are always drawn.
+Recoveries are individuals and moving ranges, with limits where `spc` allows them. Where it refuses
+(too few values, autocorrelation, a spread below the resolution), or where the next joint too often
+began before the tip was back, there are no limits, and the caption states why. Such a joint has an
+arrow at the time until the next joint: its recovery is longer. Of more joints than are seen apart,
+each stretch shows its least and greatest; points with a signal are always drawn.
 """
 
 from __future__ import annotations
@@ -39,8 +41,9 @@ ARROW: Final[Look] = {"color": style.ALARM, "linewidth": 0.9}
 class RecoveryChart:
     """The recoveries by the number of their joint; the chart, or why it has no limits.
 
-    `deficits`: setpoint minus temperature at the start, of every joint (NaN: not known). `late`: the numbers of the joints that the
-    next one followed before the tip was back, and the time in s that each had.
+    `deficits`: setpoint minus temperature at the start, of every joint (NaN: not known). `late`:
+    the numbers of the joints that the next one followed before the tip was back, and the time in s
+    that each had.
     """
 
     numbers: Floats
@@ -57,7 +60,9 @@ class RecoveryChart:
     @property
     def why(self) -> tuple[str | None, str | None]:
         """Why it has no limits, as a sentence and in a word."""
-        return (self.found.text, self.found.kind) if isinstance(self.found, Refused) else (None, None)
+        return (
+            (self.found.text, self.found.kind) if isinstance(self.found, Refused) else (None, None)
+        )
 
     @property
     def is_worth_it(self) -> bool:
@@ -65,7 +70,9 @@ class RecoveryChart:
 
     @property
     def signals(self) -> int | None:
-        """How many points of the individuals are out of the ordinary; None where the chart has no limits."""
+        """How many points of the individuals are out of the ordinary; None where the chart has no
+        limits.
+        """
         return None if self.chart is None else len(self.signalling)
 
     @property
@@ -80,17 +87,33 @@ class RecoveryChart:
         if self.chart is None:
             return f"{shown} Without limits: {self.why[0]}"
         tests = list(dict.fromkeys(one.text for one in self.chart[0].signals))
-        found = "No point is out of the ordinary" if not tests else f"{_points(len(self.signalling))} ({'; '.join(tests)})"
+        found = (
+            "No point is out of the ordinary"
+            if not tests
+            else f"{_points(len(self.signalling))} ({'; '.join(tests)})"
+        )
         chart = self.chart[0]
-        limits = "three sigma" if chart.distribution == "normal" else f"percentiles 0.135 and 99.865 ({chart.distribution})"
-        return f"{shown} Individuals and moving ranges with limits at {limits} (I-MR, Nelson's tests 1, 2, 3 and 5). {found}."
+        limits = (
+            "three sigma"
+            if chart.distribution == "normal"
+            else f"percentiles 0.135 and 99.865 ({chart.distribution})"
+        )
+        return (
+            f"{shown} Individuals and moving ranges with limits at {limits} (I-MR, Nelson's tests"
+            f" 1, 2, 3 and 5). {found}."
+        )
 
     @property
     def _have(self) -> str:
         """How many joints have a recovery, and the meaning of the arrows."""
         back, late = len(self.seconds), len(self.late[0])
-        have = "All joints have a recovery." if back == self.joints else f"{back} of {self.joints} joints have a recovery."
-        return f"{have}{' Arrows: longer, as the next joint came before the tip was back.' if late else ''}"
+        have = (
+            "All joints have a recovery."
+            if back == self.joints
+            else f"{back} of {self.joints} joints have a recovery."
+        )
+        arrows = " Arrows: longer, as the next joint came before the tip was back."
+        return f"{have}{arrows if late else ''}"
 
 
 def _points(count: int) -> str:
@@ -98,27 +121,43 @@ def _points(count: int) -> str:
 
 
 def recovery_chart(
-    recovery: Floats, resolution: float | None, deficits: Floats | None = None, had: Floats | None = None
+    recovery: Floats,
+    resolution: float | None,
+    deficits: Floats | None = None,
+    had: Floats | None = None,
 ) -> RecoveryChart:
     """Return the chart of these recoveries (NaN: none) in the order of their joints.
 
-    `had`: the time in s until the next joint, where that came before the tip was back; NaN elsewhere.
+    `had`: the time in s until the next joint, where that came before the tip was back; NaN
+    elsewhere.
     """
     none = np.full(len(recovery), np.nan)
     there, had = ~np.isnan(recovery), none if had is None else had
     seconds, numbers = recovery[there], np.flatnonzero(there).astype(np.float64) + 1
     late = ~np.isnan(had)
     waited = (np.flatnonzero(late).astype(np.float64) + 1, had[late])
-    found = too_many_late(len(waited[0]), len(seconds)) or control_chart(seconds, resolution=resolution)
-    return RecoveryChart(numbers, seconds, len(recovery), found, none if deficits is None else deficits, waited)
+    found = too_many_late(len(waited[0]), len(seconds)) or control_chart(
+        seconds, resolution=resolution
+    )
+    return RecoveryChart(
+        numbers, seconds, len(recovery), found, none if deficits is None else deficits, waited
+    )
 
 
 def draw_chart(one: RecoveryChart, form: Format) -> Figure:
-    """Return the deficits where they are known, the recoveries, and where these have limits their moving ranges."""
+    """Return the deficits where they are known, the recoveries, and where these have limits their
+    moving ranges.
+    """
     deficits = np.flatnonzero(~np.isnan(one.deficits))
-    heights = [*([LOWER_PT] if len(deficits) else []), UPPER_PT, *([] if one.chart is None else [LOWER_PT])]
+    heights = [
+        *([LOWER_PT] if len(deficits) else []),
+        UPPER_PT,
+        *([] if one.chart is None else [LOWER_PT]),
+    ]
     with styled():
-        figure = new_figure(form.width_pt, TOP + sum(heights) + BETWEEN * (len(heights) - 1) + BOTTOM)
+        figure = new_figure(
+            form.width_pt, TOP + sum(heights) + BETWEEN * (len(heights) - 1) + BOTTOM
+        )
         panels = _panels(figure, heights, max(float(one.joints), 2.0), form)
         rows = iter(panels)
         if len(deficits):
@@ -133,16 +172,25 @@ def _panels(figure: Figure, heights: list[float], last: float, form: Format) -> 
     """Return the panels, one below the other, with the number of the joint on their axis."""
     tops = [TOP + sum(heights[:row]) + BETWEEN * row for row in range(len(heights))]
     width = form.width_pt - LEFT - RIGHT
-    panels = [panel(figure, LEFT, top, width, height) for top, height in zip(tops, heights, strict=True)]
+    panels = [
+        panel(figure, LEFT, top, width, height) for top, height in zip(tops, heights, strict=True)
+    ]
     numbers = round_values(1, last, form.time_marks)
     for axes in panels:
         axes.set_xlim(0.5, last + 0.5)
-        ticked(axes, np.array(numbers), [f"{number:g}" for number in numbers], is_lowest=axes is panels[-1])
+        ticked(
+            axes,
+            np.array(numbers),
+            [f"{number:g}" for number in numbers],
+            is_lowest=axes is panels[-1],
+        )
     return panels
 
 
 def _deficits(axes: Axes, numbers: Floats, celsius: Floats, form: Format) -> None:
-    """Draw how far below its setpoint the tip began each joint; 0 is on the scale, so that a small deficit looks small."""
+    """Draw how far below its setpoint the tip began each joint; 0 is on the scale, so that a small
+    deficit looks small.
+    """
     _scale(axes, np.append(celsius, [0.0, 5.0]))
     _median(axes, celsius, 1, form)
     _points_of(axes, numbers, celsius, "deficit")
@@ -189,7 +237,8 @@ def _late(axes: Axes, numbers: Floats, seconds: Floats) -> None:
         curve = envelope(numbers, seconds, MOST_DOTS, float("inf"))
         numbers, seconds = curve.seconds, curve.low
     (wide, high), (left, right), (low, top) = size_pt(axes), axes.get_xlim(), axes.get_ylim()
-    across, up, none = (right - left) / wide, (top - low) / high, np.full(len(numbers), np.nan)  # of a point
+    # of a point
+    across, up, none = (right - left) / wide, (top - low) / high, np.full(len(numbers), np.nan)
     tips = seconds + ARROW_PT * up
     bars(axes, numbers, seconds, tips, "late", **ARROW)
     x = np.column_stack([numbers - 1.4 * across, numbers, numbers + 1.4 * across, none])
@@ -203,12 +252,18 @@ def _lines(axes: Axes, values: Floats, chart: Chart | None, form: Format) -> Non
         _median(axes, values, 2, form)
         return
     middle = "mean" if chart.distribution == "normal" or chart.name != "individuals" else "median"
-    ends = [(float(chart.upper[0]), "limit"), (chart.centre, middle), (float(chart.lower[0]), "limit")]
+    ends = [
+        (float(chart.upper[0]), "limit"),
+        (chart.centre, middle),
+        (float(chart.lower[0]), "limit"),
+    ]
     labels: list[Label] = []
     for value, name in ends:
         axes.axhline(value, gid="limit", **(LIMIT if name == "limit" else CENTRE))
         if value > 0 or name != "limit":
-            labels.append((value, f"{name} {value:.2f}", style.ALARM if name == "limit" else style.INK))
+            labels.append(
+                (value, f"{name} {value:.2f}", style.ALARM if name == "limit" else style.INK)
+            )
     labelled(axes, labels, form.font_pt)
 
 
@@ -219,11 +274,15 @@ def _median(axes: Axes, values: Floats, digits: int, form: Format) -> None:
 
 
 def _points_of(axes: Axes, numbers: Floats, values: Floats, of: str) -> None:
-    """Draw each point, or of more than are seen apart the least, greatest and mean of each stretch."""
+    """Draw each point, or of more than are seen apart the least, greatest and mean of each
+    stretch.
+    """
     if len(values) <= MOST_DOTS:
         axes.plot(numbers, values, gid="joined", **JOINED)
         dots(axes, numbers, values, 2.0, style.TEMPERATURE, of)
         return
     curve = envelope(numbers, values, MOST_DOTS, float("inf"))
-    bars(axes, curve.seconds, curve.low, curve.high, of, color=style.TEMPERATURE_BAND, linewidth=1.0)
+    bars(
+        axes, curve.seconds, curve.low, curve.high, of, color=style.TEMPERATURE_BAND, linewidth=1.0
+    )
     dots(axes, curve.seconds, curve.mean, 1.6, style.TEMPERATURE, of)

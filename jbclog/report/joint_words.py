@@ -1,4 +1,6 @@
-"""The joints of a report in rows and sentences, from the facts as plain data, for page and paper."""
+"""The joints of a report in rows and sentences, from the facts as plain data, for page and
+paper.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,8 @@ from typing import Final
 
 from jbclog.report.text import RowView, measured, number
 
-NEVER, SELDOM = 0.95, 0.5  # the share of the joints that the next one followed before the tip was back
+# the share of the joints that the next one followed before the tip was back
+NEVER, SELDOM = 0.95, 0.5
 ENOUGH: Final = 5  # joints, below which no share is stated
 REFUSED: Final = {
     "too_few": "too few joints",
@@ -16,10 +19,11 @@ REFUSED: Final = {
     "not_recovered": "too many joints without recovery",
 }
 NOTE: Final = (
-    "Found by the tip's heat balance; nothing here says that a joint is good. Recovery: from a joint's start until the tip is back "
-    "at the level at which it rests; a joint that the next one follows before that counts as longer (Kaplan and Meier 1958). The "
-    "idle error is how far that level lies from the setpoint. Deficit: setpoint minus temperature at the start. Deficit, depth, "
-    "dwell and heat: medians."
+    "Found by the tip's heat balance; nothing here says that a joint is good. Recovery: from a"
+    " joint's start until the tip is back at the level at which it rests; a joint that the next one"
+    " follows before that counts as longer (Kaplan and Meier 1958). The idle error is how far that"
+    " level lies from the setpoint. Deficit: setpoint minus temperature at the start. Deficit,"
+    " depth, dwell and heat: medians."
 )
 
 
@@ -34,32 +38,56 @@ def jointed(report: Mapping[str, object]) -> list[RowView]:
 
 
 def never_back(late: int, seen: int, deficit_c: float | None) -> str | None:
-    """Return a sentence where most joints begin before the tip is back; `late`: how many of the `seen` recoveries."""
+    """Return a sentence where most joints begin before the tip is back; `late`: how many of the
+    `seen` recoveries.
+    """
     if seen < ENOUGH or late < SELDOM * seen:
         return None
     how = "never lets the tip recover" if late == seen else "hardly ever lets the tip recover"
     how = how if late >= NEVER * seen else "seldom lets the tip recover"
-    begins = "" if deficit_c is None or deficit_c < 0.5 else f"; joints begin {deficit_c:.0f} °C below the setpoint (median)"
-    return f"This line {how}: after {late} of {seen} joints the next one began before the tip was back{begins}."
+    begins = (
+        ""
+        if deficit_c is None or deficit_c < 0.5
+        else f"; joints begin {deficit_c:.0f} °C below the setpoint (median)"
+    )
+    return (
+        f"This line {how}: after {late} of {seen} joints the next one began before the tip was"
+        f" back{begins}."
+    )
 
 
 def never_back_at(rows: Sequence[RowView]) -> list[str]:
     """Return these sentences of all ports, each with its place."""
     found = [(row, _mapping(row["joints"]).get("never_back")) for row in rows]
-    return [f"{row['station']} port {row['port']}: {text}" for row, text in found if text is not None]
+    return [
+        f"{row['station']} port {row['port']}: {text}" for row, text in found if text is not None
+    ]
 
 
 def found_with(rows: Sequence[RowView]) -> list[str]:
-    """Return what counts as a joint, what of it was learned from the run, and where the feeder decides: a sentence each."""
+    """Return what counts as a joint, what of it was learned from the run, and where the feeder
+    decides: a sentence each.
+    """
     texts: dict[str, list[str]] = {}
     fed: list[str] = []
     for row in rows:
-        taken, place = _mapping(_mapping(row["joints"]).get("taken")), f"{row['station']} port {row['port']}"
+        taken, place = (
+            _mapping(_mapping(row["joints"]).get("taken")),
+            f"{row['station']} port {row['port']}",
+        )
         if taken:
             texts.setdefault(_found_with(taken), []).append(place)
             fed += [place] if taken["wire_decides"] else []
-    criteria = list(texts) if len(texts) == 1 else [f"{', '.join(places)}: {text}" for text, places in texts.items()]
-    return [*criteria, *_regular(rows), *([f"Each feed of the feeder is a joint: {', '.join(fed)}."] if fed else [])]
+    criteria = (
+        list(texts)
+        if len(texts) == 1
+        else [f"{', '.join(places)}: {text}" for text, places in texts.items()]
+    )
+    return [
+        *criteria,
+        *_regular(rows),
+        *([f"Each feed of the feeder is a joint: {', '.join(fed)}."] if fed else []),
+    ]
 
 
 def _regular(rows: Sequence[RowView]) -> list[str]:
@@ -73,7 +101,11 @@ def _regular(rows: Sequence[RowView]) -> list[str]:
             places.setdefault(text, []).append(f"{row['station']} port {row['port']}")
     if not places:
         return []
-    parts = list(places) if len(places) == 1 else [f"{text} ({', '.join(ports)})" for text, ports in places.items()]
+    parts = (
+        list(places)
+        if len(places) == 1
+        else [f"{text} ({', '.join(ports)})" for text, ports in places.items()]
+    )
     text = "Time between joint starts, learned from the run (the recipe sets no expected_every_s)"
     return [f"{text}: {'; '.join(parts)}. Not used to find joints."]
 
@@ -87,14 +119,20 @@ def _found_with(taken: RowView) -> str:
         f"the tip is back within {measured(taken['recovered_within_c'], '°C')}",
         *([] if expected is None else [f"one is expected every {measured(expected, 's')}"]),
     ]
-    by_run = f" Learned from the run, as the recipe's [joints] does not set them: {', '.join(learnt)}." if learnt else ""
+    by_run = (
+        f" Learned from the run, as the recipe's [joints] does not set them: {', '.join(learnt)}."
+        if learnt
+        else ""
+    )
     return f"{'; '.join(parts)}.{by_run}"
 
 
 def heat(row: RowView) -> str:
     """Return the median heat of a joint, in joules where watts are known."""
     figures = _mapping(_mapping(row["joints"])["figures"])
-    joules, relative = (_mapping(figures[name])["value"] for name in ("joint_heat_j", "joint_heat_permille_s"))
+    joules, relative = (
+        _mapping(figures[name])["value"] for name in ("joint_heat_j", "joint_heat_permille_s")
+    )
     if joules is not None:
         return f"{number(joules, 1)} J"
     return "–" if relative is None else f"{number(relative, 0)} ‰·s"
@@ -114,10 +152,18 @@ def count(row: RowView) -> str:
 
 
 def remark(row: RowView) -> str:
-    """Return why the count is not known, whether the tip recovers, what may be no joint, and the result of the chart."""
+    """Return why the count is not known, whether the tip recovers, what may be no joint, and the
+    result of the chart.
+    """
     joints = _mapping(row["joints"])
     figures = _mapping(joints["figures"])
-    parts = [_not_known(joints), joints["never_back"], _kind(figures), *_feeds(figures), _chart(joints)]
+    parts = [
+        _not_known(joints),
+        joints["never_back"],
+        _kind(figures),
+        *_feeds(figures),
+        _chart(joints),
+    ]
     return " ".join(str(part) for part in parts if part)
 
 
@@ -125,15 +171,23 @@ def _not_known(joints: RowView) -> str | None:
     why = _mapping(_mapping(joints["figures"])["joints"])["why"]
     if why is None:
         return None
-    return f"{'Not all joints are' if joints['found'] else 'Joints are not'} known: {str(why)[:1].lower()}{str(why)[1:]}"
+    return (
+        f"{'Not all joints are' if joints['found'] else 'Joints are not'} known:"
+        f" {str(why)[:1].lower()}{str(why)[1:]}"
+    )
 
 
 def _kind(figures: RowView) -> str | None:
-    unknown, alone = (_value(figures, name) for name in ("joints_kind_not_known", "joints_fed_alone"))
+    unknown, alone = (
+        _value(figures, name) for name in ("joints_kind_not_known", "joints_fed_alone")
+    )
     drawn = (unknown or 0.0) - (alone or 0.0)
     if drawn <= 0:
         return None
-    return f"{drawn:.0f} may be {'wipes or touches' if drawn != 1 else 'a wipe or a touch'} without solder: kind not known."
+    return (
+        f"{drawn:.0f} may be {'wipes or touches' if drawn != 1 else 'a wipe or a touch'} without"
+        " solder: kind not known."
+    )
 
 
 def _feeds(figures: RowView) -> list[str]:
@@ -141,7 +195,10 @@ def _feeds(figures: RowView) -> list[str]:
     feeds, alone = _value(figures, "joints_by_feeder"), _value(figures, "joints_fed_alone")
     if feeds is None:
         return []
-    heat, without, draws = (_value(figures, name) for name in ("joints_by_heat", "feeds_without_draw", "draws_without_feed"))
+    heat, without, draws = (
+        _value(figures, name)
+        for name in ("joints_by_heat", "feeds_without_draw", "draws_without_feed")
+    )
     only = f" {alone:.0f} of the joints by the feeder alone." if alone else ""
     if heat is None or without is None or draws is None:
         return [f"Feeds: {feeds:.0f}; joints by heat: not known.{only}"]
@@ -158,7 +215,9 @@ def _chart(joints: RowView) -> str | None:
     if not joints["found"]:
         return None if _not_known(joints) else "No joints were found."
     if joints["signals"] is None:
-        return f"Chart without limits: {REFUSED.get(str(joints['refused_kind']), 'see its caption')}."
+        return (
+            f"Chart without limits: {REFUSED.get(str(joints['refused_kind']), 'see its caption')}."
+        )
     if not joints["signals"]:
         return "No point out of the ordinary."
     return f"{joints['signals']} point{'s' if joints['signals'] != 1 else ''} out of the ordinary."

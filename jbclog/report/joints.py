@@ -1,4 +1,6 @@
-"""The joints of a report: `joints.parquet` as `Run.joints` finds them, figures by port and by unit, and their chart."""
+"""The joints of a report: `joints.parquet` as `Run.joints` finds them, figures by port and by unit,
+and their chart.
+"""
 
 from __future__ import annotations
 
@@ -33,27 +35,45 @@ ROWS_AT_ONCE: Final = 4096
 COLUMNS: Final = (UNIT, *JOINTS_SCHEMA.names)  # of tables/joints.csv
 METRICS: Final[tuple[str, ...]] = (
     *("joints", "joints_kind_not_known", "joints_not_recovered", "recovered_before_next_percent"),
-    *("joint_deficit_c", "joint_resting_below_c", "recovery_s", "recovery_p95_s", "idle_error_c", "joint_depth_c"),
+    *(
+        "joint_deficit_c",
+        "joint_resting_below_c",
+        "recovery_s",
+        "recovery_p95_s",
+        "idle_error_c",
+        "joint_depth_c",
+    ),
     *("joint_dwell_s", "joint_heat_permille_s", "joint_heat_j", "joint_energy_permille_s"),
-    *("joints_by_heat", "joints_by_feeder", "joints_fed_alone", "feeds_without_draw", "draws_without_feed"),
+    *(
+        "joints_by_heat",
+        "joints_by_feeder",
+        "joints_fed_alone",
+        "feeds_without_draw",
+        "draws_without_feed",
+    ),
 )
 OF_JOINTS: Final = "joints"
 AT_WORK: Final = "power_mean_permille"  # without it the tool never worked and made no joints
 
 Recovery = tuple[float | None, float | None, bool | None]
-"""The recovery of a joint in s, the time until the next joint, and whether the tip was back before it."""
+"""The recovery of a joint in s, the time until the next joint, and whether the tip was back before
+it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Joints:
-    """All joints of a run: the table, its file, the metrics of the run, and the unit of each joint."""
+    """All joints of a run: the table, its file, the metrics of the run, and the unit of each
+    joint.
+    """
 
     table: pa.Table
     parquet: bytes
     metrics: list[Row]
     units: list[str | None]
     taken: list[Row]
-    by_port: Mapping[tuple[object, object], dict[str, Row]]  # the metrics of each port by their names
+    # the metrics of each port by their names
+    by_port: Mapping[tuple[object, object], dict[str, Row]]
 
     def of_port(self, station: str, port: int) -> pa.Table:
         """Return the joints of one port."""
@@ -64,10 +84,14 @@ class Joints:
         return self.by_port.get((station, port), {})
 
     def rows(self) -> Iterator[Row]:
-        """Yield a row for each joint with its unit, for spreadsheets; a few thousand of them are in memory at once."""
+        """Yield a row for each joint with its unit, for spreadsheets; a few thousand of them are in
+        memory at once.
+        """
         table = self.table
         for name in ("start", "end"):
-            table = table.set_column(table.schema.get_field_index(name), name, iso_times(table[name]))
+            table = table.set_column(
+                table.schema.get_field_index(name), name, iso_times(table[name])
+            )
         plain = (row for batch in table.to_batches(ROWS_AT_ONCE) for row in batch.to_pylist())
         return ({**row, UNIT: unit} for row, unit in zip(plain, self.units, strict=True))
 
@@ -80,27 +104,50 @@ def joints_of(run: Run) -> Joints:
     by_port: dict[tuple[object, object], dict[str, Row]] = {}
     for row in metrics:
         by_port.setdefault((row["station"], row["port"]), {})[str(row["metric"])] = row
-    return Joints(table, joints_parquet(table, manifest_sha256(run.folder)), metrics, serials, taken, by_port)
+    return Joints(
+        table, joints_parquet(table, manifest_sha256(run.folder)), metrics, serials, taken, by_port
+    )
 
 
-def joint_facts(found: Joints, station: str, port: int, file: str, *, crowded: bool = False) -> JointFacts | None:
-    """Return the figures of one port and its chart, whose file begins with `file`; None for what makes no joints."""
+def joint_facts(
+    found: Joints, station: str, port: int, file: str, *, crowded: bool = False
+) -> JointFacts | None:
+    """Return the figures of one port and its chart, whose file begins with `file`; None for what
+    makes no joints.
+    """
     metrics, joints = found.metrics_of(station, port), found.of_port(station, port)
     if OF_JOINTS not in metrics or not metrics[AT_WORK]["n"]:
         return None
-    recovery, deficits, had = (_floats(joints[name]) for name in ("recovery_s", "deficit_c", "had_s"))
+    recovery, deficits, had = (
+        _floats(joints[name]) for name in ("recovery_s", "deficit_c", "had_s")
+    )
     late = _floats(pc.equal(joints["recovered"], False).cast(pa.float64())) == 1
     resolution = metrics["recovery_s"]["resolution"]
-    chart = recovery_chart(recovery, resolution if isinstance(resolution, float) else None, deficits, np.where(late, had, np.nan))
+    chart = recovery_chart(
+        recovery,
+        resolution if isinstance(resolution, float) else None,
+        deficits,
+        np.where(late, had, np.nan),
+    )
     figure = None
     if chart.is_worth_it:
         wide = _svg(chart, WIDE)
         narrow = wide if crowded else _svg(chart, NARROW)
-        figure = FigureFacts(f"figures/{file}-joints.svg", chart.caption, f"{station}, port {port}: {chart.caption}", wide, narrow)
+        figure = FigureFacts(
+            f"figures/{file}-joints.svg",
+            chart.caption,
+            f"{station}, port {port}: {chart.caption}",
+            wide,
+            narrow,
+        )
     figures = {name: metrics[name] for name in METRICS if name in metrics}
-    taken = next(({**row} for row in found.taken if row["station"] == station and row["port"] == port), {})
+    taken = next(
+        ({**row} for row in found.taken if row["station"] == station and row["port"] == port), {}
+    )
     never = never_back(
-        int(late.sum()), int(np.count_nonzero(~joints["recovered"].is_null().to_numpy())), _value(figures, "joint_deficit_c")
+        int(late.sum()),
+        int(np.count_nonzero(~joints["recovered"].is_null().to_numpy())),
+        _value(figures, "joint_deficit_c"),
     )
     return JointFacts(figures, len(recovery), taken, never, chart.signals, *chart.why, figure)
 
@@ -120,18 +167,27 @@ def _floats(column: pa.ChunkedArray) -> Floats:
 
 
 def unit_rows(found: Joints) -> list[Row]:
-    """Return joints and recovery of each unit of which joints are known, in the order in which they came."""
-    joints = zip(*(found.table[name].to_pylist() for name in ("recovery_s", "had_s", "recovered")), strict=True)
+    """Return joints and recovery of each unit of which joints are known, in the order in which they
+    came.
+    """
+    joints = zip(
+        *(found.table[name].to_pylist() for name in ("recovery_s", "had_s", "recovered")),
+        strict=True,
+    )
     by_unit: dict[str | None, list[Recovery]] = {}
     for unit, joint in zip(found.units, joints, strict=True):
         by_unit.setdefault(unit, []).append(joint)
     if not any(by_unit):  # no unit was named
         return []
-    return [{UNIT: unit, "joints": len(these), **_recovery(these)} for unit, these in by_unit.items()]
+    return [
+        {UNIT: unit, "joints": len(these), **_recovery(these)} for unit, these in by_unit.items()
+    ]
 
 
 def _recovery(joints: Sequence[Recovery]) -> Row:
-    """Return the median recovery of one unit, and its slowest where all were seen: one that the next joint cut short was longer."""
+    """Return the median recovery of one unit, and its slowest where all were seen: one that the
+    next joint cut short was longer.
+    """
     known = [seconds for seconds, _, _ in joints if seconds is not None]
     late = sum(back is False for _, _, back in joints)
     times = [(had, False) if seconds is None else (seconds, True) for seconds, had, _ in joints]

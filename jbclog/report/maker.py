@@ -1,4 +1,6 @@
-"""Who made a report: the version of jbclog, that of its rules, the typesetter, and the drawing library. A report can name any."""
+"""Who made a report: the version of jbclog, that of its rules, the typesetter, and the drawing
+library. A report can name any.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +19,20 @@ _VERSION: Final = re.compile(r"(\d{1,6})\.(\d{1,6})\.(\d{1,6})([-.+a-z][-.+a-z0-
 
 
 def tools() -> dict[str, str]:
-    """Return what sets the paper and draws the figures, by its key in `report.json`: other versions may give other bytes."""
-    return {"paper_by": f"typst {metadata.version('typst')}", "drawn_by": f"matplotlib {metadata.version('matplotlib')}"}
+    """Return what sets the paper and draws the figures, by its key in `report.json`: other versions
+    may give other bytes.
+    """
+    return {
+        "paper_by": f"typst {metadata.version('typst')}",
+        "drawn_by": f"matplotlib {metadata.version('matplotlib')}",
+    }
 
 
 @dataclass(frozen=True, slots=True)
 class Maker:
-    """Who a report says that it was made by; `rules` is 1 for the first release, which named none."""
+    """Who a report says that it was made by; `rules` is 1 for the first release, which named
+    none.
+    """
 
     version: object
     rules: object
@@ -47,7 +56,9 @@ def maker_of(report: Mapping[str, Any]) -> Maker | None:
     """Return who the report names as its maker; None if nobody."""
     if "jbclog" not in report:
         return None
-    return Maker(report["jbclog"], report.get("rules", 1), {key: report.get(key) for key in tools()})
+    return Maker(
+        report["jbclog"], report.get("rules", 1), {key: report.get(key) for key in tools()}
+    )
 
 
 def impossible(maker: Maker) -> Iterator[str]:
@@ -56,11 +67,17 @@ def impossible(maker: Maker) -> Iterator[str]:
     if version is None:
         yield f"names jbclog {maker.version!s:.20} as its maker; that is no version"
     elif version < FIRST:
-        yield f"names jbclog {maker.version} as its maker; there was none before {'.'.join(map(str, FIRST))}"
+        yield (
+            f"names jbclog {maker.version} as its maker; there was none before"
+            f" {'.'.join(map(str, FIRST))}"
+        )
     if not isinstance(maker.rules, int) or isinstance(maker.rules, bool) or maker.rules < 1:
         yield f"names rules {maker.rules!s:.20}; there are none"
     elif version is not None and version < (_numbers(__version__) or FIRST) and maker.rules > RULES:
-        yield f"names jbclog {maker.version} with rules {maker.rules}; this jbclog, {__version__}, knows rules 1 to {RULES}"
+        yield (
+            f"names jbclog {maker.version} with rules {maker.rules}; this jbclog, {__version__},"
+            f" knows rules 1 to {RULES}"
+        )
 
 
 def newer(maker: Maker) -> Iterator[str]:

@@ -1,8 +1,9 @@
 """The overview of a run: a strip for each port on one time axis.
 
-A strip shows how far the tip was from its setpoint, between its least and its greatest, up to `REACH_C`. Where it was further away
-for `FAR_S`, a field has its temperature instead: a cold tip is no level line. Missing data are hatched, alarms and errors are bars.
-Strips are added port by port and hold thinned curves only.
+A strip shows how far the tip was from its setpoint, between its least and its greatest, up to
+`REACH_C`. Where it was further away for `FAR_S`, a field has its temperature instead: a cold tip is
+no level line. Missing data are hatched, alarms and errors are bars. Strips are added port by port
+and hold thinned curves only.
 """
 
 from __future__ import annotations
@@ -18,7 +19,18 @@ from matplotlib.figure import Figure
 from jbclog.analysis.figures import style
 from jbclog.analysis.figures.axes import BESIDE_PT, panel, rectangles, size_pt
 from jbclog.analysis.figures.canvas import new_figure, styled
-from jbclog.analysis.figures.curves import Envelope, Readings, Span, blocks, coded, dates, envelope, merged, runs, widened
+from jbclog.analysis.figures.curves import (
+    Envelope,
+    Readings,
+    Span,
+    blocks,
+    coded,
+    dates,
+    envelope,
+    merged,
+    runs,
+    widened,
+)
 from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import duration_text, time_marks
 from jbclog.analysis.figures.trace import JOINED_PERIODS, Mark, MarkKind, Trace
@@ -28,7 +40,8 @@ REACH_C = 40.0
 FAR_S = 10.0
 FAR_TINT = "#d9dde8"
 STRETCHES = 400
-STRIP_IN, ALL_IN, LEAST_IN, SHEET_IN = 0.24, 4.6, 0.12, 9.4  # a strip's height; that of all of them; where they are many
+# a strip's height; that of all of them; where they are many
+STRIP_IN, ALL_IN, LEAST_IN, SHEET_IN = 0.24, 4.6, 0.12, 9.4
 FEWEST = 2  # strips from which on there is an overview
 FIGURES_PT, TOP_PT, AXIS_PT = 72.0, 3.6, 17.3
 LETTER_PT = 4.5  # the width of a letter of a strip's name
@@ -37,7 +50,9 @@ LONGEST_NAME = 16
 
 @dataclass(frozen=True, slots=True)
 class Strip:
-    """One port: its curve as °C from the setpoint, what is hatched and marked, and the text on its right."""
+    """One port: its curve as °C from the setpoint, what is hatched and marked, and the text on its
+    right.
+    """
 
     name: str
     curve: Envelope
@@ -58,19 +73,39 @@ class Overview:
     t0_utc_us: int
     strips: list[Strip] = field(default_factory=list)
 
-    def add(self, name: str, trace: Trace, coverage_percent: float | None, cold: str | None = None) -> None:
-        """Add a port. `cold`: how it never reached its setpoint, in a word or two; None where it did."""
+    def add(
+        self, name: str, trace: Trace, coverage_percent: float | None, cold: str | None = None
+    ) -> None:
+        """Add a port. `cold`: how it never reached its setpoint, in a word or two; None where it
+        did.
+        """
         away = _away(trace)
         far = _far(trace, away)
         for span in far:
             away[_inside(trace, span)] = np.nan
-        curve = envelope(trace.seconds, away.clip(-REACH_C, REACH_C, out=away), STRETCHES, JOINED_PERIODS * trace.period_s)
+        curve = envelope(
+            trace.seconds,
+            away.clip(-REACH_C, REACH_C, out=away),
+            STRETCHES,
+            JOINED_PERIODS * trace.period_s,
+        )
         alarms = sum(mark.kind is MarkKind.ALARM for mark in trace.marks)
         read = "–" if coverage_percent is None else f"{np.floor(coverage_percent * 10) / 10:g} %"
         words = cold or (f"{read}, {alarms} alarm{'s' * (alarms > 1)}" if alarms else read)
         shown = name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 7]}…{name[-6:]}"
         self.strips.append(
-            Strip(shown, curve, trace.gaps, list(trace.marks), trace.start, trace.end, words, bool(alarms or cold), far, bool(cold))
+            Strip(
+                shown,
+                curve,
+                trace.gaps,
+                list(trace.marks),
+                trace.start,
+                trace.end,
+                words,
+                bool(alarms or cold),
+                far,
+                bool(cold),
+            )
         )
 
     @property
@@ -90,9 +125,13 @@ class Overview:
     @property
     def caption(self) -> str:
         """The content of the strips."""
-        length = duration_text(max(strip.end for strip in self.strips) - min(strip.start for strip in self.strips))
+        length = duration_text(
+            max(strip.end for strip in self.strips) - min(strip.start for strip in self.strips)
+        )
         further = (
-            f"; shaded: more than {REACH_C:g} °C away, with the temperature" if any(strip.far for strip in self.strips) else ""
+            f"; shaded: more than {REACH_C:g} °C away, with the temperature"
+            if any(strip.far for strip in self.strips)
+            else ""
         )
         cold = [strip.name for strip in self.strips if strip.is_cold]
         never = f" Never at the setpoint: {', '.join(cold)}." if cold else ""
@@ -107,7 +146,10 @@ class Overview:
             figure = new_figure(form.width_pt, 72 * self.height_in)
             axes, high = self._panel(figure, form), 72 * self.strip_in
             points = min(form.font_pt, 0.72 * high)
-            axes.set_yticks([row + 0.5 for row in range(len(self.strips))], [strip.name for strip in self.strips])
+            axes.set_yticks(
+                [row + 0.5 for row in range(len(self.strips))],
+                [strip.name for strip in self.strips],
+            )
             axes.tick_params(axis="y", labelsize=points, labelcolor=style.INK)
             for row, strip in enumerate(self.strips):
                 _Row(axes, row, strip, self.t0_utc_us, form, points).draw()
@@ -115,16 +157,33 @@ class Overview:
 
     def _panel(self, figure: Figure, form: Format) -> Axes:
         """Return the panel of all strips; a strip is 1 high, the first is at the top."""
-        left, count = 9 + LETTER_PT * max(len(strip.name) for strip in self.strips), len(self.strips)
-        axes = panel(figure, left, TOP_PT, form.width_pt - left - FIGURES_PT, 72 * count * self.strip_in)
-        start, end = min(strip.start for strip in self.strips), max(strip.end for strip in self.strips)
+        left, count = (
+            9 + LETTER_PT * max(len(strip.name) for strip in self.strips),
+            len(self.strips),
+        )
+        axes = panel(
+            figure, left, TOP_PT, form.width_pt - left - FIGURES_PT, 72 * count * self.strip_in
+        )
+        start, end = (
+            min(strip.start for strip in self.strips),
+            max(strip.end for strip in self.strips),
+        )
         marks = time_marks(self.t0_utc_us, start, end, max(4, form.time_marks - 2))
         axes.set_xlim(*dates(self.t0_utc_us, [start, end]).tolist())
         axes.set_ylim(count, 0)
-        axes.set_xticks(dates(self.t0_utc_us, [second for second, _ in marks]), [label for _, label in marks])
+        axes.set_xticks(
+            dates(self.t0_utc_us, [second for second, _ in marks]), [label for _, label in marks]
+        )
         axes.grid(visible=False, axis="y")
         axes.spines[:].set_visible(False)
-        axes.hlines(range(1, count + 1), 0, 1, transform=axes.get_yaxis_transform(), color=style.GRID, linewidth=0.6)
+        axes.hlines(
+            range(1, count + 1),
+            0,
+            1,
+            transform=axes.get_yaxis_transform(),
+            color=style.GRID,
+            linewidth=0.6,
+        )
         return axes
 
 
@@ -143,18 +202,37 @@ class _Row:
         strip, middle = self.strip, self.row + 0.5
         x = dates(self.t0_utc_us, strip.curve.seconds)
         low, high = (middle - 0.42 * side / REACH_C for side in (strip.curve.low, strip.curve.high))
-        self.axes.plot(dates(self.t0_utc_us, [strip.start, strip.end]), [middle, middle], color=style.NO_DATA, linewidth=0.5)
-        look: Look = {"facecolor": style.TEMPERATURE, "edgecolor": style.TEMPERATURE, "linewidth": 0.5}
+        self.axes.plot(
+            dates(self.t0_utc_us, [strip.start, strip.end]),
+            [middle, middle],
+            color=style.NO_DATA,
+            linewidth=0.5,
+        )
+        look: Look = {
+            "facecolor": style.TEMPERATURE,
+            "edgecolor": style.TEMPERATURE,
+            "linewidth": 0.5,
+        }
         self.axes.fill_between(x, low, high, gid="strip", zorder=2.1, **look)
         self._far()
         self._gaps()
         for kind, colour in style.MARK_COLOURS.items():
-            spans = [widened(mark.span, 2 * self._least_s) for mark in strip.marks if mark.kind == kind]
+            spans = [
+                widened(mark.span, 2 * self._least_s) for mark in strip.marks if mark.kind == kind
+            ]
             self._fill(spans, kind, facecolor=colour, zorder=2.6)
-        look = {"color": style.ALARM if strip.is_bad else style.QUIET, "weight": "bold" if strip.is_bad else "normal"}
+        look = {
+            "color": style.ALARM if strip.is_bad else style.QUIET,
+            "weight": "bold" if strip.is_bad else "normal",
+        }
         place = (1 + BESIDE_PT / size_pt(self.axes)[0], middle)
         self.axes.text(
-            *place, strip.words, fontsize=self.points, va="center_baseline", transform=self.axes.get_yaxis_transform(), **look
+            *place,
+            strip.words,
+            fontsize=self.points,
+            va="center_baseline",
+            transform=self.axes.get_yaxis_transform(),
+            **look,
         )
 
     @property
@@ -164,15 +242,26 @@ class _Row:
         return (right - left) * 86400 / self.form.stretches * 1.5
 
     def _fill(self, spans: Sequence[Span], of: str, **look: Any) -> None:
-        places = [(*dates(self.t0_utc_us, [one.start, one.end]).tolist(), self.row + 0.06, self.row + 0.94) for one in spans]
+        places = [
+            (
+                *dates(self.t0_utc_us, [one.start, one.end]).tolist(),
+                self.row + 0.06,
+                self.row + 0.94,
+            )
+            for one in spans
+        ]
         rectangles(self.axes, places, of, **look)
 
     def _gaps(self) -> None:
-        gaps = merged((gap for gap in self.strip.gaps if gap.seconds >= self._least_s), self._least_s)
+        gaps = merged(
+            (gap for gap in self.strip.gaps if gap.seconds >= self._least_s), self._least_s
+        )
         for gap in gaps:
             hatch = style.hatch(gap.word, gap.seconds > 4 * self._least_s)
             face = style.NO_DATA_TINT if hatch else style.NO_DATA
-            self._fill([gap], "gap", facecolor=face, edgecolor=style.NO_DATA, hatch=hatch, zorder=2.5)
+            self._fill(
+                [gap], "gap", facecolor=face, edgecolor=style.NO_DATA, hatch=hatch, zorder=2.5
+            )
 
     def _far(self) -> None:
         """Draw a field with the temperature in it, where that fits."""
@@ -181,7 +270,11 @@ class _Row:
         for span in self.strip.far:
             if span.seconds / 86400 / (right - left) * wide > LETTER_PT * len(span.word):
                 middle = float(dates(self.t0_utc_us, (span.start + span.end) / 2))
-                look: Look = {"fontsize": min(self.points, self.form.font_pt), "ha": "center", "va": "center_baseline"}
+                look: Look = {
+                    "fontsize": min(self.points, self.form.font_pt),
+                    "ha": "center",
+                    "va": "center_baseline",
+                }
                 self.axes.text(middle, self.row + 0.5, span.word, zorder=2.3, **look)
 
 
@@ -189,7 +282,10 @@ def _away(trace: Trace) -> Readings:
     """Return how far the tip was from its setpoint in each row, NaN where that is not known."""
     away, last_s, last_c = trace.temperature.copy(), trace.start, np.nan
     for rows in blocks(len(away)):
-        seconds, setting = np.append(last_s, trace.seconds[rows]), np.append(last_c, trace.setting[rows])
+        seconds, setting = (
+            np.append(last_s, trace.seconds[rows]),
+            np.append(last_c, trace.setting[rows]),
+        )
         away[rows] -= setting_in_force(seconds, setting)[1:]
         known = np.flatnonzero(~np.isnan(setting))
         if len(known):

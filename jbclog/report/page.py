@@ -1,7 +1,8 @@
 """The page: one HTML file without links to other hosts, made from the facts by a template.
 
-The template engine escapes all text; figures are images, in which no script can run; a content security policy forbids every
-request and every script but two, named by their hashes: uPlot and the interactive view. The page is complete without them.
+The template engine escapes all text; figures are images, in which no script can run; a content
+security policy forbids every request and every script but two, named by their hashes: uPlot and the
+interactive view. The page is complete without them.
 """
 
 from __future__ import annotations
@@ -37,7 +38,14 @@ SIGNS = {
 MOST_ALARMS, MOST_UNITS = 200, 200
 UPLOT: Final = ("vendor", "uplot")
 SCRIPTS: Final = ((*UPLOT, "uPlot.iife.min.js"), ("templates", "interactive.js"))
-RESULT_SIGNS = {"pass": "✓", "fail": "✕", "missing": "?", "deviation": "△", "not applicable": "–", "none": "–"}
+RESULT_SIGNS = {
+    "pass": "✓",
+    "fail": "✕",
+    "missing": "?",
+    "deviation": "△",
+    "not applicable": "–",
+    "none": "–",
+}
 
 ENDINGS = {
     "success": "complete",
@@ -47,25 +55,33 @@ ENDINGS = {
 }
 
 
-def render(document: Mapping[str, object], figures: Mapping[str, tuple[str, str]], zooms: Mapping[str, str]) -> str:
+def render(
+    document: Mapping[str, object], figures: Mapping[str, tuple[str, str]], zooms: Mapping[str, str]
+) -> str:
     """Return the page of a report.
 
-    `figures` gives for a figure's file name its wide and its narrow SVG, `zooms` the data of its interactive view.
+    `figures` gives for a figure's file name its wide and its narrow SVG, `zooms` the data of its
+    interactive view.
     """
     uris = {file: tuple(map(cache(data_uri), pair)) for file, pair in figures.items()}
-    crowded = sum(first == second for first, second in uris.values()) > 1  # one size for all, as there are many
+    # one size for all, as there are many
+    crowded = sum(first == second for first, second in uris.values()) > 1
     page = _environment().get_template("report.html")
     return page.render(report=document, uris=uris, zooms=zooms, crowded=crowded, **_interactive())
 
 
 @cache
 def _interactive() -> dict[str, object]:
-    """Return what the interactive view needs: uPlot with its style and licence, our script, and the hashes of both."""
+    """Return what the interactive view needs: uPlot with its style and licence, our script, and the
+    hashes of both.
+    """
     here = files("jbclog.report")
     scripts = [here.joinpath(*path).read_bytes().decode() for path in SCRIPTS]
     hashes = [base64.b64encode(sha256(script.encode()).digest()).decode() for script in scripts]
     source = json.loads(here.joinpath(*UPLOT, "source.json").read_text("utf-8"))
-    plot_style, licence = (here.joinpath(*UPLOT, name).read_bytes().decode() for name in ("uPlot.min.css", "LICENSE"))
+    plot_style, licence = (
+        here.joinpath(*UPLOT, name).read_bytes().decode() for name in ("uPlot.min.css", "LICENSE")
+    )
     return {
         "scripts": [Markup(script) for script in scripts],
         "script_sources": Markup(" ".join(f"'sha256-{one}'" for one in hashes)),
@@ -76,7 +92,9 @@ def _interactive() -> dict[str, object]:
 
 
 def data_uri(svg: str) -> str:
-    """Return an SVG document as a data URI; only characters that a URI or an attribute reserves are escaped."""
+    """Return an SVG document as a data URI; only characters that a URI or an attribute reserves are
+    escaped.
+    """
     return "data:image/svg+xml," + " ".join(svg.split()).translate(_IN_ADDRESS)
 
 
@@ -93,7 +111,11 @@ _IN_ADDRESS = _Quoted()
 @cache
 def _environment() -> Environment:
     environment = Environment(
-        loader=PackageLoader("jbclog.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=PackageLoader("jbclog.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters.update(
         number=number,
@@ -116,20 +138,31 @@ def _environment() -> Environment:
     )
     environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, endings=ENDINGS)
     environment.globals.update(
-        witnesses=WITNESSES, most_alarms=MOST_ALARMS, most_units=MOST_UNITS, joint_note=joint_words.NOTE, when_passed=when_passed
+        witnesses=WITNESSES,
+        most_alarms=MOST_ALARMS,
+        most_units=MOST_UNITS,
+        joint_note=joint_words.NOTE,
+        when_passed=when_passed,
     )
     return environment
 
 
 PASSES: Final = (
-    "An estimated figure passes when the figure and its bound are within the limit; without a bound the result is not known."
+    "An estimated figure passes when the figure and its bound are within the limit; without a bound"
+    " the result is not known."
 )
 
 
 def when_passed(rules: Sequence[Mapping[str, object]]) -> str:
     """Return when an estimated figure passes, and on which stations a recipe judges otherwise."""
-    bare = list(dict.fromkeys(str(rule["station"]) for rule in rules if rule.get("name") == CONFIDENCE))
-    return f"{PASSES} Except on {', '.join(bare)}: its recipe judges figures without bounds." if bare else PASSES
+    bare = list(
+        dict.fromkeys(str(rule["station"]) for rule in rules if rule.get("name") == CONFIDENCE)
+    )
+    return (
+        f"{PASSES} Except on {', '.join(bare)}: its recipe judges figures without bounds."
+        if bare
+        else PASSES
+    )
 
 
 def _duration(seconds: float | None) -> str:

@@ -1,6 +1,7 @@
 """The content of `report.pdf`, in the order of the page; `templates/report.typ` has its look.
 
-It comes from the same facts as the page. Rows too many for paper are in the tables, and a line states how many.
+It comes from the same facts as the page. Rows too many for paper are in the tables, and a line
+states how many.
 """
 
 from __future__ import annotations
@@ -19,17 +20,29 @@ from jbclog.report.joint_words import jointed, remark
 from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, place, when_passed
 from jbclog.report.repeated_events import merge_repeated
 from jbclog.report.safety import short
-from jbclog.report.text import RowView, bound_text, clock, interval, measured, number, stamp, together
+from jbclog.report.text import (
+    RowView,
+    bound_text,
+    clock,
+    interval,
+    measured,
+    number,
+    stamp,
+    together,
+)
 from jbclog.report.typeset import LACKING, LACKING_MEANS, drawable, pdf_of
 
 MOST_REASONS: Final = 6
 MOST_ROWS: Final = 120  # of rules, events, settings
 MOST_INCIDENTS, MOST_UNITS = 60, 60
 UNKNOWN: Final = datetime(1970, 1, 1, tzinfo=UTC)
-BOUNDS: Final = "Bound: 95 % confidence bound of an estimated figure, corrected for autocorrelation; counts have none."
+BOUNDS: Final = (
+    "Bound: 95 % confidence bound of an estimated figure, corrected for autocorrelation; counts"
+    " have none."
+)
 SOURCES: Final = (
-    "Sources: A, the station's flag; B, samples with the alarm's delay and a deadband; C, any sample beyond the limit, which alone "
-    "is no alarm. Began: between two readings."
+    "Sources: A, the station's flag; B, samples with the alarm's delay and a deadband; C, any"
+    " sample beyond the limit, which alone is no alarm. Began: between two readings."
 )
 FOUND: Final = f"{joint_words.NOTE} All joints are in tables/joints.csv and joints.parquet."
 
@@ -37,18 +50,42 @@ FOUND: Final = f"{joint_words.NOTE} All joints are in tables/joints.csv and join
 SUMMARY = ("Rule", ">Limit", ">Passed", ">Worst", ">95 % bound", "Where", "Result")
 RULES = ("Rule", "Where", ">Limit", ">Observed", ">95 % bound", "Result", "Description")
 STATIONS = (
-    *("Station", "Model", "Port", ">Readings", ">Longest gap", ">Idle error", ">Idle sd", ">Alarms"),
+    *(
+        "Station",
+        "Model",
+        "Port",
+        ">Readings",
+        ">Longest gap",
+        ">Idle error",
+        ">Idle sd",
+        ">Alarms",
+    ),
     *("Tip verified", "Safe state", "Tool"),
 )
 JOINTS = (
     *("Where", ">Joints", ">Back before next", ">Deficit", ">Median recovery", ">95 % recovery"),
     *(">Idle error", ">Depth", ">Dwell", ">Heat"),
 )
-BEFORE_IDLE = (("recovered_before_next_percent", "%"), ("joint_deficit_c", "°C"), ("recovery_s", "s"), ("recovery_p95_s", "s"))
+BEFORE_IDLE = (
+    ("recovered_before_next_percent", "%"),
+    ("joint_deficit_c", "°C"),
+    ("recovery_s", "s"),
+    ("recovery_p95_s", "s"),
+)
 BEHIND_IDLE = (("joint_depth_c", "°C"), ("joint_dwell_s", "s"))
 UNITS = (">Joints", ">Median recovery", ">Slowest", ">n", ">Not back before next", "Unit")
 ALARMS = ("No.", "Where", "What", "Began, UTC", ">Lasted", ">Peak", "Source", "Acknowledged")
-FIGURES = ("Station", "Source", ">Alarms", ">Most in 10 min", ">Floods", ">Fleeting", ">Stale", ">Apart", "Chattering")
+FIGURES = (
+    "Station",
+    "Source",
+    ">Alarms",
+    ">Most in 10 min",
+    ">Floods",
+    ">Fleeting",
+    ">Stale",
+    ">Apart",
+    "Chattering",
+)
 EVENTS = ("UTC", "Not before", "Where", "Severity", "Kind", "Description")
 SETTINGS = ("Where", "Setting", "Tool", ">Requested", ">Written", ">Read back", "Unit", "Outcome")
 COUNTERS = ("Where", "Counter", ">At the start", ">At the end", ">Difference", "Unit", "")
@@ -59,13 +96,17 @@ Part = dict[str, object]
 
 
 def report_pdf(facts: Facts) -> bytes:
-    """Return the document. The same run gives the same bytes: no creation time, no random names. Raises `RecordError`."""
+    """Return the document. The same run gives the same bytes: no creation time, no random names.
+    Raises `RecordError`.
+    """
     ended = facts.ended or facts.started
     return pdf_of(_data(facts), UNKNOWN if ended is None else datetime.fromisoformat(ended))
 
 
 def _data(facts: Facts) -> dict[str, object]:
-    """Return the input of the template: clean texts in letters of its fonts, and the SVG of each figure by its file."""
+    """Return the input of the template: clean texts in letters of its fonts, and the SVG of each
+    figure by its file.
+    """
     shown = _drawable(cleaned(_content(facts)))
     assert isinstance(shown, dict)
     drawings = {figure.file: drawable(figure.wide) for figure in _figures(facts)}
@@ -83,12 +124,19 @@ def _drawable(value: object) -> object:
 
 
 def _content(facts: Facts) -> dict[str, object]:
-    """Return the content. `front`: sections of the first sheet; those that leave no space to sign follow on the next."""
+    """Return the content. `front`: sections of the first sheet; those that leave no space to sign
+    follow on the next.
+    """
     ended = facts.ended or facts.started
     dated = UNKNOWN if ended is None else datetime.fromisoformat(ended).astimezone(UTC)
-    reasons = [[RESULT_SIGNS.get(one.result, ""), together(one.text)] for one in facts.verdict.reasons[:MOST_REASONS]]
+    reasons = [
+        [RESULT_SIGNS.get(one.result, ""), together(one.text)]
+        for one in facts.verdict.reasons[:MOST_REASONS]
+    ]
     left = len(facts.verdict.reasons) - len(reasons)
-    incomplete = None if facts.lost is None or facts.exit_status == "lost" else f"Incomplete: {facts.lost}"
+    incomplete = (
+        None if facts.lost is None or facts.exit_status == "lost" else f"Incomplete: {facts.lost}"
+    )
     return {
         "title": f"{facts.verdict.word} · {facts.run}",
         "dated": [dated.year, dated.month, dated.day, dated.hour, dated.minute, dated.second],
@@ -109,9 +157,13 @@ def _content(facts: Facts) -> dict[str, object]:
 def _head(facts: Facts) -> list[list[str]]:
     """Return who, what and when."""
     recipes = [
-        [f"Recipe {one['name']}", f"revision {one['revision']}, SHA-256 {str(one['sha256'])[:24]}…"] for one in facts.recipes
+        [f"Recipe {one['name']}", f"revision {one['revision']}, SHA-256 {str(one['sha256'])[:24]}…"]
+        for one in facts.recipes
     ]
-    metadata = [[str(name).replace("_", " ").capitalize(), str(value)] for name, value in facts.metadata.items()]
+    metadata = [
+        [str(name).replace("_", " ").capitalize(), str(value)]
+        for name, value in facts.metadata.items()
+    ]
     length = "not known" if facts.duration_s is None else duration_text(facts.duration_s)
     return [
         ["Line", str(facts.line.get("name", "not known"))],
@@ -125,22 +177,45 @@ def _head(facts: Facts) -> list[list[str]]:
 
 def _sections(facts: Facts) -> Iterator[Part]:
     """Yield the sections after the first sheet, in the order of the page."""
-    yield _section("Stations", _table(STATIONS, [_port(station, port) for station in facts.stations for port in station.ports]))
+    yield _section(
+        "Stations",
+        _table(
+            STATIONS, [_port(station, port) for station in facts.stations for port in station.ports]
+        ),
+    )
     yield _section("Joints", *_joints(facts))
     yield _section("Alarms", *_alarms(facts))
     for station in facts.stations:
         yield _section(f"{station.name}: {_model(station)}", *_drawn(facts, station))
     yield _section("Rules not passed", *_unkept(facts))
-    graver = [_event(one) for one in merge_repeated([event for event in facts.events if event["severity"] != "info"])]
+    graver = [
+        _event(one)
+        for one in merge_repeated([event for event in facts.events if event["severity"] != "info"])
+    ]
     yield _section("Events", *_some(EVENTS, graver, MOST_ROWS, "tables/events.csv"))
     requested = [_setting(row) for row in facts.settings if row["requested"] is not None]
-    yield _section("Requested settings", *_some(SETTINGS, requested, MOST_ROWS, "tables/settings.csv"))
+    yield _section(
+        "Requested settings", *_some(SETTINGS, requested, MOST_ROWS, "tables/settings.csv")
+    )
     moved = [_counter(row) for row in facts.counters if row["difference"] != 0]
-    yield _section("Counters that changed or are not known", *_some(COUNTERS, moved, MOST_ROWS, "tables/counters.csv"))
+    yield _section(
+        "Counters that changed or are not known",
+        *_some(COUNTERS, moved, MOST_ROWS, "tables/counters.csv"),
+    )
     yield _section("Incomplete readings", *_lost(facts))
-    yield _section("Safe state at the end", _table(SAFE, [_left(one, port) for one in facts.stations for port in one.ports]))
+    yield _section(
+        "Safe state at the end",
+        _table(SAFE, [_left(one, port) for one in facts.stations for port in one.ports]),
+    )
     annotations = [
-        _row([stamp(str(one["time"])), str(one["who"]), str(one["kind"]), f"{one['what']} ({one['why']})"])
+        _row(
+            [
+                stamp(str(one["time"])),
+                str(one["who"]),
+                str(one["kind"]),
+                f"{one['what']} ({one['why']})",
+            ]
+        )
         for one in facts.annotations
     ]
     yield _section("Annotations", *_some(ANNOTATIONS, annotations, len(annotations), ""))
@@ -158,7 +233,7 @@ def _provenance(facts: Facts) -> list[str]:
     ]
 
 
-# -- the verdict ----------------------------------------------------------------------------------------------------------------
+# -- the verdict -----------------------------------------------------------------------------------
 
 
 def _overview(facts: Facts) -> list[Part]:
@@ -170,7 +245,11 @@ def _rests_on(facts: Facts) -> list[Part]:
     rules, lines = facts.verdict.rules, facts.verdict.summary
     if not rules:
         return []
-    table = _table(SUMMARY, [_line(one) for one in lines]) if lines else _table(RULES, [_rule(one) for one in rules])
+    table = (
+        _table(SUMMARY, [_line(one) for one in lines])
+        if lines
+        else _table(RULES, [_rule(one) for one in rules])
+    )
     passed = sum(rule["result"] == "pass" for rule in rules)
     note = f"{passed} of {len(rules)} rules passed. {BOUNDS} {when_passed(rules)}"
     return [_section("What the verdict rests on", table, _text(note, "quiet"))]
@@ -178,21 +257,41 @@ def _rests_on(facts: Facts) -> list[Part]:
 
 def _unkept(facts: Facts) -> list[Part]:
     """Return in full the rules that did not pass and that the summary has in a line."""
-    unkept = [_rule(one) for one in facts.verdict.rules if one["result"] not in ("pass", "not applicable")]
+    unkept = [
+        _rule(one) for one in facts.verdict.rules if one["result"] not in ("pass", "not applicable")
+    ]
     return _some(RULES, unkept, MOST_ROWS, "tables/rules.csv") if facts.verdict.summary else []
 
 
 def _line(line: RowView) -> Part:
     result, unit = str(line["result"]), str(line["unit"])
-    words = [str(line["name"]).replace("_", " "), measured(line["limit"], unit), f"{line['kept']} of {line['of']}"]
-    words += [measured(line["worst"], unit), bound_text(line["bound"], unit), place(line), _result(result)]
+    words = [
+        str(line["name"]).replace("_", " "),
+        measured(line["limit"], unit),
+        f"{line['kept']} of {line['of']}",
+    ]
+    words += [
+        measured(line["worst"], unit),
+        bound_text(line["bound"], unit),
+        place(line),
+        _result(result),
+    ]
     return _row(words, result)
 
 
 def _rule(rule: RowView) -> Part:
     result, unit = str(rule["result"]), str(rule["unit"])
-    words = [str(rule["name"]).replace("_", " "), place(rule) or "run", measured(rule["limit"], unit)]
-    words += [measured(rule["observed"], unit), bound_text(rule.get("bound"), unit), _result(result), str(rule["text"])]
+    words = [
+        str(rule["name"]).replace("_", " "),
+        place(rule) or "run",
+        measured(rule["limit"], unit),
+    ]
+    words += [
+        measured(rule["observed"], unit),
+        bound_text(rule.get("bound"), unit),
+        _result(result),
+        str(rule["text"]),
+    ]
     return _row(words, result)
 
 
@@ -200,17 +299,32 @@ def _result(result: str) -> str:
     return f"{RESULT_SIGNS.get(result, '')} {result}"
 
 
-# -- stations -------------------------------------------------------------------------------------------------------------------
+# -- stations --------------------------------------------------------------------------------------
 
 
 def _model(station: StationReport) -> str:
-    return f"{station.model or 'model not known'}{f' (accepted as {station.family})' if station.model_accepted else ''}"
+    accepted = f" (accepted as {station.family})" if station.model_accepted else ""
+    return f"{station.model or 'model not known'}{accepted}"
 
 
 def _port(station: StationReport, port: PortFacts) -> Part:
-    words = [station.name, _model(station), str(port.port), measured(port.recorded.coverage_percent, "%")]
-    words += [measured(port.recorded.longest_gap_s, "s"), measured(_round(port.tip.idle_error_c), "°C")]
-    words += [measured(_round(port.tip.idle_sd_c), "°C"), _count(port), short(port.verification), port.left, port.tool or "–"]
+    words = [
+        station.name,
+        _model(station),
+        str(port.port),
+        measured(port.recorded.coverage_percent, "%"),
+    ]
+    words += [
+        measured(port.recorded.longest_gap_s, "s"),
+        measured(_round(port.tip.idle_error_c), "°C"),
+    ]
+    words += [
+        measured(_round(port.tip.idle_sd_c), "°C"),
+        _count(port),
+        short(port.verification),
+        port.left,
+        port.tool or "–",
+    ]
     return _row(words)
 
 
@@ -221,7 +335,12 @@ def _count(port: PortFacts) -> str:
 
 
 def _left(station: StationReport, port: PortFacts) -> Part:
-    words = [f"{station.name} · port {port.port}", port.left, measured(_round(port.last_temperature_c), "°C"), port.left_means]
+    words = [
+        f"{station.name} · port {port.port}",
+        port.left,
+        measured(_round(port.last_temperature_c), "°C"),
+        port.left_means,
+    ]
     return _row(words, "fail" if port.left_warns else "")
 
 
@@ -230,25 +349,37 @@ def _drawn(facts: Facts, station: StationReport) -> list[Part]:
     parts: list[Part] = []
     for port in station.ports:
         figures = _of_port(facts, port)
-        parts += [_figure(one, "" if n else f"{station.name}, port {port.port}") for n, one in enumerate(figures)]
+        parts += [
+            _figure(one, "" if n else f"{station.name}, port {port.port}")
+            for n, one in enumerate(figures)
+        ]
     return parts
 
 
 def _figures(facts: Facts) -> list[FigureFacts]:
     """Return every figure on paper."""
-    ports = [figure for station in facts.stations for port in station.ports for figure in _of_port(facts, port)]
+    ports = [
+        figure
+        for station in facts.stations
+        for port in station.ports
+        for figure in _of_port(facts, port)
+    ]
     return ports if facts.overview is None else [facts.overview, *ports]
 
 
 def _of_port(facts: Facts, port: PortFacts) -> list[FigureFacts]:
     """Return the figures of a port; in a crowd only charts on which something stands out."""
     joints = port.joints
-    if joints is None or joints.chart is None or not (joints.signals or joints.never_back or not facts.is_crowd):
+    if (
+        joints is None
+        or joints.chart is None
+        or not (joints.signals or joints.never_back or not facts.is_crowd)
+    ):
         return port.figures
     return [*port.figures, joints.chart]
 
 
-# -- joints and alarms ----------------------------------------------------------------------------------------------------------
+# -- joints and alarms -----------------------------------------------------------------------------
 
 
 def _joints(facts: Facts) -> list[Part]:
@@ -256,7 +387,10 @@ def _joints(facts: Facts) -> list[Part]:
     rows = jointed({"stations": [asdict(station) for station in facts.stations]})
     if not rows:
         return []
-    parts = [_text(f"{FOUND} {' '.join(joint_words.found_with(rows))}", "quiet"), _table(JOINTS, [_joint(row) for row in rows])]
+    parts = [
+        _text(f"{FOUND} {' '.join(joint_words.found_with(rows))}", "quiet"),
+        _table(JOINTS, [_joint(row) for row in rows]),
+    ]
     return [
         *parts,
         _list([f"{place(row)}: {remark(row)}" for row in rows]),
@@ -268,15 +402,31 @@ def _joint(row: RowView) -> Part:
     joints = row["joints"]
     assert isinstance(joints, Mapping)
     figures = joints["figures"]
-    words = [place(row), joint_words.count(row), *(measured(figures[name]["value"], unit) for name, unit in BEFORE_IDLE)]
-    words += [joint_words.idle(row), *(measured(figures[name]["value"], unit) for name, unit in BEHIND_IDLE), joint_words.heat(row)]
+    words = [
+        place(row),
+        joint_words.count(row),
+        *(measured(figures[name]["value"], unit) for name, unit in BEFORE_IDLE),
+    ]
+    words += [
+        joint_words.idle(row),
+        *(measured(figures[name]["value"], unit) for name, unit in BEHIND_IDLE),
+        joint_words.heat(row),
+    ]
     return _row(words)
 
 
 def _unit(row: RowView) -> Part:
     seconds = [measured(row[name], "s") for name in ("recovery_p50_s", "recovery_slowest_s")]
     unit = str(row["unit"] or "none or not known")
-    return _row([number(row["joints"]), *seconds, number(row["recovery_n"]), number(row["not_recovered"]), unit])
+    return _row(
+        [
+            number(row["joints"]),
+            *seconds,
+            number(row["recovery_n"]),
+            number(row["not_recovered"]),
+            unit,
+        ]
+    )
 
 
 def _alarms(facts: Facts) -> Iterator[Part]:
@@ -296,16 +446,29 @@ def _alarms(facts: Facts) -> Iterator[Part]:
 
 
 def _alarm(one: RowView) -> Part:
-    limit = "" if one["limit_c"] is None else f", {'above' if one['side'] == 'high' else 'below'} {measured(one['limit_c'], '°C')}"
+    limit = (
+        ""
+        if one["limit_c"] is None
+        else f", {'above' if one['side'] == 'high' else 'below'} {measured(one['limit_c'], '°C')}"
+    )
     lasted = "–" if one["seconds"] is None else f"{number(one['seconds'], 1)} s"
-    words = [str(one["number"]), place(one), f"{one['side']}{limit}", interval(one, "onset_earliest", "onset"), lasted]
+    words = [
+        str(one["number"]),
+        place(one),
+        f"{one['side']}{limit}",
+        interval(one, "onset_earliest", "onset"),
+        lasted,
+    ]
     words += [measured(one["peak_c"], "°C"), str(one["witnesses"]), _acknowledged(one)]
     return _row(words, "fail" if one["waiting"] else "" if one["is_alarm"] else "quiet")
 
 
 def _acknowledged(one: RowView) -> str:
     if one["acknowledged_by"] is not None:
-        return f"{one['acknowledged_by']}, {stamp(str(one['acknowledged_at']))}: {one['acknowledged_why']}"
+        return (
+            f"{one['acknowledged_by']}, {stamp(str(one['acknowledged_at']))}:"
+            f" {one['acknowledged_why']}"
+        )
     return "not acknowledged" if one["waiting"] else "–"
 
 
@@ -315,18 +478,46 @@ def _flood(one: RowView) -> Part:
     assert isinstance(chattering, Mapping)
     assert isinstance(floods, list)
     between = "–" if apart["value"] is None else duration_text(float(apart["value"]))
-    words = [str(one["station"]), f"{one['detector']} {WITNESSES[str(one['detector'])]}", str(one["count"])]
-    words += [str(one["most_in_10_min"]), str(len(floods)), str(one["fleeting"]), str(one["stale"]), between]
-    return _row([*words, ", ".join(f"{name} ({count} in a minute)" for name, count in chattering.items()) or "–"])
+    words = [
+        str(one["station"]),
+        f"{one['detector']} {WITNESSES[str(one['detector'])]}",
+        str(one["count"]),
+    ]
+    words += [
+        str(one["most_in_10_min"]),
+        str(len(floods)),
+        str(one["fleeting"]),
+        str(one["stale"]),
+        between,
+    ]
+    return _row(
+        [
+            *words,
+            ", ".join(f"{name} ({count} in a minute)" for name, count in chattering.items()) or "–",
+        ]
+    )
 
 
-# -- what was read, set and counted ---------------------------------------------------------------------------------------------
+# -- what was read, set and counted ----------------------------------------------------------------
 
 
 def _event(event: RowView) -> Part:
-    times = [clock(_or_none(event["time"]), with_day=True), clock(_or_none(event["earliest"]), with_day=True)]
-    often = f" {event['times']} times until {clock(_or_none(event['until']), with_day=True)}." if "times" in event else ""
-    words = [*times, place(event) or "run", str(event["severity"]), str(event["kind"]), f"{event['text']}{often}"]
+    times = [
+        clock(_or_none(event["time"]), with_day=True),
+        clock(_or_none(event["earliest"]), with_day=True),
+    ]
+    often = (
+        f" {event['times']} times until {clock(_or_none(event['until']), with_day=True)}."
+        if "times" in event
+        else ""
+    )
+    words = [
+        *times,
+        place(event) or "run",
+        str(event["severity"]),
+        str(event["kind"]),
+        f"{event['text']}{often}",
+    ]
     return _row(words, "grave" if event["severity"] in ("error", "critical") else "")
 
 
@@ -335,30 +526,56 @@ def _setting(row: RowView) -> Part:
     outcome = str(row["outcome"]) if row["nak"] is None else f"{row['outcome']} (N {row['nak']})"
     look = "fail" if row["outcome"] in ("mismatch", "refused", "unconfirmed") else ""
     return _row(
-        [place(row), str(row["setting"]).replace("_", " "), str(row["tool"] or ""), *numbers, str(row["unit"]), outcome], look
+        [
+            place(row),
+            str(row["setting"]).replace("_", " "),
+            str(row["tool"] or ""),
+            *numbers,
+            str(row["unit"]),
+            outcome,
+        ],
+        look,
     )
 
 
 def _counter(row: RowView) -> Part:
     numbers = [number(row[name], 1) for name in ("first", "last", "difference")]
-    return _row([place(row), str(row["counter"]).replace("_", " "), *numbers, str(row["unit"]), str(row["note"])])
+    return _row(
+        [
+            place(row),
+            str(row["counter"]).replace("_", " "),
+            *numbers,
+            str(row["unit"]),
+            str(row["note"]),
+        ]
+    )
 
 
 def _lost(facts: Facts) -> list[Part]:
     """Return due = read + each reason, for signals that lack a reading."""
     reasons = facts.ledger_reasons
-    head = ("Where", "Reading", ">Due", ">Read", *(f">{reason.replace('_', ' ')}" for reason in reasons))
+    head = (
+        "Where",
+        "Reading",
+        ">Due",
+        ">Read",
+        *(f">{reason.replace('_', ' ')}" for reason in reasons),
+    )
     rows = []
     for row in facts.ledger:
         why = row["reasons"]
         assert isinstance(why, Mapping)
-        counts = [number(row["due"]), number(row["ok"]), *(number(why[one]) if one in why else "" for one in reasons)]
+        counts = [
+            number(row["due"]),
+            number(row["ok"]),
+            *(number(why[one]) if one in why else "" for one in reasons),
+        ]
         if row["due"] != row["ok"]:
             rows.append(_row([place(row), str(row["signal"]).replace("_", " "), *counts]))
     return _some(head, rows, MOST_ROWS, "tables/ledger.csv")
 
 
-# -- parts of a section ---------------------------------------------------------------------------------------------------------
+# -- parts of a section ----------------------------------------------------------------------------
 
 
 def _section(title: str, *parts: Part) -> Part:
@@ -374,8 +591,16 @@ def _list(items: Sequence[str]) -> Part:
 
 
 def _figure(figure: FigureFacts, heading: str | None = None) -> Part:
-    """Return a figure. `heading`: that of the first figure of a port, empty for its others, None for a figure of the whole run."""
-    return {"kind": "figure", "file": figure.file, "caption": figure.caption, "alt": figure.alt, "heading": heading}
+    """Return a figure. `heading`: that of the first figure of a port, empty for its others, None
+    for a figure of the whole run.
+    """
+    return {
+        "kind": "figure",
+        "file": figure.file,
+        "caption": figure.caption,
+        "alt": figure.alt,
+        "heading": heading,
+    }
 
 
 def _table(head: Sequence[str], rows: Sequence[Part]) -> Part:
@@ -390,8 +615,13 @@ def _some(head: Sequence[str], rows: Sequence[Part], most: int, file: str) -> li
 
 
 def _row(words: Sequence[str], look: str = "") -> Part:
-    """Return the cells of a row; `look` names a colour of the template, such as the result of a rule."""
-    return {"look": look, "cells": [together(word).replace(" port ", " port\u00a0") for word in words]}
+    """Return the cells of a row; `look` names a colour of the template, such as the result of a
+    rule.
+    """
+    return {
+        "look": look,
+        "cells": [together(word).replace(" port ", " port\u00a0") for word in words],
+    }
 
 
 def _round(value: float | None) -> float | None:

@@ -37,7 +37,15 @@ from jbclog.analysis.verdict.clock_steps import Step
 from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.record.manifest import Ledger
 from jbclog.report.captions import caption, closer, closer_caption, description
-from jbclog.report.facts import AirFacts, FigureFacts, PortFacts, PowerFacts, RecordedFacts, StatesFacts, TipFacts
+from jbclog.report.facts import (
+    AirFacts,
+    FigureFacts,
+    PortFacts,
+    PowerFacts,
+    RecordedFacts,
+    StatesFacts,
+    TipFacts,
+)
 from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.overview import Overview
 from jbclog.report.repeated import PortRows, due_readings, of_port, verification
@@ -68,9 +76,17 @@ class Context:
     zoom: int = MOST_READINGS  # rows of each port in the interactive view
 
 
-def port_facts(facts: StationFacts, port: int, file: str, samples: dict[int, pd.DataFrame], context: Context) -> PortFacts:
-    """Return one port from its rows, which are taken out of `samples` and freed; the files of its figures begin with `file`."""
-    rows, signals, grid = samples.pop(port), judged_signals(facts), Grid(context.t0_utc_us, facts.period_s, context.steps)
+def port_facts(
+    facts: StationFacts, port: int, file: str, samples: dict[int, pd.DataFrame], context: Context
+) -> PortFacts:
+    """Return one port from its rows, which are taken out of `samples` and freed; the files of its
+    figures begin with `file`.
+    """
+    rows, signals, grid = (
+        samples.pop(port),
+        judged_signals(facts),
+        Grid(context.t0_utc_us, facts.period_s, context.steps),
+    )
     drawn = replace(
         trace(rows, grid, of_states="temperature_c" not in signals, of_air=has_air(facts)),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
@@ -83,7 +99,9 @@ def port_facts(facts: StationFacts, port: int, file: str, samples: dict[int, pd.
     del rows
     pa.default_memory_pool().release_unused()
     if seen.number and context.has_overview:
-        context.overview.add(clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent, _cold(drawn, measure))
+        context.overview.add(
+            clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent, _cold(drawn, measure)
+        )
     has_tip = not drawn.states and drawn.air is None
     figures = _figures(file, f"{facts.name}, port {port}", drawn, context) if seen.number else []
     return PortFacts(
@@ -95,15 +113,25 @@ def port_facts(facts: StationFacts, port: int, file: str, samples: dict[int, pd.
         alarms=sum(mark.kind is MarkKind.ALARM for mark in drawn.marks),
         doubtful_alarms=sum(mark.kind is MarkKind.UNCONFIRMED for mark in drawn.marks),
         figures=figures,
-        joints=joint_facts(context.joints, facts.name, port, file, crowded=context.crowded) if has_tip else None,
-        verification=verification(facts, port, context.checks.get((facts.name, port)), context.rules),
+        joints=(
+            joint_facts(context.joints, facts.name, port, file, crowded=context.crowded)
+            if has_tip
+            else None
+        ),
+        verification=verification(
+            facts, port, context.checks.get((facts.name, port)), context.rules
+        ),
         **of_port(facts, port, seen, cut_off=context.cut_off),
     )
 
 
 def _cold(drawn: Trace, measure: PortMeasure | None) -> str | None:
     """Return in a word or two how a tool with a setpoint never reached it."""
-    if measure is None or measure.heat.arrived_s is not None or not np.any(~np.isnan(drawn.setting)):
+    if (
+        measure is None
+        or measure.heat.arrived_s is not None
+        or not np.any(~np.isnan(drawn.setting))
+    ):
         return None
     return "not reached" if measure.heat.stretches else "not at work"
 
@@ -133,7 +161,9 @@ def _air_facts(air: Air) -> AirFacts:
     )
 
 
-def _recorded(rows: pd.DataFrame, drawn: Trace, measure: PortMeasure | None, due: int) -> RecordedFacts:
+def _recorded(
+    rows: pd.DataFrame, drawn: Trace, measure: PortMeasure | None, due: int
+) -> RecordedFacts:
     readings = 0 if measure is None else measure.readings
     late_us = rows["late_us"].dropna().to_numpy(dtype=np.int64)
     longest = sorted(drawn.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))[:MOST_GAPS]
@@ -208,13 +238,19 @@ def _limit(limits: Sequence[Limit], side: str) -> float | None:
 
 def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[FigureFacts]:
     """Return the figure of the whole run and, where that is long, one of a minute of it."""
-    figures = [_figure(f"figures/{file}.svg", caption(drawn), description(place, drawn), drawn, context.crowded)]
+    figures = [
+        _figure(
+            f"figures/{file}.svg", caption(drawn), description(place, drawn), drawn, context.crowded
+        )
+    ]
     figures[0].zoom = zoom_of(drawn, context.zoom)
     near = closer(drawn) if drawn.marks or not context.crowded else None
     if near is not None:
         part, why = near
         text = closer_caption(part, why)
-        figures.append(_figure(f"figures/{file}-closer.svg", text, f"{place}: {text}", part, context.crowded))
+        figures.append(
+            _figure(f"figures/{file}-closer.svg", text, f"{place}: {text}", part, context.crowded)
+        )
     return figures
 
 

@@ -1,6 +1,8 @@
-"""What a report repeats of its record as it stands there: manifest, annotations and the tables of events, settings and counters.
+"""What a report repeats of its record as it stands there: manifest, annotations and the tables of
+events, settings and counters.
 
-`gather` writes it; `agreement` compares it. What is computed from the samples (joints, metrics, figures, alarms) is not here.
+`gather` writes it; `agreement` compares it. What is computed from the samples (joints, metrics,
+figures, alarms) is not here.
 """
 
 from __future__ import annotations
@@ -36,10 +38,16 @@ class PortRows(NamedTuple):
 
 
 def of_run(run: Run) -> dict[str, Any]:
-    """Return these fields of `Facts`; `verdict` and `stations` have parts of their own. Raises `RecordError`."""
+    """Return these fields of `Facts`; `verdict` and `stations` have parts of their own. Raises
+    `RecordError`.
+    """
     manifest, head, said = run.manifest, manifest_sha256(run.folder), read_annotations(run.folder)
     stated = {"schema": SCHEMA, "rules": RULES, "jbclog": __version__, "reproduce": REPRODUCE}
-    lists = {"not_claimed": [*NOT_CLAIMED], "not_claimed_short": [*NOT_CLAIMED_SHORT], "to_sign": [dict(one) for one in TO_SIGN]}
+    lists = {
+        "not_claimed": [*NOT_CLAIMED],
+        "not_claimed_short": [*NOT_CLAIMED_SHORT],
+        "to_sign": [dict(one) for one in TO_SIGN],
+    }
     heads = {"manifest_sha256": head, "head": short_head(head), "previous": _previous(manifest)}
     annotations = {
         "annotations": [asdict(one) for one in said.said],
@@ -112,7 +120,9 @@ def of_station(facts: StationFacts, *, cut_off: bool) -> dict[str, Any]:
 
 
 def of_port(facts: StationFacts, port: int, rows: PortRows, *, cut_off: bool) -> dict[str, Any]:
-    """Return the fields of `PortFacts` that repeat the manifest and the last readings, and the state in which the run left it."""
+    """Return the fields of `PortFacts` that repeat the manifest and the last readings, and the
+    state in which the run left it.
+    """
     celsius = facts.last_temperature_c.get(port, rows.temperature_c)
     how = end_state(facts, port, celsius, rows.status, cut_off)
     return {
@@ -133,7 +143,9 @@ def verification(
 ) -> dict[str, object] | None:
     """Return the tip verification that was valid when the run began; None for what has no tip."""
     has_tip = "temperature_c" in judged_signals(facts) and not has_air(facts)
-    return verification_facts(check, rules, facts.name, port) if has_tip or check is not None else None
+    return (
+        verification_facts(check, rules, facts.name, port) if has_tip or check is not None else None
+    )
 
 
 def due_readings(ledger: Ledger, facts: StationFacts, port: int) -> int:
@@ -152,18 +164,27 @@ def _previous(manifest: Manifest) -> str:
     found = manifest.previous
     if found is None:
         return "not known"
-    return f"{found.run} (fingerprint {short_head(found.sha256)})" if found.run and found.sha256 else found.text
+    return (
+        f"{found.run} (fingerprint {short_head(found.sha256)})"
+        if found.run and found.sha256
+        else found.text
+    )
 
 
 def _data_sha256(manifest: Manifest) -> str:
-    lines = (f"{file.sha256}  {file.path}\n" for file in sorted(manifest.files, key=lambda file: file.path))
+    lines = (
+        f"{file.sha256}  {file.path}\n"
+        for file in sorted(manifest.files, key=lambda file: file.path)
+    )
     return sha256("".join(lines).encode()).hexdigest()
 
 
 def _duration_s(manifest: Manifest) -> float | None:
     if manifest.started is None or manifest.ended is None:
         return None
-    return (datetime.fromisoformat(manifest.ended) - datetime.fromisoformat(manifest.started)).total_seconds()
+    return (
+        datetime.fromisoformat(manifest.ended) - datetime.fromisoformat(manifest.started)
+    ).total_seconds()
 
 
 def _rate(manifest: Manifest) -> str:
@@ -174,10 +195,18 @@ def _rate(manifest: Manifest) -> str:
     if not known:  # a record of release 1
         return str(manifest.rate or "not known")
     texts = {name: _rate_of(facts) for name, facts in known.items()}
-    return next(iter(texts.values())) if len({*texts.values()}) == 1 else "; ".join(f"{name} {texts[name]}" for name in texts)
+    return (
+        next(iter(texts.values()))
+        if len({*texts.values()}) == 1
+        else "; ".join(f"{name} {texts[name]}" for name in texts)
+    )
 
 
 def _rate_of(facts: StationFacts) -> str:
     if isinstance(facts.asked_rate, float):
         return f"{facts.asked_rate:g} Hz"
-    return str(facts.asked_rate) if facts.rate_hz is None else f"{facts.rate_hz:g} Hz ({facts.asked_rate})"
+    return (
+        str(facts.asked_rate)
+        if facts.rate_hz is None
+        else f"{facts.rate_hz:g} Hz ({facts.asked_rate})"
+    )

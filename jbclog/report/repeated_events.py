@@ -12,7 +12,9 @@ OFTEN: Final = 3  # repetitions from which on they are merged
 
 
 def merge_repeated(events: Sequence[RowView]) -> list[RowView]:
-    """Return the events in their order; of repeated warnings only the first, with `times` and `until`."""
+    """Return the events in their order; of repeated warnings only the first, with `times` and
+    `until`.
+    """
     alike: dict[tuple[object, ...], list[RowView]] = {}
     for event in events:
         alike.setdefault(_kind(event), []).append(event)

@@ -15,7 +15,9 @@ MEANINGS = {
     "sent": "The safe state was ordered and could not be confirmed.",
     "failed": "The safe state could not be set.",
 }
-UNSAFE = "The run used this tool, and the record shows no safe state afterwards. It may still be hot."
+UNSAFE = (
+    "The run used this tool, and the record shows no safe state afterwards. It may still be hot."
+)
 NO_SAFE_STATE = "It has no safe state that can be set; the run left it as it was."
 UNTOUCHED = "The run changed nothing at this port."
 UNTOUCHED_AS_FAR = "The record shows no change at this port; its end is missing."
@@ -30,7 +32,9 @@ class EndState:
     warn: bool
 
 
-def end_state(facts: StationFacts, port: int, celsius: float | None, status: str | None, cut_off: bool) -> EndState:
+def end_state(
+    facts: StationFacts, port: int, celsius: float | None, status: str | None, cut_off: bool
+) -> EndState:
     """Return how the run left the tool in `port`; `celsius` and `status` are its last readings."""
     order = facts.safe_state.get(port)
     if order is not None:
@@ -42,7 +46,11 @@ def end_state(facts: StationFacts, port: int, celsius: float | None, status: str
         return EndState("not touched", UNTOUCHED_AS_FAR if cut_off else UNTOUCHED, False)
     seen = [f"{celsius:.0f} °C"] if celsius is not None else []
     seen += [status] if status is not None else []
-    return EndState(f"not made safe: last seen {', '.join(seen)}" if seen else "not made safe, never read", UNSAFE, True)
+    return EndState(
+        f"not made safe: last seen {', '.join(seen)}" if seen else "not made safe, never read",
+        UNSAFE,
+        True,
+    )
 
 
 RULE: Final = "verification"
@@ -50,11 +58,22 @@ NONE: Final = "none"
 NOT_CITED: Final = "This record cites no verification of its tip."
 
 
-def verification_facts(check: TipCheck | None, rules: Sequence[Mapping[str, object]], station: str, port: int) -> Row:
-    """Return the tip verification in the manifest, its `state` in the verdict (``expired``, ``adjusted since``), a sentence."""
+def verification_facts(
+    check: TipCheck | None, rules: Sequence[Mapping[str, object]], station: str, port: int
+) -> Row:
+    """Return the tip verification in the manifest, its `state` in the verdict (``expired``,
+    ``adjusted since``), a sentence.
+    """
     if check is None:
         return {"state": NONE, "text": NOT_CITED}
-    judged = next((rule for rule in rules if (rule["name"], rule["station"], rule["port"]) == (RULE, station, port)), None)
+    judged = next(
+        (
+            rule
+            for rule in rules
+            if (rule["name"], rule["station"], rule["port"]) == (RULE, station, port)
+        ),
+        None,
+    )
     observed = None if judged is None else judged["observed"]
     state = observed if isinstance(observed, str) else check.state
     text = judged["text"] if judged is not None and isinstance(observed, str) else _sentence(check)
@@ -65,9 +84,16 @@ def _sentence(check: TipCheck) -> str:
     """Return which verification it was, where there is one."""
     if check.time is None or check.days is None:
         return check.text
-    offset = "" if check.offset_c is None else f", {check.offset_c:+.1f} °C from the station's own reading"
+    offset = (
+        ""
+        if check.offset_c is None
+        else f", {check.offset_c:+.1f} °C from the station's own reading"
+    )
     limit = "" if check.limit_c is None else f" (limit ±{check.limit_c:g} °C)"
-    made = f"Verified {age(check.days)} before the run with {check.instrument}, tip {check.tip}{offset}{limit}."
+    made = (
+        f"Verified {age(check.days)} before the run with {check.instrument}, tip"
+        f" {check.tip}{offset}{limit}."
+    )
     return made if check.state == "pass" else f"{made} {check.text}"
 
 

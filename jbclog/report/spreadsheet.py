@@ -1,7 +1,7 @@
 """The report's tables as CSV, for spreadsheets: `tables/rules.csv` and its neighbours.
 
-A point in numbers, nothing where nothing is known. A text that a spreadsheet would take for a formula has an apostrophe before
-it; numbers stay numbers (`jbclog.core.text`).
+A point in numbers, nothing where nothing is known. A text that a spreadsheet would take for a
+formula has an apostrophe before it; numbers stay numbers (`jbclog.core.text`).
 """
 
 from __future__ import annotations
@@ -33,25 +33,85 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
         *("station", "family", "model", "software", "port", "tool", "outcome", "left"),
         *("due", "readings", "coverage_percent", "longest_gap_s", "late_p99_ms"),
         *("set_c", "alarm_high_c", "alarm_low_c", "least_c", "greatest_c"),
-        *("idle_n", "idle_n_effective", "idle_error_c", "idle_error_low_c", "idle_error_high_c", "idle_sd_c", "idle_sd_high_c"),
-        *("alarms", "doubtful_alarms", "greatest_permille", "energy_permille_s", "energy_wh", "energy_j"),
+        *(
+            "idle_n",
+            "idle_n_effective",
+            "idle_error_c",
+            "idle_error_low_c",
+            "idle_error_high_c",
+            "idle_sd_c",
+            "idle_sd_high_c",
+        ),
+        *(
+            "alarms",
+            "doubtful_alarms",
+            "greatest_permille",
+            "energy_permille_s",
+            "energy_wh",
+            "energy_j",
+        ),
     ),
-    "events": ("seq", "time", "earliest", "station", "port", "kind", "severity", "code", "text", "value", "limit", "raw"),
-    "settings": ("time", "station", "port", "tool", "setting", "unit", "requested", "written", "readback", "nak", "outcome"),
-    "counters": ("station", "port", "counter", "unit", "first", "last", "difference", "readings", "note"),
+    "events": (
+        "seq",
+        "time",
+        "earliest",
+        "station",
+        "port",
+        "kind",
+        "severity",
+        "code",
+        "text",
+        "value",
+        "limit",
+        "raw",
+    ),
+    "settings": (
+        "time",
+        "station",
+        "port",
+        "tool",
+        "setting",
+        "unit",
+        "requested",
+        "written",
+        "readback",
+        "nak",
+        "outcome",
+    ),
+    "counters": (
+        "station",
+        "port",
+        "counter",
+        "unit",
+        "first",
+        "last",
+        "difference",
+        "readings",
+        "note",
+    ),
     "ledger": ("station", "port", "signal", "due", "ok"),
     "alarms": ALARMS,
     "joints": JOINTS,
     "metrics": ("station", "port", "metric", "value", "unit", "n", "coverage", "resolution", "why"),
-    "units": ("unit", "joints", "recovery_n", "recovery_p50_s", "recovery_slowest_s", "not_recovered"),
+    "units": (
+        "unit",
+        "joints",
+        "recovery_n",
+        "recovery_p50_s",
+        "recovery_slowest_s",
+        "not_recovered",
+    ),
 }
 """Columns by table; the ledger has one more for each reason that occurs."""
 
 
 def csv_tables(document: Mapping[str, object], joints: Iterable[RowView] = ()) -> dict[str, str]:
-    """Return the text of each table by its name, from the facts as plain data and a row for each joint."""
+    """Return the text of each table by its name, from the facts as plain data and a row for each
+    joint.
+    """
     rows: dict[str, Iterable[RowView]] = {
-        name: _listed(document.get(name)) for name in ("events", "settings", "counters", "metrics", "units")
+        name: _listed(document.get(name))
+        for name in ("events", "settings", "counters", "metrics", "units")
     }
     incidents = _listed(_mapping(document.get("alarms")).get("incidents"))
     rows["alarms"] = [row for incident in incidents for row in _listed(incident["episodes"])]
@@ -59,8 +119,15 @@ def csv_tables(document: Mapping[str, object], joints: Iterable[RowView] = ()) -
     reasons = [str(reason) for reason in _items(document["ledger_reasons"])]
     rows["ledger"] = [{**row, **_mapping(row["reasons"])} for row in _listed(document["ledger"])]
     rows["rules"] = [_rule(row) for row in _listed(_mapping(document["verdict"])["rules"])]
-    rows["ports"] = [_port(station, port) for station in _listed(document["stations"]) for port in _listed(station["ports"])]
-    return {name: csv_text([*columns, *(reasons if name == "ledger" else [])], rows[name]) for name, columns in TABLES.items()}
+    rows["ports"] = [
+        _port(station, port)
+        for station in _listed(document["stations"])
+        for port in _listed(station["ports"])
+    ]
+    return {
+        name: csv_text([*columns, *(reasons if name == "ledger" else [])], rows[name])
+        for name, columns in TABLES.items()
+    }
 
 
 def _clean(text: object) -> object:
@@ -82,8 +149,21 @@ def _port(station: RowView, port: RowView) -> RowView:
     recorded, tip, power = (_mapping(port[name]) for name in ("recorded", "tip", "power"))
     mean, spread = _mapping(tip["idle_error_bound"]), _mapping(tip["idle_sd_bound"])
     worth = {"idle_n": mean.get("n"), "idle_n_effective": mean.get("n_effective")}
-    bounds = {"idle_error_low_c": mean.get("low"), "idle_error_high_c": mean.get("high"), "idle_sd_high_c": spread.get("high")}
-    return {**station, "station": station["name"], **port, **recorded, **tip, **power, **worth, **bounds}
+    bounds = {
+        "idle_error_low_c": mean.get("low"),
+        "idle_error_high_c": mean.get("high"),
+        "idle_sd_high_c": spread.get("high"),
+    }
+    return {
+        **station,
+        "station": station["name"],
+        **port,
+        **recorded,
+        **tip,
+        **power,
+        **worth,
+        **bounds,
+    }
 
 
 def _listed(value: object) -> list[RowView]:

@@ -28,10 +28,17 @@ def _plain(value: object) -> object:
 
 
 def by_station(rows: Iterable[Row], stations: Sequence[str]) -> list[Row]:
-    """Return the rows in the order of `stations` and ports; rows of a whole station come after those of its ports."""
+    """Return the rows in the order of `stations` and ports; rows of a whole station come after
+    those of its ports.
+    """
     place = {name: number for number, name in enumerate(stations)}
     return sorted(
-        rows, key=lambda row: (place.get(str(row["station"]), len(place)), str(row["station"]), _last_if_none(row["port"]))
+        rows,
+        key=lambda row: (
+            place.get(str(row["station"]), len(place)),
+            str(row["station"]),
+            _last_if_none(row["port"]),
+        ),
     )
 
 
@@ -41,19 +48,46 @@ def _last_if_none(port: object) -> tuple[bool, int]:
 
 def event_rows(events: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
     """Return the events in their order; of more than `MOST_EVENTS` the gravest."""
-    columns = ["seq", "time", "earliest", "station", "port", "kind", "severity", "code", "text", "value", "limit", "raw"]
+    columns = [
+        "seq",
+        "time",
+        "earliest",
+        "station",
+        "port",
+        "kind",
+        "severity",
+        "code",
+        "text",
+        "value",
+        "limit",
+        "raw",
+    ]
     left = None
     if len(events) > MOST_EVENTS:
         gravity = events["severity"].map(SEVERITIES.index)
         kept = gravity.sort_values(kind="stable").index[:MOST_EVENTS]
-        left = Omitted(len(events) - MOST_EVENTS, "further events, none graver than these, are in events/.")
+        left = Omitted(
+            len(events) - MOST_EVENTS, "further events, none graver than these, are in events/."
+        )
         events = events.loc[kept.sort_values()]
     return plain_rows(events, columns), left
 
 
 def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
     """Return requested settings, and each reading that differs from the one before it."""
-    columns = ["time", "station", "port", "tool", "setting", "unit", "requested", "written", "readback", "nak", "outcome"]
+    columns = [
+        "time",
+        "station",
+        "port",
+        "tool",
+        "setting",
+        "unit",
+        "requested",
+        "written",
+        "readback",
+        "nak",
+        "outcome",
+    ]
     rows, kept = plain_rows(settings, columns), []
     last: dict[tuple[object, ...], object] = {}
     for row in rows:
@@ -62,11 +96,17 @@ def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
             kept.append(row)
         last[key] = row["readback"]
     left = len(rows) - len(kept)
-    return kept, Omitted(left, "further readings, equal to the ones before, are in settings/.") if left else None
+    return kept, (
+        Omitted(left, "further readings, equal to the ones before, are in settings/.")
+        if left
+        else None
+    )
 
 
 def counter_rows(counters: pd.DataFrame) -> list[Row]:
-    """Return first and last reading of each counter and their difference; unknown where a reading failed or the counter fell."""
+    """Return first and last reading of each counter and their difference; unknown where a reading
+    failed or the counter fell.
+    """
     found: dict[tuple[object, ...], list[Row]] = {}
     for row in plain_rows(counters, ["station", "port", "counter", "value", "unit", "raw"]):
         found.setdefault((row["station"], row["port"], row["counter"], row["unit"]), []).append(row)
@@ -86,19 +126,43 @@ def _counter(key: tuple[object, ...], rows: list[Row]) -> Row:
     else:
         difference = last - first
     place = {"station": station, "port": port, "counter": counter, "unit": unit}
-    return {**place, "first": first, "last": last, "difference": difference, "readings": len(rows), "note": note}
+    return {
+        **place,
+        "first": first,
+        "last": last,
+        "difference": difference,
+        "readings": len(rows),
+        "note": note,
+    }
 
 
 def ledger_rows(ledger: Ledger) -> tuple[list[Row], list[str]]:
-    """Return a row for each signal of each port, and all reasons that occur, the most frequent first."""
+    """Return a row for each signal of each port, and all reasons that occur, the most frequent
+    first.
+    """
     rows: list[Row] = []
     totals: dict[str, int] = {}
     for station, ports in ledger.items():
         for port, signals in ports.items():
             for signal, counts in signals.items():
-                reasons = {name: count for name, count in counts.items() if name not in ("due", "ok") and count}
+                reasons = {
+                    name: count
+                    for name, count in counts.items()
+                    if name not in ("due", "ok") and count
+                }
                 for name, count in reasons.items():
                     totals[name] = totals.get(name, 0) + count
-                place = {"station": station, "port": int(port) if port.isdigit() else None, "signal": signal}
-                rows.append({**place, "due": counts.get("due", 0), "ok": counts.get("ok", 0), "reasons": reasons})
+                place = {
+                    "station": station,
+                    "port": int(port) if port.isdigit() else None,
+                    "signal": signal,
+                }
+                rows.append(
+                    {
+                        **place,
+                        "due": counts.get("due", 0),
+                        "ok": counts.get("ok", 0),
+                        "reasons": reasons,
+                    }
+                )
     return rows, sorted(totals, key=lambda name: (-totals[name], name))

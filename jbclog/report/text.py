@@ -1,4 +1,6 @@
-"""Times and figures as a report shows them, beside what every page shows (`jbclog/core/text.py`)."""
+"""Times and figures as a report shows them, beside what every page shows
+(`jbclog/core/text.py`).
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,9 @@ def clock(text: str | None, *, with_day: bool = False) -> str:
 
 def interval(row: Mapping[str, object], earliest: str, latest: str) -> str:
     """Return ``14:15:30.372 to 30.478``, the times of two readings; a dash where there is none."""
-    first, last = (None if row.get(name) is None else clock(str(row[name])) for name in (earliest, latest))
+    first, last = (
+        None if row.get(name) is None else clock(str(row[name])) for name in (earliest, latest)
+    )
     if last is None:
         return "–"
     if first is None or first == last:
@@ -61,14 +65,22 @@ def interval(row: Mapping[str, object], earliest: str, latest: str) -> str:
 
 
 def measured(value: object, unit: str) -> str:
-    """Return a figure with its unit. Per cent are never rounded up: 99.996 % of the readings are not all of them."""
+    """Return a figure with its unit. Per cent are never rounded up: 99.996 % of the readings are
+    not all of them.
+    """
     if isinstance(value, float) and unit == "%":
         value = floor(value * 100 + 1e-9) / 100
-    return number(value) if value is None or isinstance(value, str) or not unit else f"{number(value)} {unit}"
+    return (
+        number(value)
+        if value is None or isinstance(value, str) or not unit
+        else f"{number(value)} {unit}"
+    )
 
 
 def bound_text(bound: object, unit: str) -> str:
-    """Return the 95 % bound of a rule: ``−0.1 to 0.5 °C``, ``up to 0.9 °C``; a dash where there is none."""
+    """Return the 95 % bound of a rule: ``−0.1 to 0.5 °C``, ``up to 0.9 °C``; a dash where there is
+    none.
+    """
     if not isinstance(bound, Mapping) or not isinstance(bound.get("high"), int | float):
         return "–"
     low, high = bound.get("low"), round(float(bound["high"]), 2)

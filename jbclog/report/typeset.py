@@ -1,7 +1,8 @@
 """Set `report.pdf` with typst: `templates/report.typ` is its look, its content comes as JSON.
 
-Text from outside stays data: the template never evaluates it. Only the fonts in the package are used, so the same data give the
-same bytes on every machine. PDF/A-2a: tagged, with all fonts embedded, for archives.
+Text from outside stays data: the template never evaluates it. Only the fonts in the package are
+used, so the same data give the same bytes on every machine. PDF/A-2a: tagged, with all fonts
+embedded, for archives.
 """
 
 from __future__ import annotations
@@ -24,7 +25,10 @@ from jbclog.core.text import HIDDEN
 PROFILE: Final = "a-2a"
 FONTS: Final = ("DejaVuSans.ttf", "DejaVuSans-Bold.ttf")
 LACKING: Final = "\u25af"
-LACKING_MEANS: Final = f"{LACKING} stands for a letter that the font of this paper lacks; report.html and report.json have it."
+LACKING_MEANS: Final = (
+    f"{LACKING} stands for a letter that the font of this paper lacks; report.html and report.json"
+    " have it."
+)
 FULL_UNICODE: Final = (3, 10)  # platform and encoding of a font's table of 32-bit characters
 
 
@@ -33,7 +37,9 @@ def pdf_of(data: Mapping[str, object], dated: datetime) -> bytes:
     inputs = {"data": json.dumps(data, ensure_ascii=False)}
     compiler = typst.Compiler(_template(), str(_home()), _fonts(), sys_inputs=inputs)
     try:
-        made = compiler.compile(format="pdf", pdf_standards=PROFILE, timestamp=round(dated.timestamp()))
+        made = compiler.compile(
+            format="pdf", pdf_standards=PROFILE, timestamp=round(dated.timestamp())
+        )
     except typst.TypstError as error:
         raise RecordError(f"report.pdf cannot be made: {error.message}") from error
     assert isinstance(made, bytes)
@@ -58,7 +64,9 @@ def _template() -> bytes:
 
 @cache
 def _fonts() -> typst.Fonts:
-    return typst.Fonts(include_system_fonts=False, include_embedded_fonts=False, font_paths=[str(_home())])
+    return typst.Fonts(
+        include_system_fonts=False, include_embedded_fonts=False, font_paths=[str(_home())]
+    )
 
 
 @cache
@@ -69,11 +77,18 @@ def _letters() -> frozenset[str]:
 
 
 def _in_font(path: Path) -> frozenset[str]:
-    """Return the letters of a font that `clean` lets pass, by its table of 32-bit characters (OpenType: cmap, format 12)."""
+    """Return the letters of a font that `clean` lets pass, by its table of 32-bit characters
+    (OpenType: cmap, format 12).
+    """
     data = path.read_bytes()
-    tables = {data[at : at + 4]: struct.unpack_from(">I", data, at + 8)[0] for at in range(12, 12 + 16 * data[5], 16)}
+    tables = {
+        data[at : at + 4]: struct.unpack_from(">I", data, at + 8)[0]
+        for at in range(12, 12 + 16 * data[5], 16)
+    }
     cmap = tables[b"cmap"]
-    kinds = (struct.unpack_from(">HHI", data, cmap + 4 + 8 * number) for number in range(data[cmap + 3]))
+    kinds = (
+        struct.unpack_from(">HHI", data, cmap + 4 + 8 * number) for number in range(data[cmap + 3])
+    )
     (place,) = (cmap + offset for *kind, offset in kinds if tuple(kind) == FULL_UNICODE)
     (groups,) = struct.unpack_from(">I", data, place + 12)
     spans = (struct.unpack_from(">II", data, place + 16 + 12 * number) for number in range(groups))

@@ -24,7 +24,9 @@ LEAST_IS_WORST = ("coverage", "reached", "recovered_before_next")
 
 
 def summary(rules: Sequence[RowView]) -> list[dict[str, object]]:
-    """Return one line for the rules of one limit: how many passed, and the worst; nothing where there are only a `FEW` rules."""
+    """Return one line for the rules of one limit: how many passed, and the worst; nothing where
+    there are only a `FEW` rules.
+    """
     if len(rules) <= FEW:
         return []
     alike: dict[tuple[object, ...], list[RowView]] = {}
@@ -40,7 +42,11 @@ def _line(rules: Sequence[RowView]) -> dict[str, object]:
     result = next((one for one in ("fail", "missing", "deviation") if one in results), usual)
     alike = len(rules) > 1 and len({rule["observed"] for rule in rules}) == 1  # none stands out
     named = None if alike else worst
-    place = {"station": named["station"], "port": named["port"]} if named is not None else {"station": None, "port": None}
+    place = (
+        {"station": named["station"], "port": named["port"]}
+        if named is not None
+        else {"station": None, "port": None}
+    )
     observed = None if worst is None else worst["observed"]
     first = rules[0]
     return {
@@ -57,14 +63,20 @@ def _line(rules: Sequence[RowView]) -> dict[str, object]:
 
 
 def _worst(rules: Sequence[RowView]) -> RowView | None:
-    """Return the rule furthest on the wrong side, or one without any value; None where nothing is measured."""
-    if rules[0]["name"] in LEAST_IS_WORST and (without := [rule for rule in rules if isinstance(rule["observed"], str)]):
+    """Return the rule furthest on the wrong side, or one without any value; None where nothing is
+    measured.
+    """
+    if rules[0]["name"] in LEAST_IS_WORST and (
+        without := [rule for rule in rules if isinstance(rule["observed"], str)]
+    ):
         return min(without, key=lambda rule: rule["result"] != "fail")
     measured = [rule for rule in rules if isinstance(rule["observed"], int | float)]
     if not measured:
         return None
     return (
-        min(measured, key=_reading) if rules[0]["name"] in LEAST_IS_WORST else max(measured, key=lambda rule: abs(_reading(rule)))
+        min(measured, key=_reading)
+        if rules[0]["name"] in LEAST_IS_WORST
+        else max(measured, key=lambda rule: abs(_reading(rule)))
     )
 
 
@@ -82,11 +94,15 @@ NO_LIMITS = "The recipes state no limits; this is a record, not a release."
 
 
 def verdict_facts(folder: Path, manifest: Manifest, measuring: Measuring) -> VerdictFacts:
-    """Return the verdict with its reasons, the gravest first; `measuring` reads the samples where it is judged here."""
+    """Return the verdict with its reasons, the gravest first; `measuring` reads the samples where
+    it is judged here.
+    """
     if is_cut_off(manifest):
         return _cut_off(folder, manifest, measuring)
     if manifest.verdict is not None:
-        rules = [{**EMPTY_RULE, **rule} for rule in manifest.verdict_rules if isinstance(rule, dict)]
+        rules = [
+            {**EMPTY_RULE, **rule} for rule in manifest.verdict_rules if isinstance(rule, dict)
+        ]
         found = _facts(manifest, manifest.verdict, "with the run", rules)
         found.by_rules, found.by_latest = _of_rules(folder, manifest, measuring)
         return found
@@ -95,35 +111,54 @@ def verdict_facts(folder: Path, manifest: Manifest, measuring: Measuring) -> Ver
 
 
 def _cut_off(folder: Path, manifest: Manifest, measuring: Measuring) -> VerdictFacts:
-    """Return the verdict that `recover` gave, with the rules judged now on what is there: a cut-off run is never accepted."""
+    """Return the verdict that `recover` gave, with the rules judged now on what is there: a cut-off
+    run is never accepted.
+    """
     judgement = judge_again(folder, manifest, measuring=measuring)
     lost = [] if manifest.lost is None else [manifest.lost.text]
     judged = judgement.verdict is not Verdict.NOT_JUDGED
     first = Reason("missing", " ".join([CUT_OFF, *lost, *([JUDGED_HERE] if judged else [])]))
-    found = _facts(manifest, manifest.verdict or judgement.verdict.value, "by recovery", judgement.rules_as_dicts())
+    found = _facts(
+        manifest,
+        manifest.verdict or judgement.verdict.value,
+        "by recovery",
+        judgement.rules_as_dicts(),
+    )
     others = [reason for reason in found.reasons if reason.text not in lost]
     return replace(found, reasons=[first, *others])
 
 
 def add_reasons(verdict: VerdictFacts, stations: Sequence[RowView], *, cut_off: bool) -> None:
-    """Add a sentence for each port without recovery and, after a crash, for each tool that may still be hot."""
+    """Add a sentence for each port without recovery and, after a crash, for each tool that may
+    still be hot.
+    """
     first = 1 if cut_off else 0
-    verdict.reasons[first:first] = [Reason("none", text) for text in never_back_at(jointed({"stations": stations}))]
+    verdict.reasons[first:first] = [
+        Reason("none", text) for text in never_back_at(jointed({"stations": stations}))
+    ]
     if cut_off:  # the operator has had no message
         verdict.reasons[1:1] = _not_made_safe(stations)
 
 
 def _not_made_safe(stations: Sequence[RowView]) -> list[Reason]:
     ports = [(station["name"], port) for station in stations for port in _rows(station["ports"])]
-    return [Reason("fail", f"{name} port {port['port']}: {port['left']}.") for name, port in ports if port["left_warns"]]
+    return [
+        Reason("fail", f"{name} port {port['port']}: {port['left']}.")
+        for name, port in ports
+        if port["left_warns"]
+    ]
 
 
 def _rows(value: object) -> list[RowView]:
     return [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
 
 
-def _of_rules(folder: Path, manifest: Manifest, measuring: Measuring) -> tuple[str | None, dict[str, object] | None]:
-    """Return the version of the rules of a sealed verdict where it is not the latest, and the verdict of the latest."""
+def _of_rules(
+    folder: Path, manifest: Manifest, measuring: Measuring
+) -> tuple[str | None, dict[str, object] | None]:
+    """Return the version of the rules of a sealed verdict where it is not the latest, and the
+    verdict of the latest.
+    """
     if manifest.rules == RULES or manifest.verdict in (None, Verdict.NOT_JUDGED):
         return None, None
     if not is_known(manifest.rules):
@@ -132,25 +167,38 @@ def _of_rules(folder: Path, manifest: Manifest, measuring: Measuring) -> tuple[s
     reasons = [reason.text for reason in _reasons(judgement.verdict, judgement.rules_as_dicts())]
     text = f"Judged by rules {manifest.rules}. By rules {RULES} it would be {judgement.verdict}"
     result = f": {reasons[0]}" if judgement.verdict != manifest.verdict and reasons else ", too."
-    return f"{text}{result}", {"rules": RULES, "verdict": judgement.verdict.value, "reasons": reasons}
+    return f"{text}{result}", {
+        "rules": RULES,
+        "verdict": judgement.verdict.value,
+        "reasons": reasons,
+    }
 
 
-def _facts(manifest: Manifest, word: str, decided: str, rules: list[dict[str, object]]) -> VerdictFacts:
+def _facts(
+    manifest: Manifest, word: str, decided: str, rules: list[dict[str, object]]
+) -> VerdictFacts:
     urls = [facts.url for facts in manifest.stations if facts.url]
-    reasons = [replace(reason, text=without_urls(reason.text, urls)) for reason in _reasons(word, rules)]
+    reasons = [
+        replace(reason, text=without_urls(reason.text, urls)) for reason in _reasons(word, rules)
+    ]
     return VerdictFacts(word, decided, reasons, rules, summary(rules), manifest.rules)
 
 
 def without_urls(text: str, urls: Sequence[str]) -> str:
-    """Return a sentence without the device of its station, which the station's part and the events name."""
+    """Return a sentence without the device of its station, which the station's part and the events
+    name.
+    """
     for url in sorted(urls, key=len, reverse=True):
         if "/" in url:  # not a word that could stand anywhere
-            text = re.sub(rf"(?: (?:on|at))? {re.escape(url)}(?=[ .,;]|$)|(?<= ){re.escape(url)}: ", "", text)
+            text = re.sub(
+                rf"(?: (?:on|at))? {re.escape(url)}(?=[ .,;]|$)|(?<= ){re.escape(url)}: ", "", text
+            )
     return text
 
 
 def _reasons(word: str, rules: list[dict[str, object]]) -> Iterator[Reason]:
-    """Yield a sentence for each rule that did not pass, failures first; without any, one that says so.
+    """Yield a sentence for each rule that did not pass, failures first; without any, one that says
+    so.
 
     The first one states where a recipe has figures judged without their bounds.
     """
@@ -185,8 +233,15 @@ def _places(rules: list[dict[str, object]], result: str, sentence: str) -> str:
     """Return every station and port of which the sentence holds: ``dde-1 ports 1, 2; ucr-1``."""
     ports: dict[str, list[str]] = {}
     for rule in rules:
-        if rule.get("result") == result and rule.get("station") is not None and _sentence(rule) == sentence:
+        if (
+            rule.get("result") == result
+            and rule.get("station") is not None
+            and _sentence(rule) == sentence
+        ):
             named = ports.setdefault(str(rule["station"]), [])
             if rule.get("port") is not None and str(rule["port"]) not in named:
                 named.append(str(rule["port"]))
-    return "; ".join(f"{station} port{'s' * (len(own) > 1)} {', '.join(own)}" if own else station for station, own in ports.items())
+    return "; ".join(
+        f"{station} port{'s' * (len(own) > 1)} {', '.join(own)}" if own else station
+        for station, own in ports.items()
+    )

@@ -1,8 +1,8 @@
 """Make a run's report and verdict again, and compare them with those in its folder; write nothing.
 
-A report of the same maker (version of jbclog and of its rules, typesetter, drawing library) has the same bytes. Of a report
-that names another maker everything is compared that does not depend on it. What is left is not known, and not known is no pass: a
-report can name any maker.
+A report of the same maker (version of jbclog and of its rules, typesetter, drawing library) has the
+same bytes. Of a report that names another maker everything is compared that does not depend on it.
+What is left is not known, and not known is no pass: a report can name any maker.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ MOST: Final = 20  # figures of metrics that are listed
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """What differs; what was not compared, so that it is not known whether it differs; notes on the verdict; a sentence each."""
+    """What differs; what was not compared, so that it is not known whether it differs; notes on the
+    verdict; a sentence each.
+    """
 
     differing: list[str] = field(default_factory=list)
     not_compared: list[str] = field(default_factory=list)
@@ -48,13 +50,17 @@ class Verified:
 
 
 def verify_report(folder: Path | str) -> list[str]:
-    """Return what `verified` finds to differ or cannot compare, a sentence each; empty: all is compared and agrees."""
+    """Return what `verified` finds to differ or cannot compare, a sentence each; empty: all is
+    compared and agrees.
+    """
     found = verified(folder)
     return [*found.differing, *found.not_compared]
 
 
 def verified(folder: Path | str) -> Verified:
-    """Make the report and the verdict again and compare them; recipes, line file and annotations with manifest and chain."""
+    """Make the report and the verdict again and compare them; recipes, line file and annotations
+    with manifest and chain.
+    """
     folder = Path(folder)
     expect_no_links(folder)
     manifest = open_run(folder).manifest
@@ -67,7 +73,11 @@ def verified(folder: Path | str) -> Verified:
 def _of_files(folder: Path, manifest: Manifest) -> tuple[list[str], list[str]]:
     """Return which files of the report differ, and which cannot be compared."""
     made = report_files(folder)
-    differing = {name: text for name, content in made.items() if (text := _difference(folder / name, content))}
+    differing = {
+        name: text
+        for name, content in made.items()
+        if (text := _difference(folder / name, content))
+    }
     there = report_in(folder)
     maker = None if there is None else maker_of(there)
     if not differing or there is None or maker is None or maker.is_this:
@@ -76,8 +86,14 @@ def _of_files(folder: Path, manifest: Manifest) -> tuple[list[str], list[str]]:
     left = _depend_on(maker, differing)
     found = [text for name, text in differing.items() if name not in left]
     disagree = report_disagreements(folder, manifest, read_annotations(folder))
-    found += [f"{folder}/{name}: {text}" for name, text in disagree if name == DATA or name in left or name not in differing]
-    found += [f"{folder / DATA}: {text}" for text in [*impossible(maker), *_unlike(maker, there, here)]]
+    found += [
+        f"{folder}/{name}: {text}"
+        for name, text in disagree
+        if name == DATA or name in left or name not in differing
+    ]
+    found += [
+        f"{folder / DATA}: {text}" for text in [*impossible(maker), *_unlike(maker, there, here)]
+    ]
     return found, [f"{folder}: {_named(left)}: {_why(maker, folder)}"]
 
 
@@ -90,7 +106,10 @@ def _named(files: list[str]) -> str:
 
 def _why(maker: Maker, folder: Path) -> str:
     later = "".join(f", {text}" for text in newer(maker))
-    return f"made by {maker}{later}, not compared byte for byte; run `jbclog report {folder}` to make it again"
+    return (
+        f"made by {maker}{later}, not compared byte for byte; run `jbclog report {folder}` to make"
+        " it again"
+    )
 
 
 def _depend_on(maker: Maker, differing: Mapping[str, str]) -> list[str]:
@@ -98,21 +117,31 @@ def _depend_on(maker: Maker, differing: Mapping[str, str]) -> list[str]:
     if (maker.version, maker.rules) != (__version__, RULES):
         return [*differing]
     if maker.tools["drawn_by"] != tools()["drawn_by"]:
-        return [name for name in differing if not name.startswith("tables/") and not name.endswith(".parquet")]
+        return [
+            name
+            for name in differing
+            if not name.startswith("tables/") and not name.endswith(".parquet")
+        ]
     return [name for name in differing if name in (PAPER, DATA)]
 
 
 def _unlike(maker: Maker, there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[str]:
     """Yield what differs in `report.json` although its maker uses the same rules and methods."""
     if (maker.version, maker.rules) == (__version__, RULES):
-        keys = [key for key in {**here, **there} if key not in OF_TOOLS and here.get(key) != there.get(key)]
+        keys = [
+            key
+            for key in {**here, **there}
+            if key not in OF_TOOLS and here.get(key) != there.get(key)
+        ]
         yield from (f"{key}: differs from what this record gives" for key in keys[:MOST])
     elif maker.rules == RULES:
         yield from _metrics(there.get("metrics"), here["metrics"])
 
 
 def _metrics(there: object, here: list[dict[str, object]]) -> Iterator[str]:
-    """Yield the metrics whose value differs; a later version may have more of them, never other values by the same methods."""
+    """Yield the metrics whose value differs; a later version may have more of them, never other
+    values by the same methods.
+    """
     rows = [row for row in there if isinstance(row, dict)] if isinstance(there, list) else []
     known = {_place(row): row.get("value") for row in rows}
     if here and not known:
@@ -121,7 +150,10 @@ def _metrics(there: object, here: list[dict[str, object]]) -> Iterator[str]:
     wrong = [row for row in here if known.get(_place(row), row.get("value")) != row.get("value")]
     for row in wrong[:MOST]:
         name, station, port = row.get("metric"), row.get("station"), row.get("port")
-        yield f"metrics, {name} of {station} port {port}: {known[_place(row)]!s:.40}, the record gives {row.get('value')}"
+        yield (
+            f"metrics, {name} of {station} port {port}: {known[_place(row)]!s:.40}, the record"
+            f" gives {row.get('value')}"
+        )
 
 
 def _place(row: Mapping[str, object]) -> tuple[str, ...]:
@@ -137,11 +169,18 @@ def _changed(folder: Path, manifest: Manifest) -> list[str]:
 def _annotated_since(folder: Path) -> list[str]:
     """Return why the whole report differs, where annotations are newer than it."""
     report = report_in(folder)
-    if report is None or "annotations_head" not in report or report.get("manifest_sha256") != manifest_sha256(folder):
+    if (
+        report is None
+        or "annotations_head" not in report
+        or report.get("manifest_sha256") != manifest_sha256(folder)
+    ):
         return []
     if report["annotations_head"] == read_annotations(folder).head:
         return []
-    return [f"{folder / ANNOTATIONS}: annotations are newer than this report; run `jbclog report {folder}` to include them"]
+    return [
+        f"{folder / ANNOTATIONS}: annotations are newer than this report; run `jbclog report"
+        f" {folder}` to include them"
+    ]
 
 
 def _difference(path: Path, content: bytes) -> str | None:

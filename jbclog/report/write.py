@@ -1,7 +1,8 @@
-"""Write `report.html`, `report.pdf`, `report.json`, `joints.parquet`, figures and tables into the folder of a run, each atomically.
+"""Write `report.html`, `report.pdf`, `report.json`, `joints.parquet`, figures and tables into the
+folder of a run, each atomically.
 
-The same run gives the same bytes: no creation time, no random names, everything in order. So a report can be made again at any time
-and compared (`verify.py`).
+The same run gives the same bytes: no creation time, no random names, everything in order. So a
+report can be made again at any time and compared (`verify.py`).
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ PAGE, DATA, PAPER, TABLES = "report.html", "report.json", "report.pdf", "tables"
 
 
 def write_report(folder: Path | str) -> Path:
-    """Write the report of the sealed run in `folder`; return the path of its page. Raises `RecordError`."""
+    """Write the report of the sealed run in `folder`; return the path of its page. Raises
+    `RecordError`.
+    """
     folder = Path(folder)
     expect_no_links(folder)
     for name, content in _vouched_for(folder).items():
@@ -45,10 +48,11 @@ def write_report(folder: Path | str) -> Path:
 
 
 def _vouched_for(folder: Path) -> dict[str, bytes]:
-    """Return every file of a report, after a line of the annotations has the hash of `report.json`, which has those of all others.
+    """Return every file of a report, after a line of the annotations has the hash of `report.json`,
+    which has those of all others.
 
-    The line comes first: after a crash an unchanged report may count as changed, never a changed one as unchanged. Raises
-    `RecordError`.
+    The line comes first: after a crash an unchanged report may count as changed, never a changed
+    one as unchanged. Raises `RecordError`.
     """
     files = report_files(folder)
     wrong = read_annotations(folder).wrong
@@ -62,7 +66,9 @@ def _vouched_for(folder: Path) -> dict[str, bytes]:
 
 @contextmanager
 def _memory_given_back() -> Iterator[None]:
-    """Let Arrow take memory from the system: a pool of its own keeps what decoding took, twice the rows of a long run."""
+    """Let Arrow take memory from the system: a pool of its own keeps what decoding took, twice the
+    rows of a long run.
+    """
     before = pa.default_memory_pool()
     pa.set_memory_pool(pa.system_memory_pool())
     try:
@@ -73,11 +79,14 @@ def _memory_given_back() -> Iterator[None]:
 
 @_memory_given_back()
 def report_files(folder: Path) -> dict[str, bytes]:
-    """Return every file of a report by its name. Raises `RecordError`, also for a run that is still open."""
+    """Return every file of a report by its name. Raises `RecordError`, also for a run that is still
+    open.
+    """
     run = open_run(folder)
     if run.manifest.state != "sealed":
         raise RecordError(
-            f"{folder} is still open: it is being recorded, or a crash left it open; run `jbclog recover` to finish it"
+            f"{folder} is still open: it is being recorded, or a crash left it open; run `jbclog"
+            " recover` to finish it"
         )
     joints = joints_of(run)
     facts = gather(run, joints)
@@ -89,22 +98,34 @@ def report_files(folder: Path) -> dict[str, bytes]:
         PAGE: render(document, drawn, zooms).encode(),
         PAPER: report_pdf(facts),
         JOINTS: joints.parquet,
-        **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document, joints.rows()).items()},
+        **{
+            f"{TABLES}/{name}.csv": text.encode()
+            for name, text in csv_tables(document, joints.rows()).items()
+        },
     }
     written = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
     vouched = {**document, **tools(), "vouched_in": ANNOTATIONS, "written": written}
-    return {**files, DATA: (json.dumps(vouched, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()}
+    return {
+        **files,
+        DATA: (json.dumps(vouched, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode(),
+    }
 
 
 def figures_of(facts: Facts) -> list[FigureFacts]:
     """Return every figure of a report."""
     ports = [port for station in facts.stations for port in station.ports]
     charts = [port.joints.chart for port in ports if port.joints is not None]
-    return [one for one in (facts.overview, *(one for port in ports for one in port.figures), *charts) if one is not None]
+    return [
+        one
+        for one in (facts.overview, *(one for port in ports for one in port.figures), *charts)
+        if one is not None
+    ]
 
 
 def as_document(facts: Facts) -> Mapping[str, object]:
-    """Return the facts as plain data without drawings, every text cleaned: the source of `report.json` and the page."""
+    """Return the facts as plain data without drawings, every text cleaned: the source of
+    `report.json` and the page.
+    """
     plain = cleaned(_without_drawings(asdict(facts)))
     assert isinstance(plain, dict)
     return plain
@@ -114,7 +135,11 @@ def _without_drawings(value: object) -> object:
     """Return the value with only file and texts of each figure."""
     if isinstance(value, dict):
         is_figure = {"file", "wide", "narrow"} <= value.keys()
-        return {key: _without_drawings(one) for key, one in value.items() if not (is_figure and key in DRAWINGS)}
+        return {
+            key: _without_drawings(one)
+            for key, one in value.items()
+            if not (is_figure and key in DRAWINGS)
+        }
     return [_without_drawings(one) for one in value] if isinstance(value, list) else value
 
 

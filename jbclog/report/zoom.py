@@ -1,9 +1,11 @@
-"""The data of the interactive view: the readings of a port, or the least and greatest of equal stretches where they are too many.
+"""The data of the interactive view: the readings of a port, or the least and greatest of equal
+stretches where they are too many.
 
-A page holds at most `MOST_READINGS` of all ports. A port with more rows than its share has the band of the whole run and single
-readings around alarms, errors, gaps and joints. The data are a JSON header and a stream of zigzag varints (as in Protocol Buffers,
-signed), in base64, for `templates/interactive.js`. They are not compressed: builds of zlib give different bytes, and the same
-record must give the same page.
+A page holds at most `MOST_READINGS` of all ports. A port with more rows than its share has the band
+of the whole run and single readings around alarms, errors, gaps and joints. The data are a JSON
+header and a stream of zigzag varints (as in Protocol Buffers, signed), in base64, for
+`templates/interactive.js`. They are not compressed: builds of zlib give different bytes, and the
+same record must give the same page.
 """
 
 from __future__ import annotations
@@ -25,13 +27,15 @@ from jbclog.report.captions import closer
 
 Ints = NDArray[np.int64]
 
-MOST_READINGS: Final = 1_200_000  # rows of all ports together, some 3 bytes each: four ports for eight hours at 10 Hz
+# rows of all ports together, some 3 bytes each: four ports for eight hours at 10 Hz
+MOST_READINGS: Final = 1_200_000
 MOST_SPANS: Final = 120_000  # of each lane, of all ports together
 LEAST_SPANS: Final = 8_000  # of each lane of one port
 BAND_SHARE: Final = 8  # a stretch costs more than a row: this part of a port's share
 AROUND_MARK_S, AROUND_GAP_S, AROUND_JOINT_S = 30.0, 10.0, 15.0
 LONG_GAP_S: Final = 1.0
-BOUND: Final = 2**40  # no number of a sound record comes near it; a browser's numbers are exact to 2^53
+# no number of a sound record comes near it; a browser's numbers are exact to 2^53
+BOUND: Final = 2**40
 LONGEST_WORD: Final = 140  # three reasons with their columns fit
 LONGEST_REASON: Final = 20
 
@@ -53,9 +57,20 @@ def zoom_of(trace: Trace, most: int) -> str | None:
     stretches = 0 if kept.all() else most // BAND_SHARE
     unit = trace.grid.period_s or 0.001
     lanes = _lanes(trace)
-    seen = {name: spans for name, spans in lanes.items() if len(spans) <= max(LEAST_SPANS, most * MOST_SPANS // MOST_READINGS)}
-    reasons = trace.reasons[kept] if len(trace.reasons) else coded(np.full(np.count_nonzero(kept), -1), [])
-    stream += _rows(np.round((trace.seconds[kept] - trace.start) / unit), [values[kept] for values in columns.values()])
+    seen = {
+        name: spans
+        for name, spans in lanes.items()
+        if len(spans) <= max(LEAST_SPANS, most * MOST_SPANS // MOST_READINGS)
+    }
+    reasons = (
+        trace.reasons[kept]
+        if len(trace.reasons)
+        else coded(np.full(np.count_nonzero(kept), -1), [])
+    )
+    stream += _rows(
+        np.round((trace.seconds[kept] - trace.start) / unit),
+        [values[kept] for values in columns.values()],
+    )
     stream += [_runs(words.reasons(reasons, columns))]
     for values in columns.values() if stretches else ():
         stream += _band(trace, values, stretches)
@@ -80,7 +95,9 @@ def zoom_of(trace: Trace, most: int) -> str | None:
         "words": words.all,
     }
     head = json.dumps(header, separators=(",", ":"), allow_nan=False).encode("ascii")
-    return base64.b64encode(len(head).to_bytes(4, "little") + head + varints(np.concatenate(stream))).decode()
+    return base64.b64encode(
+        len(head).to_bytes(4, "little") + head + varints(np.concatenate(stream))
+    ).decode()
 
 
 class _Words:
@@ -97,8 +114,13 @@ class _Words:
         return self._numbers[text]
 
     def reasons(self, texts: pd.Categorical, columns: Iterable[str]) -> Ints:
-        """Return a number for the reasons of each row: ``;power_permille=timeout``, for each of these columns that has one."""
-        names, known = [*texts.categories, None], np.zeros(len(texts.categories) + 1, dtype=np.int64)
+        """Return a number for the reasons of each row: ``;power_permille=timeout``, for each of
+        these columns that has one.
+        """
+        names, known = (
+            [*texts.categories, None],
+            np.zeros(len(texts.categories) + 1, dtype=np.int64),
+        )
         for code in pd.unique(texts.codes):  # in the order in which they come
             known[code] = self.code(_reasons(names[code], columns))
         return np.asarray(np.take(known, texts.codes), dtype=np.int64)
@@ -106,12 +128,18 @@ class _Words:
 
 def _reasons(text: str | None, columns: Iterable[str]) -> str | None:
     found = dict(part.partition("=")[::2] for part in (text or "").split(";"))
-    return "".join(f";{name}={found[name][:LONGEST_REASON]}" for name in columns if name in found) or None
+    return (
+        "".join(f";{name}={found[name][:LONGEST_REASON]}" for name in columns if name in found)
+        or None
+    )
 
 
 def varints(values: Ints) -> bytes:
-    """Return each number as a zigzag varint: seven bits a byte, the lowest first, the highest bit set where more follow."""
-    return b"".join(_varints(values[rows]) for rows in blocks(len(values)))  # each number takes a hundred bytes on the way
+    """Return each number as a zigzag varint: seven bits a byte, the lowest first, the highest bit
+    set where more follow.
+    """
+    # each number takes a hundred bytes on the way
+    return b"".join(_varints(values[rows]) for rows in blocks(len(values)))
 
 
 def _varints(values: Ints) -> bytes:
@@ -152,11 +180,16 @@ def _known(values: Readings) -> list[Ints]:
 
 def _rows(places: Floats, columns: Iterable[Readings]) -> list[Ints]:
     """Return the places of the rows in units of time as runs of equal steps, then each column."""
-    return [_runs(_steps(_integers(places))), *(part for values in columns for part in _known(values))]
+    return [
+        _runs(_steps(_integers(places))),
+        *(part for values in columns for part in _known(values)),
+    ]
 
 
 def _band(trace: Trace, values: Readings, count: int) -> list[Ints]:
-    """Return the least value in each of `count` equal stretches of the run, and how far above it the greatest is."""
+    """Return the least value in each of `count` equal stretches of the run, and how far above it
+    the greatest is.
+    """
     found = Stretches(count)
     for rows in blocks(len(values)):
         there = ~np.isnan(values[rows])
@@ -164,11 +197,16 @@ def _band(trace: Trace, values: Readings, count: int) -> list[Ints]:
         share_of_run = (seconds - trace.start) / (trace.end - trace.start)
         found.add((share_of_run * count + 1e-6).astype(np.int64), seconds, values[rows][there])
     read = found.counts > 0
-    return [*_known(np.where(read, found.low, np.nan)), _integers(found.high[read]) - _integers(found.low[read])]
+    return [
+        *_known(np.where(read, found.low, np.nan)),
+        _integers(found.high[read]) - _integers(found.low[read]),
+    ]
 
 
 def _kept(trace: Trace, most: int) -> NDArray[np.bool_]:
-    """Return the rows that are in the page: all, or those around alarms, errors, gaps and joints."""
+    """Return the rows that are in the page: all, or those around alarms, errors, gaps and
+    joints.
+    """
     if len(trace.seconds) <= most:
         return np.ones(len(trace.seconds), dtype=np.bool_)
     kept, budget = np.zeros(len(trace.seconds), dtype=np.bool_), most // 2
@@ -187,7 +225,10 @@ def _moments(trace: Trace) -> Iterator[tuple[float, float]]:
     for kind in MARKS.values():
         for mark in trace.marks:
             if mark.kind is kind:
-                yield mark.span.start - AROUND_MARK_S, min(mark.span.end, mark.span.start + AROUND_MARK_S) + AROUND_MARK_S
+                yield (
+                    mark.span.start - AROUND_MARK_S,
+                    min(mark.span.end, mark.span.start + AROUND_MARK_S) + AROUND_MARK_S,
+                )
     near = closer(trace)
     if near is not None:
         yield near[0].start, near[0].end
@@ -203,41 +244,75 @@ def _moments(trace: Trace) -> Iterator[tuple[float, float]]:
 def _parts(trace: Trace, kept: NDArray[np.bool_]) -> list[list[float]]:
     """Return from when to when, in seconds since the start, the rows are in the page."""
     edges = np.flatnonzero(np.diff(kept.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    starts, ends = (trace.seconds[places] - trace.start for places in (edges[:, 0], edges[:, 1] - 1))
-    return [[round(start, 6), round(end + trace.period_s, 6)] for start, end in zip(starts.tolist(), ends.tolist(), strict=True)]
+    starts, ends = (
+        trace.seconds[places] - trace.start for places in (edges[:, 0], edges[:, 1] - 1)
+    )
+    return [
+        [round(start, 6), round(end + trace.period_s, 6)]
+        for start, end in zip(starts.tolist(), ends.tolist(), strict=True)
+    ]
 
 
 def _lanes(trace: Trace) -> dict[str, Sequence[Span]]:
     """Return the lanes of the static figure, and the joints."""
     states = {"status": trace.status} | ({} if trace.air is None else trace.air.lanes)
-    marks = {name: [mark.span for mark in trace.marks if mark.kind is kind] for name, kind in MARKS.items()}
-    return {**states, "no data": trace.gaps, **{name: spans for name, spans in marks.items() if spans}, "joints": trace.joints}
+    marks = {
+        name: [mark.span for mark in trace.marks if mark.kind is kind]
+        for name, kind in MARKS.items()
+    }
+    return {
+        **states,
+        "no data": trace.gaps,
+        **{name: spans for name, spans in marks.items() if spans},
+        "joints": trace.joints,
+    }
 
 
 def _spans(trace: Trace, spans: Sequence[Span], thirds: Sequence[int]) -> Ints:
-    """Return the start of each as a step from the one before it, its length, both in ms, and a third number."""
-    starts = _integers(1000 * (np.array([span.start for span in spans], dtype=np.float64) - trace.start))
+    """Return the start of each as a step from the one before it, its length, both in ms, and a
+    third number.
+    """
+    starts = _integers(
+        1000 * (np.array([span.start for span in spans], dtype=np.float64) - trace.start)
+    )
     lengths = _integers(1000 * np.array([span.seconds for span in spans], dtype=np.float64))
     return np.stack([_steps(starts), lengths, np.array(thirds, dtype=np.int64)], axis=1).ravel()
 
 
 def held_settings(trace: Trace) -> list[tuple[Span, float]]:
-    """Return runs of equal readings of the setting without an outage between them, each with its °C."""
+    """Return runs of equal readings of the setting without an outage between them, each with its
+    °C.
+    """
     known = np.flatnonzero(~np.isnan(trace.setting))
     at, celsius = trace.seconds[known], trace.setting[known]
     if not len(at):
         return []
     outages = np.array([gap.start for gap in trace.gaps if gap.seconds >= LONG_GAP_S])
-    parted = (np.diff(celsius) != 0) | (np.diff(at) > SETTING_JOINED_S) | (np.diff(np.searchsorted(outages, at)) > 0)
+    parted = (
+        (np.diff(celsius) != 0)
+        | (np.diff(at) > SETTING_JOINED_S)
+        | (np.diff(np.searchsorted(outages, at)) > 0)
+    )
     first = np.append(0, np.flatnonzero(parted) + 1)
     last = np.append(first[1:], len(at)) - 1
-    return [(Span(float(at[a]), float(at[b]), "set"), float(celsius[a])) for a, b in zip(first, last, strict=True)]
+    return [
+        (Span(float(at[a]), float(at[b]), "set"), float(celsius[a]))
+        for a, b in zip(first, last, strict=True)
+    ]
 
 
 def _limits(trace: Trace) -> list[list[object]]:
-    """Return ``["high", [[seconds, 380], …]]``: each value with the time of its reading; None while the alarm was off."""
+    """Return ``["high", [[seconds, 380], …]]``: each value with the time of its reading; None while
+    the alarm was off.
+    """
     return [
-        [one.side, [[round(second - trace.start, 3), None if np.isnan(value) else value] for second, value in _limit(one)]]
+        [
+            one.side,
+            [
+                [round(second - trace.start, 3), None if np.isnan(value) else value]
+                for second, value in _limit(one)
+            ],
+        ]
         for one in trace.limits
     ]
 

@@ -1,15 +1,17 @@
 """Decides which reading is due when on one link, and whether all of them fit: a cyclic executive.
 
-Fast signals are due on every tick of an absolute grid. Slow ones have a period, at which they are read when the link has time
-(once a tick at most), and a ceiling of three periods, which the plan guarantees even with repeats: they use the time that the
-fast ones leave, the most urgent first, one at a time, and if necessary run into the next tick by at most their own length.
-Five percent of the link's time are reserved for repeats (docs/decisions/0006-cyclic-executive.md), a fifth for a rate chosen
-by `auto_rate_hz`.
+Fast signals are due on every tick of an absolute grid. Slow ones have a period, at which they are
+read when the link has time (once a tick at most), and a ceiling of three periods, which the plan
+guarantees even with repeats: they use the time that the fast ones leave, the most urgent first, one
+at a time, and if necessary run into the next tick by at most their own length. Five percent of the
+link's time are reserved for repeats (docs/decisions/0006-cyclic-executive.md), a fifth for a rate
+chosen by `auto_rate_hz`.
 
-The same arithmetic decides before a run whether a rate fits (`Demand`) and during it what to read next (`SlowReadings`).
-Why the ceilings hold: a value read once in each of its periods is never older than two. Earliest deadline first achieves that
-if the shortest period leaves time for its share of all slow readings and for the one just being read (Liu and Layland
-1973, with the fast signals as an intermittent supply).
+The same arithmetic decides before a run whether a rate fits (`Demand`) and during it what to read
+next (`SlowReadings`). Why the ceilings hold: a value read once in each of its periods is never
+older than two. Earliest deadline first achieves that if the shortest period leaves time for its
+share of all slow readings and for the one just being read (Liu and Layland 1973, with the fast
+signals as an intermittent supply).
 """
 
 from __future__ import annotations
@@ -26,7 +28,25 @@ from jbclog.protocol.commands.signals import ReadInterval, Signal, UsageCounter
 
 KEPT_FOR_REPEATS = 0.05
 KEPT_BY_AUTO = 0.2
-AUTO_RATES_HZ = (10.0, 5.0, 4.0, 2.0, 1.0, 0.5, 0.4, 0.2, 0.1, 0.05, 0.04, 0.02, 0.01, 0.005, 0.004, 0.002, 0.001)
+AUTO_RATES_HZ = (
+    10.0,
+    5.0,
+    4.0,
+    2.0,
+    1.0,
+    0.5,
+    0.4,
+    0.2,
+    0.1,
+    0.05,
+    0.04,
+    0.02,
+    0.01,
+    0.005,
+    0.004,
+    0.002,
+    0.001,
+)
 CEILING = 3.0  # maximum age of a slow reading, in periods
 BEHIND_LETTERS = {Scope.STATION: 0, Scope.PORT: 1, Scope.TOOL: 2}  # characters for port and tool
 USUAL_DIGITS = 5  # assumed for an answer of unprinted length
@@ -35,10 +55,11 @@ FIXED_PERIODS_S = {ReadInterval.FIVE: 5.0, ReadInterval.TEN: 10.0}
 
 @dataclass(frozen=True, slots=True)
 class ScheduledRead:
-    """Something to read repeatedly on one port: a signal, a counter, a watched setting or the identity.
+    """Something to read repeatedly on one port: a signal, a counter, a watched setting or the
+    identity.
 
-    `port` is the port of its row; `asks_port` is None where the command addresses the whole station. `period_s` is None for a fast
-    signal.
+    `port` is the port of its row; `asks_port` is None where the command addresses the whole
+    station. `period_s` is None for a fast signal.
     """
 
     name: str
@@ -74,7 +95,9 @@ def read_wire_s(line: LineFormat, command: Command, addressed: bool) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """The load of one link: the fast reads of a tick, and slow ones as pairs of transmission time and period in seconds."""
+    """The load of one link: the fast reads of a tick, and slow ones as pairs of transmission time
+    and period in seconds.
+    """
 
     fast_s: float
     fast_reads: int
@@ -84,7 +107,11 @@ class Demand:
     def of(cls, readings: Iterable[ScheduledRead]) -> Demand:
         readings = list(readings)
         fast = [reading.wire_s for reading in readings if reading.period_s is None]
-        return cls(sum(fast), len(fast), tuple((one.wire_s, one.period_s) for one in readings if one.period_s is not None))
+        return cls(
+            sum(fast),
+            len(fast),
+            tuple((one.wire_s, one.period_s) for one in readings if one.period_s is not None),
+        )
 
     def tick_s(self, turnaround_s: float) -> float:
         """Return the time that the fast reads of a tick take."""
@@ -95,42 +122,74 @@ class Demand:
         return max((wire_s + turnaround_s for wire_s, _ in self.slow), default=0.0)
 
     def load(self, rate_hz: float, turnaround_s: float) -> float:
-        """Return the share of the link's time in use, with slow readings at their ceilings; 1.0 is all."""
-        return rate_hz * self.tick_s(turnaround_s) + self._slow_share(rate_hz, turnaround_s) / CEILING
+        """Return the share of the link's time in use, with slow readings at their ceilings; 1.0 is
+        all.
+        """
+        return (
+            rate_hz * self.tick_s(turnaround_s) + self._slow_share(rate_hz, turnaround_s) / CEILING
+        )
 
     def fits(self, rate_hz: float, turnaround_s: float, kept: float = KEPT_FOR_REPEATS) -> bool:
-        """Whether every tick and every slow reading is in time while the share `kept` stays free."""
+        """Whether every tick and every slow reading is in time while the share `kept` stays
+        free.
+        """
         free_s = 1 / rate_hz - self.tick_s(turnaround_s)
-        return self.load(rate_hz, turnaround_s) <= 1 - kept and self._is_in_time(free_s, rate_hz, turnaround_s)
+        return self.load(rate_hz, turnaround_s) <= 1 - kept and self._is_in_time(
+            free_s, rate_hz, turnaround_s
+        )
 
     def runs_over(self, rate_hz: float, turnaround_s: float) -> bool:
-        """Whether slow readings must run into the next tick, because too few complete ones fit before it."""
+        """Whether slow readings must run into the next tick, because too few complete ones fit
+        before it.
+        """
         one_s = self.longest_slow_s(turnaround_s)
         free_s = 1 / rate_hz - self.tick_s(turnaround_s)
-        return bool(self.slow) and not self._is_in_time(math.floor(free_s / one_s + 1e-9) * one_s, rate_hz, turnaround_s)
+        return bool(self.slow) and not self._is_in_time(
+            math.floor(free_s / one_s + 1e-9) * one_s, rate_hz, turnaround_s
+        )
 
     def best_rate_hz(self, turnaround_s: float) -> float:
-        """Return the highest rate that fits, in Hz, rounded down to a tenth (to a hundredth below 1 Hz); 0.0 for none."""
-        rate = _border(lambda rate_hz: self.fits(rate_hz, turnaround_s), 1e-3, 1 / self.tick_s(turnaround_s))
+        """Return the highest rate that fits, in Hz, rounded down to a tenth (to a hundredth below 1
+        Hz); 0.0 for none.
+        """
+        rate = _border(
+            lambda rate_hz: self.fits(rate_hz, turnaround_s), 1e-3, 1 / self.tick_s(turnaround_s)
+        )
         grain = 10 if rate >= 1 else 100
         return math.floor(rate * grain + 1e-9) / grain
 
     def auto_rate_hz(self, turnaround_s: float, longest_s: float) -> float:
-        """Return the highest of `AUTO_RATES_HZ` that leaves a fifth of the link's time free, in Hz; 0.0 for none.
+        """Return the highest of `AUTO_RATES_HZ` that leaves a fifth of the link's time free, in Hz;
+        0.0 for none.
 
-        The fifth counts with the usual response time; with `longest_s`, the longest to be expected, the rate must still fit.
-        No rate is lower than the slow readings need.
+        The fifth counts with the usual response time; with `longest_s`, the longest to be expected,
+        the rate must still fit. No rate is lower than the slow readings need.
         """
         rates = (rate_hz for rate_hz in AUTO_RATES_HZ if not self.is_too_slow(rate_hz))
-        return next((hz for hz in rates if self.fits(hz, turnaround_s, KEPT_BY_AUTO) and self.fits(hz, longest_s)), 0.0)
+        return next(
+            (
+                hz
+                for hz in rates
+                if self.fits(hz, turnaround_s, KEPT_BY_AUTO) and self.fits(hz, longest_s)
+            ),
+            0.0,
+        )
 
     def greatest_turnaround_s(self, rate_hz: float, kept: float = KEPT_FOR_REPEATS) -> float:
-        """Return the longest response time at which `rate_hz` fits, in seconds; negative where the bytes alone are too many."""
-        return _border(lambda turnaround_s: self.fits(rate_hz, turnaround_s, kept), -self.fast_s / self.fast_reads, 1 / rate_hz)
+        """Return the longest response time at which `rate_hz` fits, in seconds; negative where the
+        bytes alone are too many.
+        """
+        return _border(
+            lambda turnaround_s: self.fits(rate_hz, turnaround_s, kept),
+            -self.fast_s / self.fast_reads,
+            1 / rate_hz,
+        )
 
     @property
     def slowest_rate_hz(self) -> float:
-        """The lowest rate that is often enough for the slow readings' ceilings; 0.0 without slow readings."""
+        """The lowest rate that is often enough for the slow readings' ceilings; 0.0 without slow
+        readings.
+        """
         return 1 / (CEILING * min(period_s for _, period_s in self.slow)) if self.slow else 0.0
 
     def is_too_slow(self, rate_hz: float) -> bool:
@@ -138,16 +197,23 @@ class Demand:
         return rate_hz < self.slowest_rate_hz * (1 - 1e-9)
 
     def _slow_share(self, rate_hz: float, turnaround_s: float) -> float:
-        """Return the share of time that slow readings take, each read in its period, or once a tick."""
-        return sum((wire_s + turnaround_s) / max(period_s, 1 / rate_hz) for wire_s, period_s in self.slow)
+        """Return the share of time that slow readings take, each read in its period, or once a
+        tick.
+        """
+        return sum(
+            (wire_s + turnaround_s) / max(period_s, 1 / rate_hz) for wire_s, period_s in self.slow
+        )
 
     def _is_in_time(self, free_s: float, rate_hz: float, turnaround_s: float) -> bool:
         """Whether slow readings are in time when each tick leaves `free_s` for them."""
         tick_s = 1 / rate_hz
         window_s = max(min((period_s for _, period_s in self.slow), default=0.0), tick_s)
         whole, rest_s = divmod(window_s + 1e-12, tick_s)
-        blocked_s = (tick_s - free_s) * whole + min(tick_s - free_s, rest_s)  # the worst case begins with fast reads
-        needed_s = self._slow_share(rate_hz, turnaround_s) * window_s + self.longest_slow_s(turnaround_s)
+        # the worst case begins with fast reads
+        blocked_s = (tick_s - free_s) * whole + min(tick_s - free_s, rest_s)
+        needed_s = self._slow_share(rate_hz, turnaround_s) * window_s + self.longest_slow_s(
+            turnaround_s
+        )
         return window_s - blocked_s >= needed_s - 1e-9
 
 
@@ -174,7 +240,8 @@ class Grid:
         return math.ceil((moment - self.t0) / self.period_s - 1e-9)
 
     def next_after(self, tick: int, now: float) -> int:
-        """Return the tick to run after `tick` was finished at `now`: the next one, unless it is already a whole period late.
+        """Return the tick to run after `tick` was finished at `now`: the next one, unless it is
+        already a whole period late.
 
         Ticks in between are skipped, not caught up.
         """
@@ -193,9 +260,11 @@ class SlowRead:
 
 
 class SlowReadings:
-    """The slow readings of one link. `longest_s` is the duration of the longest, with response time.
+    """The slow readings of one link. `longest_s` is the duration of the longest, with response
+    time.
 
-    With `runs_over` one may begin before a tick and end in it. With ticks `tick_s` apart none is due more often.
+    With `runs_over` one may begin before a tick and end in it. With ticks `tick_s` apart none is
+    due more often.
     """
 
     def __init__(
@@ -212,7 +281,12 @@ class SlowReadings:
         Counters, model and software were read before the first tick and are due a period later.
         """
         found = [
-            SlowRead(reading, max(reading.period_s, tick_s), start + (reading.period_s if reading.was_read else 0.0), start)
+            SlowRead(
+                reading,
+                max(reading.period_s, tick_s),
+                start + (reading.period_s if reading.was_read else 0.0),
+                start,
+            )
             for reading in readings
             if reading.period_s is not None
         ]
@@ -222,19 +296,23 @@ class SlowReadings:
         self._waiting: list[SlowRead] = []  # due, and not yet taken
         self._longest_s = longest_s
         self._runs_over = runs_over
-        self.worst_periods = 0.0  # the longest wait of any reading, in its own periods; CEILING is the promise
+        # the longest wait of any reading, in its own periods; CEILING is the promise
+        self.worst_periods = 0.0
 
     def next(self, now: float, following: float) -> SlowRead | None:
-        """Return the due reading nearest to its ceiling, if there is time for it before the tick due at `following`.
+        """Return the due reading nearest to its ceiling, if there is time for it before the tick
+        due at `following`.
 
-        One that has waited a whole period is returned even without time: on a link with many repeats ticks may be late or
-        skipped, but slow signals are not starved.
+        One that has waited a whole period is returned even without time: on a link with many
+        repeats ticks may be late or skipped, but slow signals are not starved.
         """
         self._fall_due(now)
         if not self._waiting:
             return None
         one = min(self._waiting, key=_urgency)
-        is_room = now + self._longest_s <= following + 1e-9 or (self._runs_over and now <= following)
+        is_room = now + self._longest_s <= following + 1e-9 or (
+            self._runs_over and now <= following
+        )
         return one if is_room or now > one.due + one.period_s else None
 
     def all_due(self, now: float) -> list[SlowRead]:
@@ -247,7 +325,8 @@ class SlowReadings:
             self._waiting.append(heappop(self._coming)[2])
 
     def taken(self, slow: SlowRead, now: float, following: float = 0.0) -> None:
-        """Note that `slow` was read, with whatever result; it is due again a period after it was due.
+        """Note that `slow` was read, with whatever result; it is due again a period after it was
+        due.
 
         But not before the tick due at `following`, nor twice in a row: a row has one value for it.
         """
@@ -277,39 +356,74 @@ def readings_of(
     alarms_every_s: float,
     counters_every_s: float,
 ) -> list[ScheduledRead]:
-    """List everything that is read repeatedly on one station; station-wide signals once, in the first port's row."""
+    """List everything that is read repeatedly on one station; station-wide signals once, in the
+    first port's row.
+    """
     found: list[ScheduledRead] = []
     for signal, command in signals:
         for port in ports if command.scope is Scope.PORT else ports[:1]:
             asks = port if command.scope is Scope.PORT else None
             interval = period_s(signal.interval, alarms_every_s, counters_every_s)
             found.append(
-                ScheduledRead(signal.name, command, port, asks, read_wire_s(line, command, addressed), interval, signal.columns)
+                ScheduledRead(
+                    signal.name,
+                    command,
+                    port,
+                    asks,
+                    read_wire_s(line, command, addressed),
+                    interval,
+                    signal.columns,
+                )
             )
     for counter, command in counters:
         for port in ports:
-            wire, interval = read_wire_s(line, command, addressed), period_s(counter.interval, alarms_every_s, counters_every_s)
+            wire, interval = (
+                read_wire_s(line, command, addressed),
+                period_s(counter.interval, alarms_every_s, counters_every_s),
+            )
             every_s = counters_every_s if interval is None else min(interval, counters_every_s)
-            found.append(ScheduledRead(counter.name, command, port, port, wire, every_s, (), counter))
+            found.append(
+                ScheduledRead(counter.name, command, port, port, wire, every_s, (), counter)
+            )
     return found
 
 
 def watched_readings(
-    commands: Iterable[Command], ports: Sequence[int], line: LineFormat, addressed: bool, every_s: float
+    commands: Iterable[Command],
+    ports: Sequence[int],
+    line: LineFormat,
+    addressed: bool,
+    every_s: float,
 ) -> list[ScheduledRead]:
     """List settings that are read periodically to detect changes; they fill no column."""
     return [
-        ScheduledRead(command.name, command, port, port, read_wire_s(line, command, addressed), every_s)
+        ScheduledRead(
+            command.name, command, port, port, read_wire_s(line, command, addressed), every_s
+        )
         for command in commands
         for port in ports
     ]
 
 
 def identity_readings(
-    commands: Iterable[Command], ports: Sequence[int], line: LineFormat, addressed: bool, every_s: float
+    commands: Iterable[Command],
+    ports: Sequence[int],
+    line: LineFormat,
+    addressed: bool,
+    every_s: float,
 ) -> list[ScheduledRead]:
-    """List the reads of a station's identity, to detect another station in its place; they fill no column."""
+    """List the reads of a station's identity, to detect another station in its place; they fill no
+    column.
+    """
     return [
-        ScheduledRead(command.name, command, ports[0], None, read_wire_s(line, command, addressed), every_s, is_identity=True)
+        ScheduledRead(
+            command.name,
+            command,
+            ports[0],
+            None,
+            read_wire_s(line, command, addressed),
+            every_s,
+            is_identity=True,
+        )
         for command in commands
     ]

@@ -1,7 +1,7 @@
 """``python -m jbclog.sim LINE --dir DIR``: serves a line's stations in a separate process.
 
-Writes the path of its line file to stdout as soon as all ports exist, and ends on SIGINT or SIGTERM; with ``--until-eof`` also when
-its stdin is closed, so that it does not outlive its parent.
+Writes the path of its line file to stdout as soon as all ports exist, and ends on SIGINT or
+SIGTERM; with ``--until-eof`` also when its stdin is closed, so that it does not outlive its parent.
 """
 
 from __future__ import annotations
@@ -17,7 +17,9 @@ from jbclog.sim.setup import SERVED_LINE, set_up, tcp_of
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="jbclog.sim", description="Serve a line's stations as virtual ones.")
+    parser = argparse.ArgumentParser(
+        prog="jbclog.sim", description="Serve a line's stations as virtual ones."
+    )
     parser.add_argument("line", type=Path)
     parser.add_argument("--dir", type=Path, required=True)
     parser.add_argument("--tcp")

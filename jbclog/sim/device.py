@@ -1,8 +1,9 @@
 """A virtual station as seen on the serial line, and its log.
 
-Where the manuals are silent: W-RST is acknowledged, then nothing is answered for `BOOT_S` (B-40); a delay that does not run reads
-99999 (B-25), and so does an alarm limit that is not set (B-23); a missing port or tool is a command that is not accepted; N
-repeats the code, if there was one (B-11). `quirks.py` has the alternatives.
+Where the manuals are silent: W-RST is acknowledged, then nothing is answered for `BOOT_S` (B-40); a
+delay that does not run reads 99999 (B-25), and so does an alarm limit that is not set (B-23); a
+missing port or tool is a command that is not accepted; N repeats the code, if there was one (B-11).
+`quirks.py` has the alternatives.
 """
 
 from __future__ import annotations
@@ -13,11 +14,20 @@ from typing import NamedTuple
 from jbclog.core.quantities import OFF, OFF_ON_WIRE, Value
 from jbclog.protocol.commands.family import Family
 from jbclog.sim.quirks import Quirks
-from jbclog.sim.soldering import WITHOUT_DATA, Identity, StationModel, TableRequest, questions, well_formed
+from jbclog.sim.soldering import (
+    WITHOUT_DATA,
+    Identity,
+    StationModel,
+    TableRequest,
+    questions,
+    well_formed,
+)
 
 
 class AcceptedWrite(NamedTuple):
-    """A write that the station accepted; `at` in monotonic seconds, `port` and `tool` 0 where it has none."""
+    """A write that the station accepted; `at` in monotonic seconds, `port` and `tool` 0 where it
+    has none.
+    """
 
     at: float
     name: str
@@ -45,7 +55,9 @@ class FaultyAnswer(NamedTuple):
 
 @dataclass(slots=True)
 class StationLog:
-    """What a station received and sent, in order, for tests. `reads` counts those that were answered."""
+    """What a station received and sent, in order, for tests. `reads` counts those that were
+    answered.
+    """
 
     reads: int = 0
     writes: list[AcceptedWrite] = field(default_factory=list)
@@ -67,7 +79,9 @@ Answer = tuple[str, str]
 class Device:
     """One station: headers and texts in and out, without addresses and check bytes."""
 
-    def __init__(self, family: Family, face: StationModel, identity: Identity, quirks: Quirks | None = None) -> None:
+    def __init__(
+        self, family: Family, face: StationModel, identity: Identity, quirks: Quirks | None = None
+    ) -> None:
         self.family = family
         self.quirks = quirks or Quirks()
         self.face = face
@@ -119,7 +133,9 @@ class Device:
     def _read(self, asked: TableRequest, now: float) -> Answer:
         value = self.face.value_of(asked, self.identity, now)
         self.log.reads += 1
-        return "A", asked.code + (OFF_ON_WIRE if value is OFF else asked.command.quantity.encode(value))
+        return "A", asked.code + (
+            OFF_ON_WIRE if value is OFF else asked.command.quantity.encode(value)
+        )
 
     def _write(self, asked: TableRequest, data: str, now: float) -> Answer:
         command = asked.command
@@ -136,10 +152,13 @@ class Device:
         return self._accept(asked, value, now)
 
     def _accept(self, asked: TableRequest, value: Value, now: float) -> Answer:
-        self.log.writes.append(AcceptedWrite(now, asked.command.name, asked.port, asked.tool, value))
+        self.log.writes.append(
+            AcceptedWrite(now, asked.command.name, asked.port, asked.tool, value)
+        )
         self.face.apply(asked, value, now)
         if asked.command.name == "restart":
             self.restart(now)
         if asked.command.name == "address" and isinstance(value, int):
-            self.identity.address = value or None  # 00000 switches addresses off (manual 002, W-SAD)
+            # 00000 switches addresses off (manual 002, W-SAD)
+            self.identity.address = value or None
         return "A", asked.code

@@ -35,7 +35,9 @@ class FaultSchedule:
         self._faults = faults
         self._random = Random(seed)
         self._struck = dict.fromkeys(range(len(faults)), 0)
-        self._on_answers = [(number, fault) for number, fault in enumerate(faults) if fault.kind in ON_ANSWERS]
+        self._on_answers = [
+            (number, fault) for number, fault in enumerate(faults) if fault.kind in ON_ANSWERS
+        ]
         self._changes: list[FaultChange] = []
         self._outages: list[tuple[float, float]] = []
         self.zero: float | None = None
@@ -64,17 +66,27 @@ class FaultSchedule:
         return bool(self._outages) and any(begin <= now < end for begin, end in self._outages)
 
     def next_plugging(self, now: float) -> float | None:
-        """Return when the cable is next disconnected or connected; None if never, or before the first request."""
-        return min((moment for outage in self._outages for moment in outage if moment > now), default=None)
+        """Return when the cable is next disconnected or connected; None if never, or before the
+        first request.
+        """
+        return min(
+            (moment for outage in self._outages for moment in outage if moment > now), default=None
+        )
 
     def strikes(self, asked: TableRequest | None, header: str, now: float) -> list[FaultSpec]:
         """Return the faults that affect the answer to this request."""
         if not self._on_answers:
             return []
-        return [fault for number, fault in self._on_answers if self._hits(number, fault, asked, header, now)]
+        return [
+            fault
+            for number, fault in self._on_answers
+            if self._hits(number, fault, asked, header, now)
+        ]
 
     def spoil(self, answer: bytes, faults: Sequence[FaultSpec]) -> tuple[bytes, float]:
-        """Apply faults to `answer`; return the bytes left (none: silence), and the delay in seconds."""
+        """Apply faults to `answer`; return the bytes left (none: silence), and the delay in
+        seconds.
+        """
         late_s = 0.0
         for fault in faults:
             match fault.kind:
@@ -99,7 +111,9 @@ class FaultSchedule:
         begin = (self.zero or 0.0) + fault.at_s
         return begin, begin + (inf if fault.for_s is None else fault.for_s)
 
-    def _hits(self, number: int, fault: FaultSpec, asked: TableRequest | None, header: str, now: float) -> bool:
+    def _hits(
+        self, number: int, fault: FaultSpec, asked: TableRequest | None, header: str, now: float
+    ) -> bool:
         begin, end = self._window(fault)
         if not begin <= now < end or not _meant(fault, asked, header):
             return False
@@ -113,7 +127,11 @@ def _meant(fault: FaultSpec, asked: TableRequest | None, header: str) -> bool:
         return False
     if fault.command is None and fault.port is None:
         return True
-    return asked is not None and fault.command in (None, asked.command.name) and fault.port in (None, asked.port)
+    return (
+        asked is not None
+        and fault.command in (None, asked.command.name)
+        and fault.port in (None, asked.port)
+    )
 
 
 def apply_fault(change: FaultChange, device: Device) -> None:

@@ -16,16 +16,18 @@ from jbclog.sim.port import fresh
 from jbclog.sim.soldering import COUNTER_ROOM, Identity, TableRequest, set_value, setting
 from jbclog.sim.tip import NEVER, JointSchedule, SimJoint
 
-# The heater is one heat capacity that gives its heat to the air stream; the tool's thermocouple measures the heater. The regulator
-# knows the holding power and adds a proportional part, so that it never overshoots. Each step is the exact exponential of its
-# regime, so steps may be long while nothing changes.
+# The heater is one heat capacity that gives its heat to the air stream; the tool's thermocouple
+# measures the heater. The regulator knows the holding power and adds a proportional part, so that
+# it never overshoots. Each step is the exact exponential of its regime, so steps may be long while
+# nothing changes.
 
 CAPACITY_J_PER_K = 15.0  # 25 to 350 °C in about ten seconds at 900 W and half the air
 STILL_W_PER_K = 0.1  # with the pump off
 STREAM_W_PER_K = 0.9  # carried away by 45 l/min of air
 GAIN_W_PER_K = 20.0
 PROBE_LAG_S = 4.0  # a thermocouple on a board
-ON_WORK, BESIDE_WORK = 0.7, 0.1  # share of the air's rise at the work, under the nozzle and beside it
+# share of the air's rise at the work, under the nozzle and beside it
+ON_WORK, BESIDE_WORK = 0.7, 0.1
 
 
 class Heater:
@@ -40,7 +42,9 @@ class Heater:
         self.power_w = 0.0
 
     def step(self, seconds: float, target_c: float | None, stream: float) -> None:
-        """Simulate `seconds` towards `target_c` (None: heater off) in a stream of 0 (pump off) to 1 (maximum)."""
+        """Simulate `seconds` towards `target_c` (None: heater off) in a stream of 0 (pump off) to 1
+        (maximum).
+        """
         loss = STILL_W_PER_K + STREAM_W_PER_K * stream
         if target_c is None:
             self.power_w = 0.0
@@ -70,7 +74,9 @@ class Heater:
 
     def _drift(self, seconds: float, power_w: float, loss: float) -> None:
         end = self.ambient_c + power_w / loss
-        self.temperature_c = end + (self.temperature_c - end) * exp(-seconds * loss / CAPACITY_J_PER_K)
+        self.temperature_c = end + (self.temperature_c - end) * exp(
+            -seconds * loss / CAPACITY_J_PER_K
+        )
 
 
 class Thermocouple:
@@ -89,9 +95,9 @@ class Thermocouple:
         self.temperature_c = end + (self.temperature_c - end) * exp(-seconds / PROBE_LAG_S)
 
 
-# Where the manuals are silent: cooling blows at the maximum, and ends by itself below `COLD_C`; off switches off at once, without
-# cooling; removing the tool keeps the state; a tool cycle counts each switching on, a suction cycle each start of suction. The
-# external temperature regulates nothing.
+# Where the manuals are silent: cooling blows at the maximum, and ends by itself below `COLD_C`; off
+# switches off at once, without cooling; removing the tool keeps the state; a tool cycle counts each
+# switching on, a suction cycle each start of suction. The external temperature regulates nothing.
 
 STEP_S = 0.05
 COLD_C = 50.0
@@ -150,7 +156,9 @@ def _adjustments() -> dict[int, int]:
 
 @dataclass(slots=True)
 class AirStation:
-    """A hot air station from `now` (monotonic seconds) on, with tool number `tool`. It has one port."""
+    """A hot air station from `now` (monotonic seconds) on, with tool number `tool`. It has one
+    port.
+    """
 
     now: float
     tool: int
@@ -203,7 +211,9 @@ class AirStation:
         self.changed()
 
     def restart(self) -> None:
-        """Power cycle: everything is off. No manual prints which settings are volatile; here none is."""
+        """Power cycle: everything is off. No manual prints which settings are volatile; here none
+        is.
+        """
         self.order((0, 0, 0, 0, 0))
 
     def reset_settings(self) -> None:
@@ -233,7 +243,11 @@ class AirStation:
         """The present share of the maximum air flow, 0 to 1."""
         if self.is_cooling:
             return 1.0
-        return self.settings.selected_air_flow / max(self.limits.maximum_air_flow, 1) if self.is_on else 0.0
+        return (
+            self.settings.selected_air_flow / max(self.limits.maximum_air_flow, 1)
+            if self.is_on
+            else 0.0
+        )
 
     @property
     def status(self) -> StatusWord:
@@ -243,11 +257,19 @@ class AirStation:
         """Return the displayed air temperature in °C; 0 without a tool."""
         if self.stuck_c is not None:
             return self.stuck_c
-        noise = self.character.noise.gauss(0.0, self.character.noise_c) if self.character.noise_c else 0.0
-        return 0 if self.tool == NO_TOOL else round(self.heater.temperature_c + self._offset_c + noise)
+        noise = (
+            self.character.noise.gauss(0.0, self.character.noise_c)
+            if self.character.noise_c
+            else 0.0
+        )
+        return (
+            0 if self.tool == NO_TOOL else round(self.heater.temperature_c + self._offset_c + noise)
+        )
 
     def external_temperature(self) -> int:
-        """Return the thermocouple's temperature; 0 without one, because no manual prints the value."""
+        """Return the thermocouple's temperature; 0 without one, because no manual prints the
+        value.
+        """
         return round(self.probe.temperature_c) if self.character.has_thermocouple else 0
 
     def power(self) -> int:
@@ -257,7 +279,9 @@ class AirStation:
     def port_error(self) -> int:
         if self.tool == NO_TOOL:
             return NO_TOOL_ERROR
-        return self.error if self.error or self.character.has_thermocouple else NO_THERMOCOUPLE_ERROR
+        return (
+            self.error if self.error or self.character.has_thermocouple else NO_THERMOCOUPLE_ERROR
+        )
 
     def count(self, name: str) -> int:
         """Return the counter with the command name `name`."""
@@ -286,7 +310,11 @@ class AirStation:
     def _step(self, end: float) -> None:
         seconds, self.now = end - self.now, end
         self.heater.step(seconds, self.target_c, self.stream)
-        self.probe.step(seconds, self.heater.temperature_c if self.stream else None, on_work=self._work is not None)
+        self.probe.step(
+            seconds,
+            self.heater.temperature_c if self.stream else None,
+            on_work=self._work is not None,
+        )
         if self.is_on:
             self.work_s += seconds
         if self.is_cooling and self.heater.temperature_c < COLD_C:
@@ -301,7 +329,11 @@ class AirStation:
             self._end_work()
         else:
             target = self.target_c
-            self._work = self._next if target is not None and self.heater.temperature_c > target - READY_C else None
+            self._work = (
+                self._next
+                if target is not None and self.heater.temperature_c > target - READY_C
+                else None
+            )
             self._next = self.joints.after(self.now)
 
     def _end_work(self) -> None:
@@ -311,7 +343,8 @@ class AirStation:
             self._let_go = self.now + LIFT_S
 
 
-# Accepted are the status words that manual 001 prints, with and without suction; on and cooling together is refused.
+# Accepted are the status words that manual 001 prints, with and without suction; on and cooling
+# together is refused.
 
 PORT = 1
 
@@ -389,7 +422,9 @@ class AirModel:
         return self.station.settings if command.scope is Scope.PORT else self.station.limits
 
     def _range(self, command: Command) -> tuple[float, float]:
-        """Return minimum and maximum of a setting, or of a limit itself, which does not pass its counterpart."""
+        """Return minimum and maximum of a setting, or of a limit itself, which does not pass its
+        counterpart.
+        """
         limits = self.station.limits
         if command.within is not None:
             lowest, highest = (setting(limits, name) if name else -9999 for name in command.within)

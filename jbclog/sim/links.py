@@ -1,4 +1,6 @@
-"""The links of virtual stations: pseudo-terminals and TCP ports, with the timing of a serial line."""
+"""The links of virtual stations: pseudo-terminals and TCP ports, with the timing of a serial
+line.
+"""
 
 from __future__ import annotations
 
@@ -18,20 +20,23 @@ from typing import Protocol
 from jbclog.core.errors import UsageError
 from jbclog.core.serial_line import LineFormat
 
-# A pseudo-terminal has no line and passes bytes at any format. Linux keeps the client's rate, stop bits and odd parity, but
-# not even parity, so even and none cannot be distinguished.
+# A pseudo-terminal has no line and passes bytes at any format. Linux keeps the client's rate, stop
+# bits and odd parity, but not even parity, so even and none cannot be distinguished.
 
 with suppress(ImportError):  # Windows has no terminals
     import fcntl
     import termios
 
 
-TCGETS2 = 0x802C542A  # rates of any number; the same on all machines but MIPS, PowerPC, SPARC and Alpha
+# rates of any number; the same on all machines but MIPS, PowerPC, SPARC and Alpha
+TCGETS2 = 0x802C542A
 _SETTINGS = struct.Struct("4I B 19s 2I")
 
 
 def line_set(descriptor: int, like: LineFormat) -> LineFormat:
-    """Return the line format set by the client of the terminal behind `descriptor`; `like` as far as it is not known."""
+    """Return the line format set by the client of the terminal behind `descriptor`; `like` as far
+    as it is not known.
+    """
     try:
         settings = fcntl.ioctl(descriptor, TCGETS2, bytes(_SETTINGS.size))
     except (OSError, NameError):
@@ -44,23 +49,30 @@ def line_set(descriptor: int, like: LineFormat) -> LineFormat:
     return LineFormat(baudrate, f"8{parity}{like.stop_bits}")
 
 
-# What a receiver makes of characters sent at another rate or parity, bit by bit: it waits for a falling edge and samples
-# the middle of each following bit by its own clock. It samples only the first stop bit, so their number does not matter.
+# What a receiver makes of characters sent at another rate or parity, bit by bit: it waits for a
+# falling edge and samples the middle of each following bit by its own clock. It samples only the
+# first stop bit, so their number does not matter.
 
 IDLE = 1
 DATA_BITS = 8
 
 
-def heard(data: bytes, sender: LineFormat, receiver: LineFormat, *, keeps_errors: bool = False) -> bytes:
+def heard(
+    data: bytes, sender: LineFormat, receiver: LineFormat, *, keeps_errors: bool = False
+) -> bytes:
     """Return what `receiver` reads from `data`, sent without a pause by `sender`.
 
-    Characters with a wrong parity or stop bit are dropped, as a careful station does, or kept, as Linux does with the usual
-    settings.
+    Characters with a wrong parity or stop bit are dropped, as a careful station does, or kept, as
+    Linux does with the usual settings.
     """
     if (sender.baudrate, sender.parity) == (receiver.baudrate, receiver.parity):
         return data
     levels = [level for byte in data for level in _character(byte, sender)]
-    return bytes(byte for byte, is_good in _received(levels, sender.baudrate, receiver) if is_good or keeps_errors)
+    return bytes(
+        byte
+        for byte, is_good in _received(levels, sender.baudrate, receiver)
+        if is_good or keeps_errors
+    )
 
 
 def _character(byte: int, line: LineFormat) -> list[int]:
@@ -84,11 +96,16 @@ def _received(levels: list[int], baudrate: int, receiver: LineFormat) -> Iterato
     edge = _falling_edge(levels, 0)
     while edge is not None:
         starts = edge / baudrate
-        looked = [starts + (bit + 0.5) / receiver.baudrate for bit in range(1 + DATA_BITS + parities + 1)]
+        looked = [
+            starts + (bit + 0.5) / receiver.baudrate for bit in range(1 + DATA_BITS + parities + 1)
+        ]
         start, *bits = [level_at(moment) for moment in looked]
         data, parity, stop = bits[:DATA_BITS], bits[DATA_BITS:-1], bits[-1]
         if start == 0:  # else a spike
-            yield sum(bit << place for place, bit in enumerate(data)), stop == IDLE and parity == _parity(sum(data), receiver)
+            yield (
+                sum(bit << place for place, bit in enumerate(data)),
+                stop == IDLE and parity == _parity(sum(data), receiver),
+            )
         done = looked[-1] if start == 0 else looked[0]
         edge = _falling_edge(levels, max(int(done * baudrate), edge + 1))
 
@@ -103,10 +120,11 @@ def _falling_edge(levels: list[int], first: int) -> int | None:
     return None
 
 
-# epoll counts whole milliseconds, but a simulated line needs shorter waits. So select(), which counts microseconds, ends each wait
-# and watches one descriptor: that of epoll. A request arriving meanwhile is noticed at once. Where possible timers are exact to the
-# nanosecond instead of 50 µs, and a long wait aims `LEAD_S` before its end, because a sleeping processor needs about as
-# long to wake.
+# epoll counts whole milliseconds, but a simulated line needs shorter waits. So select(), which
+# counts microseconds, ends each wait and watches one descriptor: that of epoll. A request arriving
+# meanwhile is noticed at once. Where possible timers are exact to the nanosecond instead of 50 µs,
+# and a long wait aims `LEAD_S` before its end, because a sleeping processor needs about as long to
+# wake.
 
 Ready = Callable[[float], None]
 """Called when bytes can be read, with the time (monotonic seconds)."""
@@ -199,10 +217,12 @@ class Link(Protocol):
 class PtyLink:
     """A pseudo-terminal with a symbolic link to it at `path`.
 
-    Without a client the station holds the client's side open itself, so that the terminal stays connected; it closes it at the
-    first byte, to notice when the client closes, and then clears the exclusive mode, which outlives the client.
+    Without a client the station holds the client's side open itself, so that the terminal stays
+    connected; it closes it at the first byte, to notice when the client closes, and then clears the
+    exclusive mode, which outlives the client.
 
-    If the client has set another line format than the station's, `line`, each receives what a real line would deliver.
+    If the client has set another line format than the station's, `line`, each receives what a real
+    line would deliver.
     """
 
     def __init__(self, path: Path, waiter: Waiter, line: LineFormat) -> None:
@@ -230,7 +250,10 @@ class PtyLink:
     def send(self, data: bytes) -> None:
         if self._station is not None:
             with suppress(BlockingIOError):  # the buffer is full: nobody reads
-                os.write(self._station, heard(data, self._line, line_set(self._station, self._line), keeps_errors=True))
+                os.write(
+                    self._station,
+                    heard(data, self._line, line_set(self._station, self._line), keeps_errors=True),
+                )
 
     def pull_out(self) -> None:
         if self._station is None:
@@ -267,7 +290,8 @@ class PtyLink:
     def _hold(self) -> None:
         with suppress(OSError):  # the next client has opened it exclusively
             self._held = os.open(self._device, os.O_RDWR | os.O_NOCTTY)
-            fcntl.ioctl(self._held, termios.TIOCNXCL)  # nothing more: the next client may be configuring it
+            # nothing more: the next client may be configuring it
+            fcntl.ioctl(self._held, termios.TIOCNXCL)
 
 
 class TcpLink:

@@ -1,8 +1,8 @@
 """A virtual OMEGA: its process, and its answers.
 
-It answers after a random 0 to 250 ms, or after `turnaround_ms` if the line file has it. A wrong sum, an unknown command, an unknown
-number and a value out of range get no answer (003, 11.2; docs/reference/protocol.md). H is answered when the joint is
-completed, however late.
+It answers after a random 0 to 250 ms, or after `turnaround_ms` if the line file has it. A wrong
+sum, an unknown command, an unknown number and a value out of range get no answer (003, 11.2;
+docs/reference/protocol.md). H is answered when the joint is completed, however late.
 """
 
 from __future__ import annotations
@@ -38,9 +38,10 @@ from jbclog.sim.soldering import TableRequest
 from jbclog.sim.tip import JointSchedule
 from jbclog.sim.virtual import LineTiming, Reply
 
-# Where no document describes a controller: it prepares for `WARM_UP_S` after switching on; its temperature leaves the range in
-# the later part of each joint and is back at its end; a condition takes as long as its times and its feeds, and 0 mm/s moves
-# nothing; its wire moves at most at `MOST_MM_S`. That proves nothing about a real one.
+# Where no document describes a controller: it prepares for `WARM_UP_S` after switching on; its
+# temperature leaves the range in the later part of each joint and is back at its end; a condition
+# takes as long as its times and its feeds, and 0 mm/s moves nothing; its wire moves at most at
+# `MOST_MM_S`. That proves nothing about a real one.
 
 WARM_UP_S = 5.0
 DIPS_AFTER = 0.4  # share of a joint after which its temperature leaves the range
@@ -48,7 +49,11 @@ MOST_MM_S = 60.0
 MODE_OF_HUNDRED = {1: 0, 2: 1, 3: 4}  # special point, special slide, pre-solder
 SLIDES = (1, 3)
 FEEDS = (("feed1_mm", "feed1_mm_s"), ("feed2_mm", "feed2_mm_s"), ("feed3_mm", "feed3_mm_s"))
-BACK = (("reverse1_mm", "reverse1_mm_s"), ("reverse2_mm", "reverse2_mm_s"), ("reverse3_mm", "reverse3_mm_s"))
+BACK = (
+    ("reverse1_mm", "reverse1_mm_s"),
+    ("reverse2_mm", "reverse2_mm_s"),
+    ("reverse3_mm", "reverse3_mm_s"),
+)
 
 
 def usual(number: int) -> StoredRecord:
@@ -56,13 +61,17 @@ def usual(number: int) -> StoredRecord:
     if number == CLEANING:
         return Cleaning(0.5)
     mode = MODE_OF_HUNDRED[number // 100]
-    return ConditionRecord(number, mode, 0.3, 2.0, 10.0, 0.5, 10.0, 0.8, 3.0, 8.0, 0.5, 10.0, 1.0, 0.0, 0.0, 1.0, 20.0)
+    return ConditionRecord(
+        number, mode, 0.3, 2.0, 10.0, 0.5, 10.0, 0.8, 3.0, 8.0, 0.5, 10.0, 1.0, 0.0, 0.0, 1.0, 20.0
+    )
 
 
 class OmegaPlant:
     """One controller and its machine. Times are monotonic seconds."""
 
-    def __init__(self, began: float, joints: JointSchedule, stored: Mapping[int, StoredRecord]) -> None:
+    def __init__(
+        self, began: float, joints: JointSchedule, stored: Mapping[int, StoredRecord]
+    ) -> None:
         self.stored = dict(stored)
         self.faults: set[str] = set()
         self._joints = joints
@@ -87,7 +96,9 @@ class OmegaPlant:
 
     def at_temperature(self, now: float) -> str:
         self.advance_to(now)
-        dips = any(begin + DIPS_AFTER * (end - begin) <= now < end for begin, end in self._at_work())
+        dips = any(
+            begin + DIPS_AFTER * (end - begin) <= now < end for begin, end in self._at_work()
+        )
         return AT_TEMPERATURE.names[dips or now < self._ready_at or "out_of_range" in self.faults]
 
     def mode(self) -> str:
@@ -112,7 +123,9 @@ class OmegaPlant:
         slides = condition.mode in SLIDES
         self._run_from = now
         self._run_to = now + seconds_of(condition)
-        return ("i", now + seconds_of(condition, first_stage=True)) if slides else ("h", self._run_to)
+        return (
+            ("i", now + seconds_of(condition, first_stage=True)) if slides else ("h", self._run_to)
+        )
 
 
 def seconds_of(condition: StoredRecord, *, first_stage: bool = False) -> float:
@@ -123,7 +136,10 @@ def seconds_of(condition: StoredRecord, *, first_stage: bool = False) -> float:
         return 0.0
     stages = 1 if first_stage else len(FEEDS)
     times = (condition.rise_s, condition.preheat_s, 0.0 if first_stage else condition.heating_s)
-    moves = [(float(getattr(condition, way)), float(getattr(condition, speed))) for way, speed in (*FEEDS[:stages], *BACK[:stages])]
+    moves = [
+        (float(getattr(condition, way)), float(getattr(condition, speed)))
+        for way, speed in (*FEEDS[:stages], *BACK[:stages])
+    ]
     return sum(times) + sum(way / speed for way, speed in moves if speed)
 
 
@@ -148,13 +164,17 @@ class VirtualOmega:
         _check_names(spec.name, sim)
         line = LineFormat(spec.baudrate, spec.format)
         self.name = spec.name
-        self.seed = next(given for given in (seed, sim.seed, crc32(spec.name.encode())) if given is not None)
+        self.seed = next(
+            given for given in (seed, sim.seed, crc32(spec.name.encode())) if given is not None
+        )
         self.log = StationLog()
         self.faults = FaultSchedule(sim.fault, self.seed)
         joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, self.seed, now)
         self.plant = OmegaPlant(now, joints, _stored(spec.name, sim))
         self._random = Random(self.seed)
-        self._turnaround_s = sim.turnaround_ms / 1000 if "turnaround_ms" in sim.model_fields_set else None
+        self._turnaround_s = (
+            sim.turnaround_ms / 1000 if "turnaround_ms" in sim.model_fields_set else None
+        )
         self._character_s = line.character_s if sim.wire else 0.0
         self._pace = LineTiming(self._character_s, 0.0)
         self._reader = OmegaReader()
@@ -175,11 +195,18 @@ class VirtualOmega:
         self.plant.advance_to(moment)
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
-        """Return the answers to bytes written to its port at `now`, and later messages caused by them."""
+        """Return the answers to bytes written to its port at `now`, and later messages caused by
+        them.
+        """
         if self.is_unplugged(now):
             return []
         heard = self._pace.heard(len(data), now)
-        return [reply for found in self._reader.feed(data) if isinstance(found, str) for reply in self._replies(found, heard)]
+        return [
+            reply
+            for found in self._reader.feed(data)
+            if isinstance(found, str)
+            for reply in self._replies(found, heard)
+        ]
 
     def _replies(self, text: str, heard: float) -> list[Reply]:
         if self.faults.zero is None:
@@ -246,7 +273,9 @@ class VirtualOmega:
         self.log.refused.append(RefusedRequest(now, text, 0))
         return []
 
-    def _send(self, text: str, struck: list[FaultSpec], after: float, *, by_itself: bool = False) -> list[Reply]:
+    def _send(
+        self, text: str, struck: list[FaultSpec], after: float, *, by_itself: bool = False
+    ) -> list[Reply]:
         """Send an answer, after applying its faults. An unsolicited message waits for no answer."""
         clean = encode(text)
         sent, late_s = self.faults.spoil(clean, struck)
@@ -260,7 +289,11 @@ class VirtualOmega:
         return [] if self.is_unplugged(at) else [Reply(at, sent)]
 
     def _delay_s(self) -> float:
-        return self._random.uniform(0.0, SLOWEST_S) if self._turnaround_s is None else self._turnaround_s
+        return (
+            self._random.uniform(0.0, SLOWEST_S)
+            if self._turnaround_s is None
+            else self._turnaround_s
+        )
 
     def _happen(self, change: FaultChange) -> None:
         kind = change.fault.kind
@@ -283,7 +316,9 @@ def _number(data: str) -> int | None:
 
 
 def _stored(station: str, sim: SimSpec) -> dict[int, StoredRecord]:
-    """Return the initial conditions of the line file, and one that sets a temperature, in tenths or in whole degrees."""
+    """Return the initial conditions of the line file, and one that sets a temperature, in tenths or
+    in whole degrees.
+    """
     set_temperature = SetTemperature(399, SET_C if IN_DEGREES in sim.quirks else 10 * SET_C, 0)
     found: dict[int, StoredRecord] = {set_temperature.condition: set_temperature}
     for name, values in sim.settings.items():
@@ -292,7 +327,10 @@ def _stored(station: str, sim: SimSpec) -> dict[int, StoredRecord]:
         except ValueError as error:
             raise UsageError(f"{station}: [station.sim] settings: {name}: {error}") from error
         if name != f"condition_{value.condition}":
-            raise UsageError(f"{station}: [station.sim] settings: {name} is nothing that an omega can begin with; {value}")
+            raise UsageError(
+                f"{station}: [station.sim] settings: {name} is nothing that an omega can begin"
+                f" with; {value}"
+            )
         found[value.condition] = value
     return found
 
@@ -302,7 +340,15 @@ def _check_names(station: str, sim: SimSpec) -> None:
     wrong = [f"counters: {name}" for name in sim.counters]
     wrong += [f"quirks: {name}" for name in sim.quirks if name not in OMEGA_QUIRKS]
     wrong += [f"fault {fault.kind}" for fault in sim.fault if fault.kind not in KINDS]
-    wrong += [f"fault {fault.kind}: {fault.command}" for fault in sim.fault if fault.command and fault.command not in COMMANDS]
-    wrong += [f"fault {fault.kind}: port {fault.port}" for fault in sim.fault if fault.port not in (None, 1)]
+    wrong += [
+        f"fault {fault.kind}: {fault.command}"
+        for fault in sim.fault
+        if fault.command and fault.command not in COMMANDS
+    ]
+    wrong += [
+        f"fault {fault.kind}: port {fault.port}"
+        for fault in sim.fault
+        if fault.port not in (None, 1)
+    ]
     if wrong:
         raise UsageError(f"{station}: [station.sim] {', '.join(wrong)}: an omega has none")

@@ -10,9 +10,9 @@ from jbclog.protocol.commands.defaults import FEEDER_DEFAULTS
 from jbclog.sim.port import HIBERNATION, SLEEP, STAND, WORKING, SimPort, fresh
 from jbclog.sim.tip import WarmPart
 
-# The solder feeder pushes wire forward and then draws it back a little. In the modes continuous and reload it feeds until it is
-# stopped; in discontinuous and program one start feeds one length. The counters count forward motion; no manual says
-# whether drawing back is subtracted.
+# The solder feeder pushes wire forward and then draws it back a little. In the modes continuous and
+# reload it feeds until it is stopped; in discontinuous and program one start feeds one length. The
+# counters count forward motion; no manual says whether drawing back is subtracted.
 
 UNTIL_STOPPED = ("continuous", "reload")
 
@@ -52,7 +52,11 @@ class Feeder:
             return
         self._count()
         self._start, self._speed = now, max(self.settings.feeder_speed, 0.1)
-        forward_s = inf if self.settings.feeder_mode in UNTIL_STOPPED else self.settings.feeder_length / self._speed
+        forward_s = (
+            inf
+            if self.settings.feeder_mode in UNTIL_STOPPED
+            else self.settings.feeder_length / self._speed
+        )
         self._forward_until = now + forward_s
         self._stopped = self._forward_until + self.settings.feeder_backward / self._speed
 
@@ -122,7 +126,9 @@ class Plant:
     def transformer_temperature(self, now: float) -> float:
         """Return the temperature in °C, by the energy of all ports."""
         self.advance_to(now)
-        return self.transformer.temperature_c(now, sum(port.energy_j for port in self.ports.values()))
+        return self.transformer.temperature_c(
+            now, sum(port.energy_j for port in self.ports.values())
+        )
 
     def count(self, name: str, port: SimPort, now: float) -> float:
         """Return the counter with the command name `name`: hours, cycles or mm."""

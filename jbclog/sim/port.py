@@ -1,8 +1,9 @@
 """One port of a virtual station: its tool, settings, states and hours.
 
-Stand keeps the selected temperature, sleep the sleep temperature; hibernation has the heater off, and so has the extractor state of
-robots unless `extractor_cools` is false. A port is simulated only on demand: its steps grow from 50 ms while nothing
-happens, and end at each joint and each change of state. All classes have slots, so a misspelt attribute raises.
+Stand keeps the selected temperature, sleep the sleep temperature; hibernation has the heater off,
+and so has the extractor state of robots unless `extractor_cools` is false. A port is simulated only
+on demand: its steps grow from 50 ms while nothing happens, and end at each joint and each change of
+state. All classes have slots, so a misspelt attribute raises.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ def fresh(kind: type[T], defaults: Iterable[Default], model: str = "") -> T:
 #        ▲                 │                      │                             │
 #        └─────working─────┴──────────────────────┴─────────────────────────────┘
 #
-# A stand order restarts the sleep delay, except for a tool that sleeps or hibernates. A delay that is off never ends, and
-# hibernation counts from the sleep (manual 002, W-Dxy and W-Hxy).
+# A stand order restarts the sleep delay, except for a tool that sleeps or hibernates. A delay that
+# is off never ends, and hibernation counts from the sleep (manual 002, W-Dxy and W-Hxy).
 
 WORKING, STAND, SLEEP, HIBERNATION = range(4)
 
@@ -177,7 +178,10 @@ class SimPort:
         self.tool_before, self.tool = self.tool, tool
         self.tip.temperature_c = self.tip.ambient_c
         self._load = None
-        self.high, self.low = Comparator(latched=self.high.latched), Comparator(latched=self.low.latched)
+        self.high, self.low = (
+            Comparator(latched=self.high.latched),
+            Comparator(latched=self.low.latched),
+        )
         self.changed()
 
     def factory_reset(self) -> None:
@@ -199,7 +203,9 @@ class SimPort:
         self._offset_c = self.character.sensor_error_c - delays.adjust
         aim = self._aim_c() if self.tool != NO_TOOL else None
         self._target_c = None if aim is None else aim - self._offset_c
-        soldering = self._target_c is not None and self.doing.state == WORKING and not self.doing.extractor
+        soldering = (
+            self._target_c is not None and self.doing.state == WORKING and not self.doing.extractor
+        )
         self._next = self.joints.after(self.now) if soldering else NEVER
         state_due = self.doing.due(delays) if self.tool != NO_TOOL else inf
         self._due = min(state_due, self._load.end if self._load else self._next.start)
@@ -255,7 +261,9 @@ class SimPort:
         settings, offset = self.settings, self._offset_c
         if not isinstance(settings.alarm_high_limit, Off):
             limit = settings.alarm_high_limit - offset
-            self.high.see(before - limit, after - limit, seconds, self.now, settings.alarm_high_delay)
+            self.high.see(
+                before - limit, after - limit, seconds, self.now, settings.alarm_high_delay
+            )
         if not isinstance(settings.alarm_low_limit, Off):
             limit = settings.alarm_low_limit - offset
             self.low.see(limit - before, limit - after, seconds, self.now, settings.alarm_low_delay)
@@ -276,10 +284,22 @@ class SimPort:
         """Return the reading to regulate to; None with the heater off."""
         if self.runaway_by_c is not None:
             limit = self.settings.alarm_high_limit
-            return (self.settings.selected_temperature if isinstance(limit, Off) else limit) + self.runaway_by_c
-        if self.doing.state == HIBERNATION or (self.doing.extractor and self.character.extractor_cools):
+            return (
+                self.settings.selected_temperature if isinstance(limit, Off) else limit
+            ) + self.runaway_by_c
+        if self.doing.state == HIBERNATION or (
+            self.doing.extractor and self.character.extractor_cools
+        ):
             return None
-        return self.tools[self.tool].sleep_temperature if self.doing.state == SLEEP else self.settings.selected_temperature
+        return (
+            self.tools[self.tool].sleep_temperature
+            if self.doing.state == SLEEP
+            else self.settings.selected_temperature
+        )
 
     def _noise_c(self) -> float:
-        return self.character.noise.gauss(0.0, self.character.noise_c) if self.character.noise_c else 0.0
+        return (
+            self.character.noise.gauss(0.0, self.character.noise_c)
+            if self.character.noise_c
+            else 0.0
+        )

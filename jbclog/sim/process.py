@@ -16,14 +16,26 @@ END_S = 5.0
 
 
 class SimProcess:
-    """Serves the stations of the line file at `line` below `folder`; `line_path` is the line file for a run.
+    """Serves the stations of the line file at `line` below `folder`; `line_path` is the line file
+    for a run.
 
-    The process ends with the `with` block, and also, by the end of its stdin, when this process dies. Raises `UsageError` where the
-    stations cannot be served.
+    The process ends with the `with` block, and also, by the end of its stdin, when this process
+    dies. Raises `UsageError` where the stations cannot be served.
     """
 
-    def __init__(self, line: Path, folder: Path, *, tcp: str | None = None, log: Path | None = None) -> None:
-        self._command = [sys.executable, "-P", "-m", "jbclog.sim", str(line), "--dir", str(folder), "--until-eof"]
+    def __init__(
+        self, line: Path, folder: Path, *, tcp: str | None = None, log: Path | None = None
+    ) -> None:
+        self._command = [
+            sys.executable,
+            "-P",
+            "-m",
+            "jbclog.sim",
+            str(line),
+            "--dir",
+            str(folder),
+            "--until-eof",
+        ]
         self._command += ["--tcp", tcp] if tcp else []
         self._command += ["--log", str(log)] if log else []
         self._process: subprocess.Popen[str] | None = None
@@ -36,7 +48,11 @@ class SimProcess:
 
     def __enter__(self) -> Self:
         self._process = process = subprocess.Popen(
-            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            self._command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         try:
             self.line_path = Path(_first_line(process))
@@ -45,7 +61,12 @@ class SimProcess:
             raise
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         if self._process is not None:
             process, self._process = self._process, None
             self._end(process)

@@ -1,7 +1,9 @@
-"""Quirks by name: how a station may depart from the recommended form where the manuals contradict each other.
+"""Quirks by name: how a station may depart from the recommended form where the manuals contradict
+each other.
 
-``[station.sim] quirks = ["addresses_swapped", "hex_with_0x"]`` in a line file. Each is the alternative of one row of
-docs/reference/contradictions.md: it changes requests, answers, addresses or the initial physics, but no values.
+``[station.sim] quirks = ["addresses_swapped", "hex_with_0x"]`` in a line file. Each is the
+alternative of one row of docs/reference/contradictions.md: it changes requests, answers, addresses
+or the initial physics, but no values.
 """
 
 from __future__ import annotations
@@ -40,7 +42,9 @@ Addresses = tuple[int | None, int | None]
 """Source and target; both None in a frame without addresses."""
 
 Hear = Callable[[str], str | int]
-"""Maps a request (header, code, data) to the one that the station processes, or to a communication error."""
+"""Maps a request (header, code, data) to the one that the station processes, or to a communication
+error.
+"""
 
 Say = Callable[[ParsedRequest, str], str | None]
 """Maps the characters after the A of an answer to those that are sent; None is silence."""
@@ -50,8 +54,8 @@ Say = Callable[[ParsedRequest, str], str | None]
 class Quirk:
     """One departure; a field that is None keeps the recommended form. `number` is its B-number.
 
-    `addresses` returns those of an answer, given the usual ones, the station's present address, and whether the answer
-    acknowledges a change of address.
+    `addresses` returns those of an answer, given the usual ones, the station's present address, and
+    whether the answer acknowledges a change of address.
     """
 
     number: int
@@ -176,20 +180,30 @@ _LIMITS = ("alarm_high_limit", "alarm_low_limit")
 QUIRKS: Mapping[str, Quirk] = MappingProxyType(
     {
         "minus_as_dot": Quirk(3, say=_data(lambda data: data.replace("-", "."), "adjust")),
-        "software_in_ten_characters": Quirk(5, say=_data(lambda data: data.rjust(10), "software_version")),
+        "software_in_ten_characters": Quirk(
+            5, say=_data(lambda data: data.rjust(10), "software_version")
+        ),
         "addresses_swapped": Quirk(6, addresses=_swapped),
         "address_acknowledged_from_the_new_one": Quirk(9, addresses=_from_new_address),
         "address_acknowledged_without_any": Quirk(9, addresses=_from_nowhere),
-        "transformer_padded_with_blank": Quirk(10, say=_data(lambda data: " " + data, "transformer_temperature")),
-        "transformer_padded_with_zero": Quirk(10, say=_data(lambda data: "0" + data, "transformer_temperature")),
+        "transformer_padded_with_blank": Quirk(
+            10, say=_data(lambda data: " " + data, "transformer_temperature")
+        ),
+        "transformer_padded_with_zero": Quirk(
+            10, say=_data(lambda data: "0" + data, "transformer_temperature")
+        ),
         "transformer_wants_blank": Quirk(10, hear=_transformer_with_blank),
         "refusal_without_code": Quirk(11, bare_refusals=True),
         "refuses_other_addresses": Quirk(14, refuses_others=True),
         "extractor_refused": Quirk(19, hear=_no_extractor),
         "sleep_delay_in_seconds": Quirk(20, begin=_delays_in_seconds),
-        "delay_without_dot": Quirk(22, say=_data(lambda data: data.replace(".", "").rjust(5, "0"), *_DELAYS)),
+        "delay_without_dot": Quirk(
+            22, say=_data(lambda data: data.replace(".", "").rjust(5, "0"), *_DELAYS)
+        ),
         "alarm_not_set_is_zero": Quirk(23, say=_data(_when(OFF_ON_WIRE, "00000"), *_LIMITS)),
-        "alarm_not_set_is_out_of_range": Quirk(23, say=_data(_when(OFF_ON_WIRE, "00999"), *_LIMITS)),
+        "alarm_not_set_is_out_of_range": Quirk(
+            23, say=_data(_when(OFF_ON_WIRE, "00999"), *_LIMITS)
+        ),
         "alarm_flags_of_any_digit": Quirk(24, say=_data(_flags_of_any_digit, "alarm_flags")),
         "alarm_flags_stay": Quirk(24, begin=_flags_stay),
         "countdown_65535": Quirk(25, say=_data(_when(OFF_ON_WIRE, "65535"), "time_to_sleep")),
@@ -225,7 +239,9 @@ class Quirks:
                 quirk.begin(face)
 
     def hear(self, question: str) -> str | int:
-        """Return the request as the station processes it, or the communication error of its refusal."""
+        """Return the request as the station processes it, or the communication error of its
+        refusal.
+        """
         heard: str | int = question
         for quirk in self._quirks:
             if quirk.hear is not None and isinstance(heard, str):
@@ -233,7 +249,9 @@ class Quirks:
         return heard
 
     def say(self, asked: TableRequest, question: str, text: str) -> str | None:
-        """Return the text after the A of the answer to `question` (code and data); None is silence."""
+        """Return the text after the A of the answer to `question` (code and data); None is
+        silence.
+        """
         answer_text: str | None = text
         for quirk in self._quirks:
             if quirk.say is not None and answer_text is not None:

@@ -1,4 +1,6 @@
-"""Reads a serial capture as requests with their answers, and the answers that its session accepted."""
+"""Reads a serial capture as requests with their answers, and the answers that its session
+accepted.
+"""
 
 from __future__ import annotations
 
@@ -15,23 +17,29 @@ from jbclog.protocol.commands.robot import READINGS
 from jbclog.protocol.frame import Frame, FrameReader
 from jbclog.protocol.omega import OmegaReader
 
-# A write changes later answers. So a capture is divided at its writes into *stretches*: within one, the same writes came before. A
-# write repeated because its answer was lost begins no new stretch. A stretch also begins at the first tick of sampling, where the
-# clocks of capture and client are synchronized.
+# A write changes later answers. So a capture is divided at its writes into *stretches*: within one,
+# the same writes came before. A write repeated because its answer was lost begins no new stretch. A
+# stretch also begins at the first tick of sampling, where the clocks of capture and client are
+# synchronized.
 
 EARLY_S = 1e-3  # tolerance before a tick
 ON_TIME = 0.05  # share of the period in which an undisturbed tick begins
 
 
 class RecordedGrid(NamedTuple):
-    """The sampling grid of a recorded station: when its first tick was due, on the recorder's clock, and its period."""
+    """The sampling grid of a recorded station: when its first tick was due, on the recorder's
+    clock, and its period.
+    """
 
     first_s: float
     period_s: float
 
     def is_on_time(self, at_s: float) -> bool:
         """Whether a tick is due at this time, or slightly earlier."""
-        return at_s - self.first_s >= -EARLY_S and (at_s - self.first_s + EARLY_S) % self.period_s < ON_TIME * self.period_s
+        return (
+            at_s - self.first_s >= -EARLY_S
+            and (at_s - self.first_s + EARLY_S) % self.period_s < ON_TIME * self.period_s
+        )
 
     def number(self, at_s: float) -> int:
         """Return the number of ticks before the one at this time."""
@@ -98,7 +106,8 @@ def exchanges(rows: Iterable[CaptureRow], sampling_s: float | None = None) -> It
             one.lost(row.at_s - one.at_s)
             down_since = row.at_s
         elif row.what == "opened" and one.lost_s is not None and one.back_s == inf:
-            one.back_s = (down_since + row.at_s) / 2 - one.at_s  # between the last failed try and this one
+            # between the last failed try and this one
+            one.back_s = (down_since + row.at_s) / 2 - one.at_s
     if one is not None:
         yield one
 
@@ -119,21 +128,25 @@ class Contents:
             found.known[one.question] += 1
             if one.stretch >= len(found.firsts):
                 found.firsts.append(one.question)
-                found.sampled = found.sampled or (one.question if one.stretch and not is_write(one.question) else b"")
+                found.sampled = found.sampled or (
+                    one.question if one.stretch and not is_write(one.question) else b""
+                )
                 if one.stretch >= len(found.firsts):  # it begins with a write
                     found.firsts.append(one.question)
             found.last_s = one.at_s
         return found
 
 
-# A doubtful answer is read again at once (`session/run/readings.py`), and so is a garbled one, with a probe in between. These
-# requests form one group: their answers confirm or contradict each other, and a single one may be wrong. A group is replayed
-# in order or skipped as a whole.
+# A doubtful answer is read again at once (`session/run/readings.py`), and so is a garbled one, with
+# a probe in between. These requests form one group: their answers confirm or contradict each other,
+# and a single one may be wrong. A group is replayed in order or skipped as a whole.
 
-LOOK_S = 0.25  # from an answer to the next read of its group, at most: the recorder's host may have been busy
+# from an answer to the next read of its group, at most: the recorder's host may have been busy
+LOOK_S = 0.25
 RETRY_S = 1.0  # the same after a garbled answer: a time-out, and a probe's answer
 MOST = 9  # three looks, each with three tries
-BELIEVED_AT_ONCE = 2  # up to so many reads the last answer was accepted: without doubt, or there was a third
+# up to so many reads the last answer was accepted: without doubt, or there was a third
+BELIEVED_AT_ONCE = 2
 
 CLEARED = tuple(command.letters for command in READINGS if command.effect is Effect.CLEARS)
 
@@ -151,7 +164,9 @@ def is_understood(one: Exchange) -> bool:
 def has_flags(one: Exchange) -> bool:
     """Whether the answer has flags that the station clears when they are read."""
     heard = FrameReader().feed(received(one))
-    found = next((answer for answer in heard if isinstance(answer, Frame) and answer.header == "A"), None)
+    found = next(
+        (answer for answer in heard if isinstance(answer, Frame) and answer.header == "A"), None
+    )
     return found is not None and found.text.startswith(CLEARED) and found.text[3:].strip("0") != ""
 
 
@@ -162,7 +177,9 @@ def received(one: Exchange) -> bytes:
 
 @dataclass(slots=True)
 class RetryGroup:
-    """The requests of one group, in order; never empty. `number` counts all requests up to its last."""
+    """The requests of one group, in order; never empty. `number` counts all requests up to its
+    last.
+    """
 
     all: list[Exchange]
     number: int
@@ -187,7 +204,11 @@ class RetryGroup:
     def includes(self, one: Exchange, number: int) -> bool:
         """Whether `one` belongs to this group."""
         last, behind = self.all[-1], number - self.number
-        if (one.question, one.stretch) != (self.question, self.stretch) or last.lost_s is not None or len(self.all) == MOST:
+        if (
+            (one.question, one.stretch) != (self.question, self.stretch)
+            or last.lost_s is not None
+            or len(self.all) == MOST
+        ):
             return False
         gap_s = one.at_s - last.at_s - (last.replies[-1][0] if last.replies else 0.0)
         return gap_s < LOOK_S if behind == 1 else gap_s < RETRY_S and not self.is_over(number - 1)
@@ -207,11 +228,16 @@ class RetryGroup:
             return last if last.replies else None
         if not is_understood(last):
             return before
-        is_proven = len(self.all) <= BELIEVED_AT_ONCE or received(last) in (*others, received(before))
+        is_proven = len(self.all) <= BELIEVED_AT_ONCE or received(last) in (
+            *others,
+            received(before),
+        )
         return last if is_proven else before
 
 
-def retry_groups(recording: Iterable[Exchange], ticks: RecordedGrid | None = None, sampled: bytes = b"") -> Iterator[RetryGroup]:
+def retry_groups(
+    recording: Iterable[Exchange], ticks: RecordedGrid | None = None, sampled: bytes = b""
+) -> Iterator[RetryGroup]:
     """Yield the groups of a capture, by their begin. Ticks begin with the request `sampled`."""
     waiting: list[RetryGroup] = []
     for number, one in enumerate(recording):
@@ -227,4 +253,8 @@ def retry_groups(recording: Iterable[Exchange], ticks: RecordedGrid | None = Non
 
 def _is_next_tick(ticks: RecordedGrid | None, group: RetryGroup, one: Exchange) -> bool:
     """Whether a tick begins here, which matters where a station has only one signal."""
-    return ticks is not None and ticks.is_on_time(one.at_s) and ticks.number(one.at_s) != ticks.number(group.at_s)
+    return (
+        ticks is not None
+        and ticks.is_on_time(one.at_s)
+        and ticks.number(one.at_s) != ticks.number(group.at_s)
+    )

@@ -1,20 +1,24 @@
 """A recorded station, replayed from its capture without I/O: each request gets its recorded answer.
 
-Answers come as recorded, with their delay: whole, in pieces, corrupt, late, twice, or not at all. Where the link was lost after a
-request, it is lost again, for the same time. The rules:
+Answers come as recorded, with their delay: whole, in pieces, corrupt, late, twice, or not at all.
+Where the link was lost after a request, it is lost again, for the same time. The rules:
 
-1. Each request has its own queue of answers, and each repetition takes the next: so a client with a slightly different order of
-   requests gets the same values.
-2. No answer from after a recorded write is given before that write comes, and none from before it afterwards (the stretches of
-   `exchanges`). A write that comes sets the client's place, whatever it left out.
-3. The clocks of client and capture run alike. Time that a host loses in passing bytes on is subtracted from the next answer. An
-   answer well before the client's time is skipped where a later one is nearer, which `left_out` counts: a client that
-   missed a tick gets the values of its present tick.
-4. A request and its second and third look are one group (`retry_groups`), replayed in order or skipped as a whole: an answer
-   that the recording contradicts right after is never given without the contradiction.
-5. A request repeated more often than recorded gets the accepted answer at this place of the capture, which `repeated` counts. Alarm
-   flags, which a station holds until they are read, are neither given twice nor skipped. After the end of the capture there
-   is silence, and so there is for a request that was never recorded, which `strange` counts: nothing is made up.
+1. Each request has its own queue of answers, and each repetition takes the next: so a client with a
+   slightly different order of requests gets the same values.
+2. No answer from after a recorded write is given before that write comes, and none from before it
+   afterwards (the stretches of `exchanges`). A write that comes sets the client's place, whatever
+   it left out.
+3. The clocks of client and capture run alike. Time that a host loses in passing bytes on is
+   subtracted from the next answer. An answer well before the client's time is skipped where a later
+   one is nearer, which `left_out` counts: a client that missed a tick gets the values of its
+   present tick.
+4. A request and its second and third look are one group (`retry_groups`), replayed in order or
+   skipped as a whole: an answer that the recording contradicts right after is never given without
+   the contradiction.
+5. A request repeated more often than recorded gets the accepted answer at this place of the
+   capture, which `repeated` counts. Alarm flags, which a station holds until they are read, are
+   neither given twice nor skipped. After the end of the capture there is silence, and so there is
+   for a request that was never recorded, which `strange` counts: nothing is made up.
 """
 
 from __future__ import annotations
@@ -39,21 +43,25 @@ from jbclog.sim.recorded_exchanges import (
 from jbclog.sim.virtual import Reply
 
 LATELY = 16  # exchanges for comparing the two clocks
-NEAR = 0.25  # share of the time between two answers to one request within which the nearer one counts, whatever the order
+# share of the time between two answers to one request within which the nearer one counts, whatever
+# the order
+NEAR = 0.25
 MADE_GOOD_S = 0.02  # maximum difference of a request's time that its answer compensates
 LEFT = 0.5  # minimum share of a recorded delay
-OVER_S = 5.0  # after the last recorded request, in which the last answers still count for a client that runs a little longer
+# after the last recorded request, in which the last answers still count for a client that runs a
+# little longer
+OVER_S = 5.0
 AGAIN = 3  # repetitions of the last answer while the end of the capture is not known
 
 
 class ReplayedStation:
     """A station that replays `rows`, which are read when needed.
 
-    Recorded delays include the passing of bytes between programs; where that happens again, on a port, each answer begins
-    `early_s` before its time. `ticks` is the sampling grid, if known.
+    Recorded delays include the passing of bytes between programs; where that happens again, on a
+    port, each answer begins `early_s` before its time. `ticks` is the sampling grid, if known.
 
-    `strange` counts requests that were never recorded, `repeated` those that came more often than recorded, `left_out`
-    recorded ones that the client has skipped.
+    `strange` counts requests that were never recorded, `repeated` those that came more often than
+    recorded, `left_out` recorded ones that the client has skipped.
     """
 
     def __init__(
@@ -74,18 +82,25 @@ class ReplayedStation:
         self._coming = retry_groups(exchanges(rows(), first_s), ticks, self._contents.sampled)
         self._ahead = next(self._coming, None)
         self._rows: defaultdict[bytes, deque[RetryGroup]] = defaultdict(deque)
-        self._left: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)  # the rest of the present group
+        # the rest of the present group
+        self._left: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)
         self._last: dict[bytes, Exchange] = {}
         self._believed: dict[bytes, Exchange] = {}
         self._asked, self._asked_at = b"", -inf  # the previous request
-        self._starts = {question[:length] for question in self._contents.known for length in range(1, len(question))}
+        self._starts = {
+            question[:length]
+            for question in self._contents.known
+            for length in range(1, len(question))
+        }
         self._lengths = sorted({len(question) for question in self._contents.known}, reverse=True)
         self._heard = b""
         self._outages: list[tuple[float, float]] = []
         self._stretch = 0
         self._again: Counter[bytes] = Counter()  # as `repeated`, in this stretch
-        self._offsets: deque[float] = deque(maxlen=LATELY)  # clock of the capture minus the client's, of the last exchanges
-        self._tick_offsets: deque[float] = deque(maxlen=LATELY)  # the same, of requests that began a tick on time
+        # clock of the capture minus the client's, of the last exchanges
+        self._offsets: deque[float] = deque(maxlen=LATELY)
+        # the same, of requests that began a tick on time
+        self._tick_offsets: deque[float] = deque(maxlen=LATELY)
         self._is_in_time = False  # whether the offsets determine the place in the capture
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
@@ -93,7 +108,9 @@ class ReplayedStation:
         if self.is_unplugged(now):
             self._heard = b""
             return []
-        replies = [reply for question in self._questions(data) for reply in self._replies(question, now)]
+        replies = [
+            reply for question in self._questions(data) for reply in self._replies(question, now)
+        ]
         return [reply for reply in replies if not self.is_unplugged(reply.at)]
 
     def is_unplugged(self, now: float) -> bool:
@@ -102,14 +119,24 @@ class ReplayedStation:
 
     def next_plugging(self, now: float) -> float | None:
         """Return when `is_unplugged` changes next, as far as known."""
-        return min((moment for outage in self._outages for moment in outage if now < moment < inf), default=None)
+        return min(
+            (moment for outage in self._outages for moment in outage if now < moment < inf),
+            default=None,
+        )
 
     def _questions(self, data: bytes) -> Iterator[bytes]:
         """Yield the known requests received; part of one is kept until the rest arrives."""
         self._heard += data
         dropped = False
         while self._heard and self._heard not in self._starts:
-            length = next((length for length in self._lengths if self._heard[:length] in self._contents.known), 0)
+            length = next(
+                (
+                    length
+                    for length in self._lengths
+                    if self._heard[:length] in self._contents.known
+                ),
+                0,
+            )
             if length:
                 yield self._heard[:length]
             dropped |= not length
@@ -125,10 +152,14 @@ class ReplayedStation:
             behind_s = self._behind_s(one, now)
             self._note(one, now)
         self._asked, self._asked_at = question, now
-        return [Reply(now + self._delay_s(delay_s, behind_s), data) for delay_s, data in one.replies]
+        return [
+            Reply(now + self._delay_s(delay_s, behind_s), data) for delay_s, data in one.replies
+        ]
 
     def _behind_s(self, one: Exchange, now: float) -> float:
-        """Return by how much later than recorded the client asked, as far as passing bytes explains it."""
+        """Return by how much later than recorded the client asked, as far as passing bytes explains
+        it.
+        """
         behind_s = self._time(now) - one.at_s if self._offsets else 0.0
         return behind_s if abs(behind_s) <= MADE_GOOD_S else 0.0
 
@@ -147,14 +178,25 @@ class ReplayedStation:
             self._begin(found)
 
     def _written(self, question: bytes) -> int | None:
-        """Return the next stretch that begins with this write; None where it belongs to the present one, or to none."""
+        """Return the next stretch that begins with this write; None where it belongs to the present
+        one, or to none.
+        """
         firsts = self._contents.firsts
         if firsts[self._stretch] == question and self._is_waited_for(question):
             return None
-        return next((number for number in range(self._stretch + 1, len(firsts)) if firsts[number] == question), None)
+        return next(
+            (
+                number
+                for number in range(self._stretch + 1, len(firsts))
+                if firsts[number] == question
+            ),
+            None,
+        )
 
     def _sampled(self, question: bytes) -> int | None:
-        """Return the next stretch, if it begins with the first tick and the client has reached that."""
+        """Return the next stretch, if it begins with the first tick and the client has reached
+        that.
+        """
         firsts, number = self._contents.firsts, self._stretch + 1
         if number >= len(firsts) or is_write(firsts[number]) or self._is_waited_for(question):
             return None
@@ -182,7 +224,9 @@ class ReplayedStation:
         return bool(self._left[question]) or self._reach(question, 1)
 
     def _reach(self, question: bytes, count: int, until_s: float = inf) -> bool:
-        """Read on until `count` groups of that request are waiting, or to a time, but not beyond this stretch."""
+        """Read on until `count` groups of that request are waiting, or to a time, but not beyond
+        this stretch.
+        """
         row = self._rows[question]
         while len(row) < count:
             one = self._ahead
@@ -193,7 +237,9 @@ class ReplayedStation:
         return True
 
     def _next(self, question: bytes, now: float) -> Exchange | None:
-        """Return the exchange due for that request; None where it is not due yet, or never again in this stretch."""
+        """Return the exchange due for that request; None where it is not due yet, or never again in
+        this stretch.
+        """
         left = self._left[question]
         if left and self._is_at(question, now):
             return left.popleft()
@@ -211,7 +257,9 @@ class ReplayedStation:
             return True
         time_s, left_s, row = self._time(now), self._left[question][0].at_s, self._rows[question]
         far_s = (time_s - NEAR * left_s) / (1 - NEAR)
-        return not (self._reach(question, 1, far_s) and self._is_nearer(time_s, left_s, row[0].at_s))
+        return not (
+            self._reach(question, 1, far_s) and self._is_nearer(time_s, left_s, row[0].at_s)
+        )
 
     def _is_next_look(self, question: bytes, now: float) -> bool:
         """Whether the client repeats the request right after its answer."""
@@ -233,7 +281,9 @@ class ReplayedStation:
     def _pass_over(self, row: deque[RetryGroup], question: bytes, now: float) -> None:
         """Skip the groups before the client's time."""
         time_s = self._time(now)
-        while self._reach(question, 2, 2 * time_s - row[0].at_s) and self._is_nearer(time_s, row[0].at_s, row[1].at_s):
+        while self._reach(question, 2, 2 * time_s - row[0].at_s) and self._is_nearer(
+            time_s, row[0].at_s, row[1].at_s
+        ):
             if row[0].has_flags:
                 return  # flags stay until they are read
             self._leave(deque(row.popleft().all), now)
@@ -262,12 +312,22 @@ class ReplayedStation:
         """Return the answer at this place of the capture."""
         self.repeated[question] += 1
         self._again[question] += 1
-        is_over = not self._is_in_time or not self._offsets or self._time(now) > self._contents.last_s + OVER_S
+        is_over = (
+            not self._is_in_time
+            or not self._offsets
+            or self._time(now) > self._contents.last_s + OVER_S
+        )
         silence = Exchange(question, 0.0)
-        return silence if is_over and self._again[question] > AGAIN else self._still_said(question, silence)
+        return (
+            silence
+            if is_over and self._again[question] > AGAIN
+            else self._still_said(question, silence)
+        )
 
     def _still_said(self, question: bytes, silence: Exchange) -> Exchange:
-        """Return the accepted answer; for flags that reading clears the next one, if they were cleared."""
+        """Return the accepted answer; for flags that reading clears the next one, if they were
+        cleared.
+        """
         one = self._believed.get(question, silence)
         if not has_flags(one) or not self._reach(question, 1):
             return one

@@ -25,16 +25,23 @@ from jbclog.sim.virtual import Reply
 class ByteLog:
     """Logs the bytes of all served stations as JSON lines, for tests and troubleshooting.
 
-    ``{"t": 123.4, "station": "dde-1", "kind": "question", "text": "0001RTT1", "hex": "02..."}``: `t` is in monotonic seconds;
-    `kind` is question, answer, unplugged or plugged; `text` has the printable characters.
+    ``{"t": 123.4, "station": "dde-1", "kind": "question", "text": "0001RTT1", "hex": "02..."}``:
+    `t` is in monotonic seconds; `kind` is question, answer, unplugged or plugged; `text` has the
+    printable characters.
     """
 
     def __init__(self, path: Path) -> None:
         self._file = path.open("w", encoding="ascii", buffering=1)
 
     def note(self, moment: float, station: str, kind: str, data: bytes) -> None:
-        text = "".join(chr(byte) for byte in data[:-1] if 0x20 <= byte < 0x7F)  # the last byte is the check byte
-        self._file.write(json.dumps({"t": moment, "station": station, "kind": kind, "text": text, "hex": data.hex()}) + "\n")
+        # the last byte is the check byte
+        text = "".join(chr(byte) for byte in data[:-1] if 0x20 <= byte < 0x7F)
+        self._file.write(
+            json.dumps(
+                {"t": moment, "station": station, "kind": kind, "text": text, "hex": data.hex()}
+            )
+            + "\n"
+        )
 
     def close(self) -> None:
         self._file.close()
@@ -77,7 +84,9 @@ class Served:
 class Server:
     """Serves until `stop`. `open` creates the links, so that readiness can be reported."""
 
-    def __init__(self, served: Sequence[Served], waiter: Waiter, wire_file: ByteLog | None = None) -> None:
+    def __init__(
+        self, served: Sequence[Served], waiter: Waiter, wire_file: ByteLog | None = None
+    ) -> None:
         self._served = served
         self._waiter = waiter
         self._wire_file = wire_file or NoByteLog()

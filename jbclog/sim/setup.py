@@ -18,7 +18,9 @@ from jbclog.sim.virtual import VirtualStation
 
 
 def virtual_station(spec: StationSpec, *, now: float) -> VirtualStation | VirtualOmega:
-    """Return the virtual station that a line file describes, switched on at `now`. Raises `UsageError` where there is none."""
+    """Return the virtual station that a line file describes, switched on at `now`. Raises
+    `UsageError` where there is none.
+    """
     family = FAMILIES.get(spec.family)
     if family is not None and family.protocol == OMEGA:
         return VirtualOmega(spec, now=now)
@@ -27,8 +29,13 @@ def virtual_station(spec: StationSpec, *, now: float) -> VirtualStation | Virtua
 
 def without_joints(line: Line) -> Line:
     """Return the line with stations whose tips rest, for example to try `verify`."""
-    resting = [(one.sim or SimSpec()).model_copy(update={"joints_per_minute": 0.0}) for one in line.stations]
-    stations = tuple(one.model_copy(update={"sim": sim}) for one, sim in zip(line.stations, resting, strict=True))
+    resting = [
+        (one.sim or SimSpec()).model_copy(update={"joints_per_minute": 0.0})
+        for one in line.stations
+    ]
+    stations = tuple(
+        one.model_copy(update={"sim": sim}) for one, sim in zip(line.stations, resting, strict=True)
+    )
     return line.model_copy(update={"stations": stations})
 
 
@@ -49,21 +56,31 @@ def set_up(
     stations: Sequence[Servable] | None = None,
     replay: Replay | None = None,
 ) -> Server:
-    """Create the line's ports in `folder` (or on TCP) and write `folder/line.toml`; `run` then serves them.
+    """Create the line's ports in `folder` (or on TCP) and write `folder/line.toml`; `run` then
+    serves them.
 
-    `stations` are served, in the line's order; by default the virtual ones that the line describes. `replay` is the pace of a
-    recorded run. Raises `UsageError` where a station cannot be virtual or a link cannot be made.
+    `stations` are served, in the line's order; by default the virtual ones that the line describes.
+    `replay` is the pace of a recorded run. Raises `UsageError` where a station cannot be virtual or
+    a link cannot be made.
     """
     allow_descriptors(DESCRIPTORS_EACH * len(line.stations) + DESCRIPTORS_BESIDE)
     served_line = folder / SERVED_LINE
     if os.path.realpath(served_line) == os.path.realpath(line.path):
-        raise UsageError(f"{line.path} would be overwritten with the line file for the run; choose another folder")
+        raise UsageError(
+            f"{line.path} would be overwritten with the line file for the run; choose another"
+            " folder"
+        )
     if served_line.exists() and not served_line.is_file():
-        raise UsageError(f"{served_line}: not a regular file (folder, pipe or device); the line file must be written there")
+        raise UsageError(
+            f"{served_line}: not a regular file (folder, pipe or device); the line file must be"
+            " written there"
+        )
     now, waiter = monotonic(), Waiter()
     stations = stations or [virtual_station(station, now=now) for station in line.stations]
     links = _tcp_links(line, tcp, waiter) if tcp else _pty_links(line, folder.absolute(), waiter)
-    server = Server([Served(*pair) for pair in zip(stations, links, strict=True)], waiter, wire_file)
+    server = Server(
+        [Served(*pair) for pair in zip(stations, links, strict=True)], waiter, wire_file
+    )
     _make(folder)
     try:
         server.open()
@@ -81,14 +98,18 @@ def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError) as error:
-        raise UsageError(f"--dir {folder}: a file is in its way; give the name of a folder") from error
+        raise UsageError(
+            f"--dir {folder}: a file is in its way; give the name of a folder"
+        ) from error
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise UsageError(f"--dir {folder}: no folder can be made there ({reason})") from error
 
 
 def tcp_of(text: str) -> Tcp:
-    """Parse ``HOST:PORT``: the stations take this port and the following ones, or any free ones if it is 0."""
+    """Parse ``HOST:PORT``: the stations take this port and the following ones, or any free ones if
+    it is 0.
+    """
     host, colon, port = text.rpartition(":")
     if not colon or not port.isdecimal() or int(port) > MOST_PORT:
         raise UsageError(f"{text} is not HOST:PORT")
@@ -97,13 +118,20 @@ def tcp_of(text: str) -> Tcp:
 
 def _served_text(line: Line, urls: Sequence[str], replay: Replay | None) -> str:
     """Format a line file like `line` with these URLs."""
-    stations = [(station.model_copy(update={"url": url}), "") for station, url in zip(line.stations, urls, strict=True)]
+    stations = [
+        (station.model_copy(update={"url": url}), "")
+        for station, url in zip(line.stations, urls, strict=True)
+    ]
     by = "sim" if replay is None else "replay"
-    return line_text(line.name, stations, f"Virtual stations, made by jbclog {by} from {line.path}", replay)
+    return line_text(
+        line.name, stations, f"Virtual stations, made by jbclog {by} from {line.path}", replay
+    )
 
 
 def _url_in(folder: Path, link: Link, replay: Replay | None) -> str:
-    """Return a link's URL; in a replay the path is relative, which shows that only a served station is meant."""
+    """Return a link's URL; in a replay the path is relative, which shows that only a served station
+    is meant.
+    """
     if replay is None or not isinstance(link, PtyLink):
         return link.url
     return str(link.path.relative_to(folder.absolute()))
@@ -111,22 +139,33 @@ def _url_in(folder: Path, link: Link, replay: Replay | None) -> str:
 
 def _tcp_links(line: Line, tcp: Tcp, waiter: Waiter) -> list[Link]:
     host, first = tcp
-    return [TcpLink(host, first + place if first else 0, waiter) for place in range(len(line.stations))]
+    return [
+        TcpLink(host, first + place if first else 0, waiter) for place in range(len(line.stations))
+    ]
 
 
 def _pty_links(line: Line, folder: Path, waiter: Waiter) -> list[Link]:
     """Link a station at its relative URL below the folder, one with another URL at its name."""
-    paths = [folder / (station.written_url if station.is_relative else station.name) for station in line.stations]
+    paths = [
+        folder / (station.written_url if station.is_relative else station.name)
+        for station in line.stations
+    ]
     for path, station in zip(paths, line.stations, strict=True):
         if paths.count(path) > 1 or path == folder / SERVED_LINE:
             raise UsageError(
-                f"{line.path}: {station.name} would be linked at {path}, which has another use; give it another name or url"
+                f"{line.path}: {station.name} would be linked at {path}, which has another use;"
+                " give it another name or url"
             )
-    return [PtyLink(path, waiter, station.line_format) for path, station in zip(paths, line.stations, strict=True)]
+    return [
+        PtyLink(path, waiter, station.line_format)
+        for path, station in zip(paths, line.stations, strict=True)
+    ]
 
 
 def allow_descriptors(wanted: int) -> None:
-    """Raise this process's soft limit of open descriptors to `wanted`, as far as the hard limit allows."""
+    """Raise this process's soft limit of open descriptors to `wanted`, as far as the hard limit
+    allows.
+    """
     try:
         import resource
     except ImportError:  # Windows has no such limit

@@ -31,7 +31,9 @@ class TableRequest:
 
 @cache
 def questions(family: str, ports: tuple[int, ...]) -> Mapping[str, TableRequest]:
-    """Return all requests by header and code (``RTT1``, ``WA12``) of a `family` with these ports."""
+    """Return all requests by header and code (``RTT1``, ``WA12``) of a `family` with these
+    ports.
+    """
     return MappingProxyType(dict(_all(FAMILIES[family], ports)))
 
 
@@ -51,7 +53,9 @@ def _places(command: Command, ports: tuple[int, ...], tools: list[int]) -> Itera
         if command.scope is Scope.PORT:
             yield TableRequest(command, command.code(port), port)
         else:
-            yield from (TableRequest(command, command.code(port, tool), port, tool) for tool in tools)
+            yield from (
+                TableRequest(command, command.code(port, tool), port, tool) for tool in tools
+            )
 
 
 COUNTER_ROOM = 100_000  # counters have five digits and roll over; no manual says so
@@ -68,7 +72,9 @@ class Identity:
 
 
 def value_of(asked: TableRequest, plant: Plant, identity: Identity, now: float) -> Value:
-    """Return the value of an answer to `asked`; OFF is sent as 99999. Reading alarm flags clears them."""
+    """Return the value of an answer to `asked`; OFF is sent as 99999. Reading alarm flags clears
+    them.
+    """
     port = plant.ports.get(asked.port)
     if port is None:
         return _station_value(asked.command.name, plant, identity, now)
@@ -79,7 +85,9 @@ def value_of(asked: TableRequest, plant: Plant, identity: Identity, now: float) 
     if name == "status":
         return (0, plant.feeder.motor(now), 0, int(port.doing.extractor), port.doing.state)
     if asked.command.writable:
-        return setting(port.settings if asked.command.scope is Scope.PORT else port.tools[asked.tool], name)
+        return setting(
+            port.settings if asked.command.scope is Scope.PORT else port.tools[asked.tool], name
+        )
     count = plant.count(name, port, now)
     return count if name == "dispensed_length" else int(count) % COUNTER_ROOM
 
@@ -134,7 +142,11 @@ def _station_value(name: str, plant: Plant, identity: Identity, now: float) -> V
 WITHOUT_DATA = ("start_feeding", "stop_feeding", "restart", "factory_reset", "ignore_fuse_error")
 """Orders whose data no manual prints: accepted with 00000 and without any (B-37)."""
 
-ORDERS: dict[tuple[int, ...], tuple[int, bool]] = {WORKING: (0, False), STAND: (1, False), EXTRACTOR: (0, True)}
+ORDERS: dict[tuple[int, ...], tuple[int, bool]] = {
+    WORKING: (0, False),
+    STAND: (1, False),
+    EXTRACTOR: (0, True),
+}
 """State and extractor of the status words that can be written (manual 002, W-PSx)."""
 
 _NUMBER = re.compile(r"-?\d+", re.ASCII)
@@ -159,13 +171,26 @@ def allowed(command: Command, value: Value, family: Family, plant: Plant) -> boo
     limits = plant.settings
     match command.name:
         case "status":
-            return isinstance(value, tuple) and value in ORDERS and (value != EXTRACTOR or family.manual != "000")
+            return (
+                isinstance(value, tuple)
+                and value in ORDERS
+                and (value != EXTRACTOR or family.manual != "000")
+            )
         case "selected_temperature":
-            return isinstance(value, int) and limits.minimum_temperature <= value <= limits.maximum_temperature
+            return (
+                isinstance(value, int)
+                and limits.minimum_temperature <= value <= limits.maximum_temperature
+            )
         case "maximum_temperature":
-            return isinstance(value, int) and limits.minimum_temperature < value <= plant.factory.maximum_temperature
+            return (
+                isinstance(value, int)
+                and limits.minimum_temperature < value <= plant.factory.maximum_temperature
+            )
         case "minimum_temperature":
-            return isinstance(value, int) and plant.factory.minimum_temperature <= value < limits.maximum_temperature
+            return (
+                isinstance(value, int)
+                and plant.factory.minimum_temperature <= value < limits.maximum_temperature
+            )
     return True
 
 
@@ -178,7 +203,11 @@ def apply(asked: TableRequest, value: Value, plant: Plant, now: float) -> None:
     elif command.name == "status":
         _order(port, value)
     else:
-        set_value(port.settings if command.scope is Scope.PORT else port.tools[asked.tool], command.name, value)
+        set_value(
+            port.settings if command.scope is Scope.PORT else port.tools[asked.tool],
+            command.name,
+            value,
+        )
         port.changed()
 
 
@@ -211,7 +240,9 @@ def _apply_to_station(name: str, value: Value, plant: Plant, now: float) -> None
 
 
 class StationModel(Protocol):
-    """The physics of one kind of station, for the device. Times are monotonic seconds, `port` is 0 for the station itself."""
+    """The physics of one kind of station, for the device. Times are monotonic seconds, `port` is 0
+    for the station itself.
+    """
 
     @property
     def ports(self) -> Collection[int]:
@@ -258,7 +289,9 @@ class SolderingModel:
         return value_of(asked, self.plant, identity, now)
 
     def allowed(self, command: Command, value: Value) -> bool:
-        return allowed(command, value, self.family, self.plant) and not (self.strict and is_beyond_inferred(command, value))
+        return allowed(command, value, self.family, self.plant) and not (
+            self.strict and is_beyond_inferred(command, value)
+        )
 
     def apply(self, asked: TableRequest, value: Value, now: float) -> None:
         apply(asked, value, self.plant, now)

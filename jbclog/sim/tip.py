@@ -1,8 +1,9 @@
 """The heated tip of a virtual tool, and the joints that cool it.
 
-One heat capacity loses heat to the air and, in a joint, to the work. A proportional and integral regulator with limited output
-makes the tip dip in a joint, the power rise, and the integral part bring the tip back. Each step is the exact exponential of
-its regime (heater full, regulating, or off), so steps may be as long as a joint.
+One heat capacity loses heat to the air and, in a joint, to the work. A proportional and integral
+regulator with limited output makes the tip dip in a joint, the power rise, and the integral part
+bring the tip back. Each step is the exact exponential of its regime (heater full, regulating, or
+off), so steps may be as long as a joint.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from random import Random
 
 from jbclog.core.quantities import Off
 
-# Joints follow each other evenly, scattered a little by the seed; the n-th joint is always the same, so that a run can be
-# repeated.
+# Joints follow each other evenly, scattered a little by the seed; the n-th joint is always the
+# same, so that a run can be repeated.
 
 LOAD_W_PER_K = 0.35
 LOAD_C = 150.0  # of solder and pad while being heated
@@ -57,7 +58,9 @@ class JointSchedule:
         scatter = Random(self._seed * 1_000_003 + number)
         start = self._origin + (number + 0.4 + 0.2 * scatter.random()) * self._period
         return SimJoint(
-            start, start + self._seconds * (0.85 + 0.15 * scatter.random()), LOAD_W_PER_K * (0.8 + 0.4 * scatter.random())
+            start,
+            start + self._seconds * (0.85 + 0.15 * scatter.random()),
+            LOAD_W_PER_K * (0.8 + 0.4 * scatter.random()),
         )
 
 
@@ -68,8 +71,12 @@ class Comparator:
     since: float | None = None
     latched: bool = False
 
-    def see(self, before_k: float, after_k: float, seconds: float, now: float, delay_s: float | Off) -> None:
-        """Process how far beyond the limit the temperature was `seconds` ago and is `now` (negative: within)."""
+    def see(
+        self, before_k: float, after_k: float, seconds: float, now: float, delay_s: float | Off
+    ) -> None:
+        """Process how far beyond the limit the temperature was `seconds` ago and is `now`
+        (negative: within).
+        """
         if after_k <= 0:
             self.since = None
             return
@@ -125,8 +132,12 @@ class Tip:
         self.integral_w = 0.0
         self.power_w = 0.0
 
-    def step(self, seconds: float, target_c: float | None, load_w_per_k: float, load_c: float) -> None:
-        """Simulate `seconds` towards `target_c` (None: heater off) with a joint of `load_w_per_k` at `load_c`."""
+    def step(
+        self, seconds: float, target_c: float | None, load_w_per_k: float, load_c: float
+    ) -> None:
+        """Simulate `seconds` towards `target_c` (None: heater off) with a joint of `load_w_per_k`
+        at `load_c`.
+        """
         loss = LOSS_W_PER_K + load_w_per_k
         sink_w = LOSS_W_PER_K * self.ambient_c + load_w_per_k * load_c
         if target_c is None:
@@ -140,7 +151,9 @@ class Tip:
     def _drift(self, seconds: float, inflow_w: float, loss: float) -> None:
         """Relax towards the temperature at which `inflow_w` equals the loss."""
         end = inflow_w / loss
-        self.temperature_c = end + (self.temperature_c - end) * exp(-seconds * loss / CAPACITY_J_PER_K)
+        self.temperature_c = end + (self.temperature_c - end) * exp(
+            -seconds * loss / CAPACITY_J_PER_K
+        )
 
     def _leave_limit(self, seconds: float, target_c: float, sink_w: float, loss: float) -> float:
         """Simulate as long as the regulator's output is limited; return the remaining seconds."""
@@ -156,7 +169,9 @@ class Tip:
         return seconds - until_edge
 
     def _regulate(self, seconds: float, target_c: float, sink_w: float, loss: float) -> None:
-        """Regulate within the limits: the integral part approaches the power that holds the target."""
+        """Regulate within the limits: the integral part approaches the power that holds the
+        target.
+        """
         holding_w = min(max(loss * target_c - sink_w, 0.0), self.rated_w)
         lag = UNWINDING_S if self.integral_w > holding_w else INTEGRAL_S
         before_w = self.integral_w

@@ -1,7 +1,7 @@
 """A whole virtual station without I/O, as described in a line file.
 
-It combines line timing, frame reader, device, physics and faults. `serve.py` serves it on a pseudo-terminal or a TCP port; a
-test calls it directly::
+It combines line timing, frame reader, device, physics and faults. `serve.py` serves it on a
+pseudo-terminal or a TCP port; a test calls it directly::
 
     station = VirtualStation(spec, now=clock.monotonic())
     for reply in station.receive(question, clock.monotonic()):
@@ -47,7 +47,10 @@ def family_for(spec: StationSpec) -> Family:
     given = spec.sim.model if spec.sim else None
     family = FAMILIES.get(name) if name != AUTO else family_of(given or "")
     if family is None:
-        raise UsageError(f"{spec.name}: there is no virtual station of family {spec.family}; [station.sim] model can name one")
+        raise UsageError(
+            f"{spec.name}: there is no virtual station of family {spec.family}; [station.sim] model"
+            " can name one"
+        )
     return family
 
 
@@ -60,33 +63,54 @@ def build_device(spec: StationSpec, now: float, seed: int) -> Device:
     _check_names(spec.name, sim, family, face)
     quirks = Quirks(sim.quirks)
     quirks.begin(face)
-    device = Device(family, face, Identity(model, sim.software, spec.address, sim.robot_mode), quirks)
+    device = Device(
+        family, face, Identity(model, sim.software, spec.address, sim.robot_mode), quirks
+    )
     for name, value in sim.settings.items():
         _begin_with(device, spec.name, name, value, now)
     return device
 
 
-def _face(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int) -> StationModel:
+def _face(
+    sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int
+) -> StationModel:
     if family.status is AIR_STATUS:
         return AirModel(_air_station(sim, now, seed))
-    return SolderingModel(family, _plant(sim, family, ports, model, now, seed), strict=sim.refuses_unprinted)
+    return SolderingModel(
+        family, _plant(sim, family, ports, model, now, seed), strict=sim.refuses_unprinted
+    )
 
 
 def _check_names(station: str, sim: SimSpec, family: Family, face: StationModel) -> None:
     """Refuse a counter, command or port that does not exist, and would silently have no effect."""
-    counters = {counter.command for counter in (*family.counters, *DISPENSING_COUNTERS)} & set(family.commands)
+    counters = {counter.command for counter in (*family.counters, *DISPENSING_COUNTERS)} & set(
+        family.commands
+    )
     wrong = [f"counters: {name}" for name in sim.counters if name not in counters]
     wrong += [f"tools: {port}" for port in sim.tools if port not in face.ports]
     wrong += [f"quirks: {name}" for name in sim.quirks if name not in QUIRKS]
     for fault in sim.fault:
         wrong += [f"fault {fault.kind}"] if fault.kind in OF_OMEGA else []
-        wrong += [f"fault {fault.kind}: {fault.command}"] if fault.command and fault.command not in family.commands else []
-        wrong += [f"fault {fault.kind}: port {fault.port}"] if fault.port and fault.port not in face.ports else []
+        wrong += (
+            [f"fault {fault.kind}: {fault.command}"]
+            if fault.command and fault.command not in family.commands
+            else []
+        )
+        wrong += (
+            [f"fault {fault.kind}: port {fault.port}"]
+            if fault.port and fault.port not in face.ports
+            else []
+        )
     if wrong:
-        raise UsageError(f"{station}: [station.sim] {', '.join(wrong)}: a {family.name} with ports {list(face.ports)} has none")
+        raise UsageError(
+            f"{station}: [station.sim] {', '.join(wrong)}: a {family.name} with ports"
+            f" {list(face.ports)} has none"
+        )
 
 
-def _plant(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int) -> Plant:
+def _plant(
+    sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int
+) -> Plant:
     feeder = Feeder()
     on_joint = feeder.start if sim.feed_each_joint else None
     return Plant(
@@ -99,25 +123,42 @@ def _plant(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now
 
 
 def _air_station(sim: SimSpec, now: float, seed: int) -> AirStation:
-    character = AirTraits(sim.noise_c, sim.sensor_error_c, sim.thermocouple, sim.suction_each_joint, Random(seed))
+    character = AirTraits(
+        sim.noise_c, sim.sensor_error_c, sim.thermocouple, sim.suction_each_joint, Random(seed)
+    )
     heater = Heater(sim.ambient_c, sim.rated_power_w or HOT_AIR_W)
     joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, seed, now)
-    return AirStation(now, sim.tools.get(AIR_PORT, sim.tool), heater, joints, character, sim.counters)
+    return AirStation(
+        now, sim.tools.get(AIR_PORT, sim.tool), heater, joints, character, sim.counters
+    )
 
 
-def _port(sim: SimSpec, number: int, now: float, seed: int, on_joint: Callable[[float], None] | None) -> SimPort:
-    character = PortTraits(sim.noise_c, sim.sensor_error_c, sim.extractor_cools, Random(seed), on_joint)
+def _port(
+    sim: SimSpec, number: int, now: float, seed: int, on_joint: Callable[[float], None] | None
+) -> SimPort:
+    character = PortTraits(
+        sim.noise_c, sim.sensor_error_c, sim.extractor_cools, Random(seed), on_joint
+    )
     joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, seed, now)
-    return SimPort(now, sim.tools.get(number, sim.tool), Tip(sim.ambient_c, sim.rated_power_w or TIP_W), joints, character)
+    return SimPort(
+        now,
+        sim.tools.get(number, sim.tool),
+        Tip(sim.ambient_c, sim.rated_power_w or TIP_W),
+        joints,
+        character,
+    )
 
 
-def _begin_with(device: Device, station: str, name: str, given: int | float | str, now: float) -> None:
+def _begin_with(
+    device: Device, station: str, name: str, given: int | float | str, now: float
+) -> None:
     """Apply an initial setting on all ports and tools."""
     command = device.family.commands.get(name)
     value = _value(device, name, given)
     if command is None or "rw" not in command.access or not device.face.allowed(command, value):
         raise UsageError(
-            f"{station}: [station.sim] settings: {name} = {given} is nothing that a {device.family.name} can begin with"
+            f"{station}: [station.sim] settings: {name} = {given} is nothing that a"
+            f" {device.family.name} can begin with"
         )
     ports = [0] if command.scope is Scope.STATION else list(device.face.ports)
     tools = [tool for tool in device.family.tools if tool] if command.scope is Scope.TOOL else [0]
@@ -160,19 +201,27 @@ class LineTiming:
         return self._heard
 
     def sent_at(self, characters: int, after: float) -> float:
-        """Return when the last of `characters` has arrived that the station starts to send at `after`."""
-        self._sent_at = max(self._sent_at, after + self._turnaround_s) + characters * self._character_s
+        """Return when the last of `characters` has arrived that the station starts to send at
+        `after`.
+        """
+        self._sent_at = (
+            max(self._sent_at, after + self._turnaround_s) + characters * self._character_s
+        )
         return self._sent_at
 
 
 class VirtualStation:
-    """One station, switched on at `now`. `log` is its own log, `plant` the physics of a soldering station."""
+    """One station, switched on at `now`. `log` is its own log, `plant` the physics of a soldering
+    station.
+    """
 
     def __init__(self, spec: StationSpec, *, now: float, seed: int | None = None) -> None:
         sim = spec.sim or SimSpec()
         line = LineFormat(spec.baudrate, spec.format)
         self.name = spec.name
-        self.seed = next(given for given in (seed, sim.seed, crc32(spec.name.encode())) if given is not None)
+        self.seed = next(
+            given for given in (seed, sim.seed, crc32(spec.name.encode())) if given is not None
+        )
         self.device = build_device(spec, now, self.seed)
         self.faults = FaultSchedule(sim.fault, self.seed)
         self._pace = LineTiming(line.character_s if sim.wire else 0.0, sim.turnaround_ms / 1000)
@@ -240,19 +289,27 @@ class VirtualStation:
         return self._answer(frame, heard)
 
     def _refuse_other(self, frame: Frame, heard: float) -> Reply | None:
-        return self._send(self._addressed(self.device.refuse(frame.text, WRONG_FORMAT, heard), frame), [], heard)
+        return self._send(
+            self._addressed(self.device.refuse(frame.text, WRONG_FORMAT, heard), frame), [], heard
+        )
 
     def _answer(self, frame: Frame, heard: float) -> Reply | None:
         asked = self.device.asked(frame.header, frame.text)
         struck = self.faults.strikes(asked, frame.header, heard)
         refusal = next((fault for fault in struck if fault.kind == "nak"), None)
         if refusal is not None:
-            return self._send(self._addressed(self.device.refuse(frame.text, refusal.code, heard), frame), struck, heard)
+            return self._send(
+                self._addressed(self.device.refuse(frame.text, refusal.code, heard), frame),
+                struck,
+                heard,
+            )
         answer = self.device.answer(frame.header, frame.text, heard)
         return None if answer is None else self._send(self._addressed(answer, frame), struck, heard)
 
     def _addressed(self, answer: Answer, question: Frame) -> bytes:
-        """Encode an answer; the addressed station is its source (docs/reference/contradictions.md, B-6)."""
+        """Encode an answer; the addressed station is its source (docs/reference/contradictions.md,
+        B-6).
+        """
         usual, own = (question.target, question.source), self.device.identity.address
         return _encoded(*answer, *self.device.quirks.addresses(usual, own, moves=answer == MOVED))
 

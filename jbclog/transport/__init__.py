@@ -1,4 +1,6 @@
-"""Ports, and the loops that pull sessions: reactor, blocking, virtual clock. The only package that imports `serial`.
+"""Ports, and the loops that pull sessions: reactor, blocking, virtual clock. The only package that
+imports `serial`.
 
-Start with `port.py` and `opening.py`, then `blocking.py`, the shortest driver; `reactor.py` drives hundreds of stations.
+Start with `port.py` and `opening.py`, then `blocking.py`, the shortest driver; `reactor.py` drives
+hundreds of stations.
 """

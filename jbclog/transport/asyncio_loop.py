@@ -32,5 +32,7 @@ class AsyncioLoop(asyncio.SelectorEventLoop):
     def _on_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
         """Keep the exception of a call, and stop: asyncio would only log it."""
         error = context.get("exception")
-        self._error = self._error or (error if isinstance(error, Exception) else RuntimeError(str(context.get("message"))))
+        self._error = self._error or (
+            error if isinstance(error, Exception) else RuntimeError(str(context.get("message")))
+        )
         self.stop()

@@ -1,4 +1,6 @@
-"""Runs one session in a plain loop on one port: for single commands, and the shortest driver to read."""
+"""Runs one session in a plain loop on one port: for single commands, and the shortest driver to
+read.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,13 @@ T = TypeVar("T")
 OpenPort = Callable[[], Port]
 
 
-def run(steps: Steps[T], open_port: OpenPort, *, sleep: Callable[[float], None], clock: Clock | None = None) -> T:
+def run(
+    steps: Steps[T],
+    open_port: OpenPort,
+    *,
+    sleep: Callable[[float], None],
+    clock: Clock | None = None,
+) -> T:
     """Run `steps` to its end and return its result. Before its first `Reopen` it may only wait."""
     puller = _Driver(open_port, sleep, clock or SystemClock())
     heard: IoResult | None = None
@@ -24,7 +32,9 @@ def run(steps: Steps[T], open_port: OpenPort, *, sleep: Callable[[float], None],
     try:
         while True:
             try:
-                request = steps.throw(failure) if failure else steps.send(heard) if heard else next(steps)
+                request = (
+                    steps.throw(failure) if failure else steps.send(heard) if heard else next(steps)
+                )
             except StopIteration as end:
                 result: T = end.value
                 return result
@@ -47,7 +57,8 @@ class _Driver:
         self._port: Port | None = None
         self._sent = 0.0
         self._budget = Budget()
-        self._rests_until = 0.0  # pause of a flooded port; without it this thread would starve the others
+        # pause of a flooded port; without it this thread would starve the others
+        self._rests_until = 0.0
 
     def do(self, request: Request) -> IoResult:
         if isinstance(request, Ask):

@@ -1,8 +1,9 @@
 """Ends a process whose interpreter is stuck.
 
-CPython that gets no memory while it handles an exception may loop in C forever: no Python code, thread or signal handler runs. So
-the system ends the process (SIGPROF) after a limit of CPU time without any Python code. Its parent notices, and a guard takes
-over its stations, or another guard its place.
+CPython that gets no memory while it handles an exception may loop in C forever: no Python code,
+thread or signal handler runs. So the system ends the process (SIGPROF) after a limit of CPU time
+without any Python code. Its parent notices, and a guard takes over its stations, or another guard
+its place.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ RENEW_S: Final = 1.0
 @contextmanager
 def cpu_limit(seconds: float = LIMIT_S, every_s: float = RENEW_S) -> Iterator[None]:
     """Enforce the limit inside the ``with``; a thread renews it as long as Python code runs."""
-    ending = Lock()  # no `Event`: refused memory in its `wait` would leave its own lock held, for ever
+    # no `Event`: refused memory in its `wait` would leave its own lock held, for ever
+    ending = Lock()
     ending.acquire()
 
     def renew() -> None:

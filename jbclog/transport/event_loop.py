@@ -1,7 +1,8 @@
 """The reactor's event loop: one epoll with all ports, one heap of alarms, and a queue of calls.
 
-epoll counts whole milliseconds and rounds up, so a wait would end half a millisecond late on average. Here the rest of a wait is
-left to select(), which counts microseconds and watches one descriptor: that of epoll.
+epoll counts whole milliseconds and rounds up, so a wait would end half a millisecond late on
+average. Here the rest of a wait is left to select(), which counts microseconds and watches one
+descriptor: that of epoll.
 
 Where the system has no epoll, asyncio's loop does the same work (`asyncio_loop.py`).
 """
@@ -36,7 +37,8 @@ class Handle(Protocol):
 
 
 class EventLoop(Protocol):
-    """A part of asyncio's interface, and `wake_at`. Moments are those of `clock.elapsed`, in seconds.
+    """A part of asyncio's interface, and `wake_at`. Moments are those of `clock.elapsed`, in
+    seconds.
 
     All methods but `call_soon_threadsafe` belong to the thread that runs the loop.
     """
@@ -54,7 +56,9 @@ class EventLoop(Protocol):
         """Schedule ``ring(moment)``, which cannot be cancelled and costs less."""
 
     def call_soon_threadsafe(self, call: Callable[..., object], *arguments: object) -> object:
-        """Schedule a call from any thread or signal handler. Raises `RuntimeError` once the loop is closed."""
+        """Schedule a call from any thread or signal handler. Raises `RuntimeError` once the loop is
+        closed.
+        """
 
     def add_reader(self, fd: int, call: Callable[[], object]) -> object:
         """Call `call` whenever the descriptor is readable or broken."""
@@ -63,7 +67,9 @@ class EventLoop(Protocol):
         """Stop watching a descriptor; call it before closing the descriptor."""
 
     def run_forever(self) -> None:
-        """Run until `stop`. Raises what a call raised; run again, it continues with the other calls."""
+        """Run until `stop`. Raises what a call raised; run again, it continues with the other
+        calls.
+        """
 
     def stop(self) -> None:
         """Return from `run_forever` at the end of this turn, or as soon as it is called."""
@@ -102,7 +108,10 @@ if sys.platform == "linux":
             self._soon: deque[_Call] = deque()
             self._is_stopped = False
             out, into = os.pipe()
-            self._wake_out, self._wake_in = os.fdopen(out, "rb", buffering=0), os.fdopen(into, "wb", buffering=0)
+            self._wake_out, self._wake_in = (
+                os.fdopen(out, "rb", buffering=0),
+                os.fdopen(into, "wb", buffering=0),
+            )
             for end in (self._wake_out, self._wake_in):
                 os.set_blocking(end.fileno(), False)
             self.add_reader(out, lambda: self._wake_out.read(WAKE_UPS))
@@ -115,7 +124,9 @@ if sys.platform == "linux":
             self.wake_at(when, one := _Call(call, arguments))
             return one
 
-        def call_later(self, delay: float, call: Callable[..., object], *arguments: object) -> Handle:
+        def call_later(
+            self, delay: float, call: Callable[..., object], *arguments: object
+        ) -> Handle:
             return self.call_at(clock.elapsed() + delay, call, *arguments)
 
         def wake_at(self, moment: float, ring: Ring) -> None:
@@ -173,7 +184,11 @@ if sys.platform == "linux":
             if left_s >= 0.001:
                 return self._epoll.poll((int(left_s * 1000) - 0.5) / 1000)  # rounded up by epoll
             descriptor = self._epoll.fileno()
-            if left_s > 0 and descriptor < WATCHED_BY_SELECT and not select.select((descriptor,), (), (), left_s)[0]:
+            if (
+                left_s > 0
+                and descriptor < WATCHED_BY_SELECT
+                and not select.select((descriptor,), (), (), left_s)[0]
+            ):
                 return []
             return self._epoll.poll(0)
 
@@ -181,7 +196,9 @@ if sys.platform == "linux":
             """Return the time until the next call, or `LONGEST_S`."""
             if self._soon:
                 return 0.0
-            return min(self._alarms[0][0] - clock.elapsed(), LONGEST_S) if self._alarms else LONGEST_S
+            return (
+                min(self._alarms[0][0] - clock.elapsed(), LONGEST_S) if self._alarms else LONGEST_S
+            )
 
 
 BEAT_S: Final = 0.05
@@ -191,7 +208,8 @@ NOTED_S: Final = 0.005  # on a machine with time to spare timers are less late
 class LoopLag:
     """Measures by how much the loop is late, with a timer each `BEAT_S`.
 
-    A session that receives bytes late cannot know whether the station or the computer was late; a timer waits for no station.
+    A session that receives bytes late cannot know whether the station or the computer was late; a
+    timer waits for no station.
     """
 
     __slots__ = ("_due_s", "_late_s", "_loop")

@@ -1,8 +1,8 @@
 """Opens ports: any URL that pyserial knows, exclusively, as many as the system allows.
 
-pyserial finds, opens and configures the port. The descriptor of a device is then duplicated and pyserial's object closed, with the
-four pipe ends that it opens for each device: lock and settings belong to the open file and stay. So a port costs one
-descriptor instead of five.
+pyserial finds, opens and configures the port. The descriptor of a device is then duplicated and
+pyserial's object closed, with the four pipe ends that it opens for each device: lock and settings
+belong to the open file and stay. So a port costs one descriptor instead of five.
 """
 
 from __future__ import annotations
@@ -18,15 +18,26 @@ from queue import Queue
 import serial
 from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing, UsageError
 from jbclog.core.serial_line import SCHEMES, LineFormat, scheme_of
-from jbclog.transport.port import BROKEN, SLICE_S, DescriptorPort, ObjectPort, Port, close_in_thread, link_lost
+from jbclog.transport.port import (
+    BROKEN,
+    SLICE_S,
+    DescriptorPort,
+    ObjectPort,
+    Port,
+    close_in_thread,
+    link_lost,
+)
 from jbclog.transport.system_ports import holder_of, process_text
 
 EACH_PORT = 1  # descriptors
-BESIDE = 160  # the record, the loop, the interpreter, and eight ports being opened with five descriptors each
+# the record, the loop, the interpreter, and eight ports being opened with five descriptors each
+BESIDE = 160
 
 
 def allow_ports(ports: int) -> None:
-    """Raise this process's soft limit of open files for `ports` ports. Raises `UsageError` where the hard limit is too low."""
+    """Raise this process's soft limit of open files for `ports` ports. Raises `UsageError` where
+    the hard limit is too low.
+    """
     try:
         import resource
     except ImportError:  # Windows has no such limit
@@ -42,8 +53,9 @@ def allow_ports(ports: int) -> None:
     except (OSError, ValueError):  # macOS has a ceiling below the hard limit
         pass
     raise UsageError(
-        f"{ports} ports need {wanted} open files and this process may have only {hard}; raise that with "
-        f"`ulimit -Hn {wanted}` as root or LimitNOFILE={wanted} in the systemd unit, or record the line in two runs"
+        f"{ports} ports need {wanted} open files and this process may have only {hard}; raise that"
+        f" with `ulimit -Hn {wanted}` as root or LimitNOFILE={wanted} in the systemd unit, or"
+        " record the line in two runs"
     )
 
 
@@ -53,7 +65,8 @@ try:
 except ImportError:  # Windows, which opens every port exclusively
     fcntl = termios = None  # type: ignore[assignment]  # checked below
 
-HELD_BY_SYSTEM = 1 << 16  # bytes of a connection's receive buffer; a server that sends more has to wait
+# bytes of a connection's receive buffer; a server that sends more has to wait
+HELD_BY_SYSTEM = 1 << 16
 MOST_WAITING = 4096  # buffered bytes of an rfc2217 port
 WRITE_S = 1.0  # write time-out of ports that pyserial writes to
 PSEUDO_TERMINALS = "/dev/pts/"
@@ -62,7 +75,8 @@ TOO_MANY = (errno.EMFILE, errno.ENFILE)
 
 
 def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
-    """Open `url` at the rate and format of `line`, exclusively (a device; for a socket its server decides).
+    """Open `url` at the rate and format of `line`, exclusively (a device; for a socket its server
+    decides).
 
     Raises `PortBusy`, which names the holder if known, and `LinkError` for everything else.
     """
@@ -84,7 +98,9 @@ def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
 
 
 def make_ready(url: str) -> None:
-    """Load the modules that opening such a port needs, without opening it: later the disk may be gone."""
+    """Load the modules that opening such a port needs, without opening it: later the disk may be
+    gone.
+    """
     with contextlib.suppress(*BROKEN, LinkError):
         _expect_port(url)
         serial.serial_for_url(url, do_not_open=True)
@@ -92,16 +108,22 @@ def make_ready(url: str) -> None:
 
 
 def _expect_port(url: str) -> None:
-    """Raise `LinkError` for a URL scheme that is never opened: pyserial acts on some while parsing."""
+    """Raise `LinkError` for a URL scheme that is never opened: pyserial acts on some while
+    parsing.
+    """
     if "://" in url and scheme_of(url) not in SCHEMES:
         kinds = ", ".join(f"{scheme}://" for scheme in SCHEMES)
-        raise LinkError(f"{url}: not a port that may be opened; give a device such as /dev/ttyUSB0, or one of {kinds}")
+        raise LinkError(
+            f"{url}: not a port that may be opened; give a device such as /dev/ttyUSB0, or one of"
+            f" {kinds}"
+        )
 
 
 def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bool) -> None:
     opened.baudrate = line.baudrate
     opened.stopbits = line.stop_bits
-    opened.xonxoff = opened.rtscts = False  # check bytes can be XON and XOFF (docs/reference/protocol.md, Check byte)
+    # check bytes can be XON and XOFF (docs/reference/protocol.md, Check byte)
+    opened.xonxoff = opened.rtscts = False
     opened.timeout = SLICE_S
     if not url.startswith("rfc2217:"):  # it has no write time-out
         opened.write_timeout = WRITE_S
@@ -112,7 +134,9 @@ def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bo
 
 
 def _open(opened: serial.SerialBase, parity: str) -> None:
-    """Open the port. A pseudo-terminal has no parity: the C library reports an error if nothing else changes."""
+    """Open the port. A pseudo-terminal has no parity: the C library reports an error if nothing
+    else changes.
+    """
     _let_reader_end(opened)
     is_terminal = is_pseudo_terminal(str(opened.port))
     opened.parity = serial.PARITY_NONE if is_terminal else parity
@@ -123,7 +147,9 @@ def _open(opened: serial.SerialBase, parity: str) -> None:
 
 
 def _let_reader_end(opened: serial.SerialBase) -> None:
-    """Silence the reader thread of pyserial's rfc2217, which prints a traceback when the server is gone."""
+    """Silence the reader thread of pyserial's rfc2217, which prints a traceback when the server is
+    gone.
+    """
     loop = getattr(opened, "_telnet_read_loop", None)  # in every pyserial release so far
     if loop is None:
         return
@@ -153,11 +179,19 @@ def _port(url: str, opened: serial.SerialBase, exclusive: bool) -> Port:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, HELD_BY_SYSTEM)
         return _connected(url, opened, connection, descriptor)
-    return ObjectPort(url, opened) if descriptor is None else _device_port(url, opened, descriptor, exclusive)
+    return (
+        ObjectPort(url, opened)
+        if descriptor is None
+        else _device_port(url, opened, descriptor, exclusive)
+    )
 
 
-def _connected(url: str, opened: serial.SerialBase, connection: socket.socket, descriptor: int | None) -> Port:
-    """Wrap a connection. pyserial's own close sleeps 0.3 s, and leaves the connection open where the server closed first."""
+def _connected(
+    url: str, opened: serial.SerialBase, connection: socket.socket, descriptor: int | None
+) -> Port:
+    """Wrap a connection. pyserial's own close sleeps 0.3 s, and leaves the connection open where
+    the server closed first.
+    """
 
     let_all_in = _bound(opened)
 
@@ -174,7 +208,8 @@ def _connected(url: str, opened: serial.SerialBase, connection: socket.socket, d
 
 
 def _bound(opened: serial.SerialBase) -> Callable[[], None]:
-    """Bound the receive queue of pyserial's rfc2217, which its thread fills without limit; return how to unbound it on closing.
+    """Bound the receive queue of pyserial's rfc2217, which its thread fills without limit; return
+    how to unbound it on closing.
 
     Otherwise the thread would wait forever on a full queue.
     """
@@ -228,7 +263,8 @@ def _keep_others_out(descriptor: int) -> None:
 
 def _close_device(descriptor: int) -> None:
     with contextlib.suppress(OSError):
-        fcntl.ioctl(descriptor, termios.TIOCNXCL)  # otherwise the flag stays while another process has it open
+        # otherwise the flag stays while another process has it open
+        fcntl.ioctl(descriptor, termios.TIOCNXCL)
     os.close(descriptor)
 
 
@@ -236,11 +272,18 @@ def _refused(url: str, device: str, error: BaseException) -> LinkError:
     number = _number(error) or _number(error.__context__)
     if number in LOCKED or "lock" in str(error):
         process = holder_of(device)
-        return PortBusy(f"{url} is in use by {process_text(process)}; end that, or take another port", process)
+        return PortBusy(
+            f"{url} is in use by {process_text(process)}; end that, or take another port", process
+        )
     if number in TOO_MANY:
-        return LinkError(f"{url}: this process may not open more files; raise the limit with `ulimit -n`")
+        return LinkError(
+            f"{url}: this process may not open more files; raise the limit with `ulimit -n`"
+        )
     if number == errno.EACCES:
-        return PortForbidden(f"{url}: no permission to open it; add the user to the group that owns the device (often dialout)")
+        return PortForbidden(
+            f"{url}: no permission to open it; add the user to the group that owns the device"
+            " (often dialout)"
+        )
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         return PortMissing(f"{url}: no such port; check that it is plugged in")
     if number == errno.ENOTTY:
@@ -248,7 +291,9 @@ def _refused(url: str, device: str, error: BaseException) -> LinkError:
     if number == errno.ECONNREFUSED:
         return LinkError(f"{url}: connection refused; check that the server runs")
     if isinstance(error, ValueError | TypeError):  # pyserial cannot parse it
-        return LinkError(f"{url}: not a port; give a device such as /dev/ttyUSB0, or socket://HOST:PORT")
+        return LinkError(
+            f"{url}: not a port; give a device such as /dev/ttyUSB0, or socket://HOST:PORT"
+        )
     return LinkError(f"{url}: cannot be opened: {error}")
 
 

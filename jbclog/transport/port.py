@@ -1,8 +1,9 @@
 """An open port: reading and writing bytes without waiting, and limits for floods.
 
-pyserial opens and configures a port; afterwards its descriptor is used directly. pyserial's own `read` waits in
-`select()`, which cannot watch a descriptor above 1023, and on a pulled cable raises SerialException, OSError, termios.error,
-TypeError, ValueError or AttributeError, depending on the moment (docs/reference/faults.md, F-15).
+pyserial opens and configures a port; afterwards its descriptor is used directly. pyserial's own
+`read` waits in `select()`, which cannot watch a descriptor above 1023, and on a pulled cable raises
+SerialException, OSError, termios.error, TypeError, ValueError or AttributeError, depending on the
+moment (docs/reference/faults.md, F-15).
 
 One thread reads and writes a port; any thread may close it.
 """
@@ -31,7 +32,13 @@ try:
     import fcntl
     import termios
 
-    BROKEN: tuple[type[Exception], ...] = (OSError, ValueError, TypeError, AttributeError, termios.error)
+    BROKEN: tuple[type[Exception], ...] = (
+        OSError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        termios.error,
+    )
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]  # checked below
     BROKEN = (OSError, ValueError, TypeError, AttributeError)
@@ -39,7 +46,9 @@ except ImportError:  # Windows
 
 
 class Port(Protocol):
-    """One open port. Every method but `close` raises `LinkError` when the link is gone, and nothing else."""
+    """One open port. Every method but `close` raises `LinkError` when the link is gone, and nothing
+    else.
+    """
 
     @property
     def url(self) -> str: ...
@@ -61,7 +70,9 @@ class Port(Protocol):
 
 
 def close_in_thread(*steps: Callable[[], object]) -> None:
-    """Run `steps` in a thread and wait for the first one, at most `CLOSE_S`. Errors of a port that is gone are ignored."""
+    """Run `steps` in a thread and wait for the first one, at most `CLOSE_S`. Errors of a port that
+    is gone are ignored.
+    """
     done = threading.Event()
 
     def work() -> None:
@@ -71,7 +82,8 @@ def close_in_thread(*steps: Callable[[], object]) -> None:
             done.set()
 
     try:
-        _thread.start_new_thread(work, ())  # `Thread.start` never returns where the new thread gets no memory
+        # `Thread.start` never returns where the new thread gets no memory
+        _thread.start_new_thread(work, ())
     except (RuntimeError, MemoryError):
         work()
     done.wait(CLOSE_S)
@@ -98,7 +110,9 @@ def _reason(error: BaseException) -> str:
 
 
 class DescriptorPort:
-    """A port with its own non-blocking descriptor: a serial device or a socket. `let_go` closes it."""
+    """A port with its own non-blocking descriptor: a serial device or a socket. `let_go` closes
+    it.
+    """
 
     __slots__ = ("_descriptor", "_let_go", "url")
 
@@ -117,7 +131,8 @@ class DescriptorPort:
             written = 0
         except OSError as error:
             raise self._gone("cannot be written to", error) from error
-        if written != len(data):  # a frame is far smaller than any buffer, so this one has not drained for seconds
+        # a frame is far smaller than any buffer, so this one has not drained for seconds
+        if written != len(data):
             raise link_lost(self.url, f"write buffer full: {written} of {len(data)} bytes accepted")
 
     def read_now(self) -> bytes:
@@ -153,13 +168,15 @@ class DescriptorPort:
 class ObjectPort:
     """A port that only pyserial can read: rfc2217, loop, spy, and every port on Windows.
 
-    pyserial waits in slices of `SLICE_S`, so time-outs are kept within that. `hang_up` ends a connection that pyserial would close
-    slowly.
+    pyserial waits in slices of `SLICE_S`, so time-outs are kept within that. `hang_up` ends a
+    connection that pyserial would close slowly.
     """
 
     __slots__ = ("_hang_up", "_opened", "url")
 
-    def __init__(self, url: str, opened: serial.SerialBase, hang_up: Callable[[], object] | None = None) -> None:
+    def __init__(
+        self, url: str, opened: serial.SerialBase, hang_up: Callable[[], object] | None = None
+    ) -> None:
         self.url = url
         self._opened: serial.SerialBase | None = opened
         self._hang_up = hang_up
@@ -208,7 +225,8 @@ class ObjectPort:
         return self._opened
 
     def _gone(self, what: str, error: Exception) -> LinkError:
-        if self._opened is None:  # closed by another thread meanwhile, which pyserial reports as any error
+        # closed by another thread meanwhile, which pyserial reports as any error
+        if self._opened is None:
             return link_lost(self.url, "the port is closed")
         return link_lost(self.url, f"{what}; is it unplugged?", error)
 
@@ -218,13 +236,15 @@ def _waiting(opened: serial.SerialBase) -> int:
     return waiting
 
 
-# Limits that keep a flooded port from taking time from the others. An answer has at most some sixty bytes. After a read of
-# `MOST_AT_ONCE` bytes, or after `MOST_READS` reads for one request, the port is not read for `REST_S`: the system's buffers then
-# block the sender, or a serial device loses bytes. About `MOST_KEPT` unsolicited bytes are kept; more are read once the session has
-# taken them. The protocol's client decides what a flood is and what happens to the link.
+# Limits that keep a flooded port from taking time from the others. An answer has at most some sixty
+# bytes. After a read of `MOST_AT_ONCE` bytes, or after `MOST_READS` reads for one request, the port
+# is not read for `REST_S`: the system's buffers then block the sender, or a serial device loses
+# bytes. About `MOST_KEPT` unsolicited bytes are kept; more are read once the session has taken
+# them. The protocol's client decides what a flood is and what happens to the link.
 
 MOST_KEPT: Final = MOST_AT_ONCE
-MOST_READS: Final = 64  # for one request: more than an answer has bytes, should they arrive one by one
+# for one request: more than an answer has bytes, should they arrive one by one
+MOST_READS: Final = 64
 REST_S: Final = 0.05
 
 

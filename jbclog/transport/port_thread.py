@@ -15,10 +15,13 @@ PUMP_S = 0.2  # how often the thread checks whether to stop
 class Pump:
     """A thread that reads a port and hands its bytes to the loop, one piece at a time.
 
-    It reads the next piece once the loop has taken the last one and the pump is not paused by `rest`.
+    It reads the next piece once the loop has taken the last one and the pump is not paused by
+    `rest`.
     """
 
-    def __init__(self, loop: EventLoop, port: Port, take: Callable[[Pump, bytes, LinkError | None], None]) -> None:
+    def __init__(
+        self, loop: EventLoop, port: Port, take: Callable[[Pump, bytes, LinkError | None], None]
+    ) -> None:
         self._loop = loop
         self._port = port
         self._take = take

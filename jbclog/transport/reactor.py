@@ -1,7 +1,9 @@
-"""Hundreds of sessions in one thread: an event loop as a reactor, without a task or future per request.
+"""Hundreds of sessions in one thread: an event loop as a reactor, without a task or future per
+request.
 
-The loop watches descriptors and alarms; a callback that reads bytes resumes the session and carries out its next request
-before it returns (`session_runner.py`). Opening a port can block, so it happens in a thread.
+The loop watches descriptors and alarms; a callback that reads bytes resumes the session and carries
+out its next request before it returns (`session_runner.py`). Opening a port can block, so it
+happens in a thread.
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ from jbclog.transport.session_runner import Session, SessionRunner
 from jbclog.transport.start_barrier import Barrier
 
 OPENERS = 8  # ports opened at the same time
-ENDING_S = 5.0  # for sessions to make their tools safe after a failure of the program; then it is the guard's job
+# for sessions to make their tools safe after a failure of the program; then it is the guard's job
+ENDING_S = 5.0
 _log = logging.getLogger(__name__)
 
 
@@ -50,7 +53,9 @@ class Reactor:
         self._runners.add(SessionRunner(self, session, open_port, name))
 
     def every(self, seconds: float, call: Callable[[], None]) -> None:
-        """Call `call` periodically while sessions run, whatever it raises. It must return quickly."""
+        """Call `call` periodically while sessions run, whatever it raises. It must return
+        quickly.
+        """
 
         def again() -> None:
             self.loop.call_later(seconds, again)
@@ -62,16 +67,20 @@ class Reactor:
         self.loop.call_later(seconds, again)
 
     def end(self, why: str) -> None:
-        """End every session, once: each makes its tools safe before it returns. Call it from the loop's thread."""
+        """End every session, once: each makes its tools safe before it returns. Call it from the
+        loop's thread.
+        """
         self.barrier.disband()
         for runner in list(self._runners):
             runner.end(why)
 
     def run(self, at_end: Callable[[], None] = lambda: None) -> None:
-        """Run until the last session has ended. Raises the first unexpected exception, of a session or the program.
+        """Run until the last session has ended. Raises the first unexpected exception, of a session
+        or the program.
 
-        `at_end` is called when all sessions have ended normally, before waiting for ports whose opening or closing hangs. In
-        any case every port is closed on return, because another process may have to make the tools safe.
+        `at_end` is called when all sessions have ended normally, before waiting for ports whose
+        opening or closing hangs. In any case every port is closed on return, because another
+        process may have to make the tools safe.
         """
         try:
             for runner in list(self._runners):
@@ -92,8 +101,9 @@ class Reactor:
     def _turn(self) -> None:
         """Run the loop until the last session has ended.
 
-        A failure outside the sessions (no memory, say) may have lost a callback that a session waits for. Then all are ended in
-        order, and those that do not end within `ENDING_S` are abandoned.
+        A failure outside the sessions (no memory, say) may have lost a callback that a session
+        waits for. Then all are ended in order, and those that do not end within `ENDING_S` are
+        abandoned.
         """
         end = float("inf")
         while self._runners and self.now() < end:

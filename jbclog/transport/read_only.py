@@ -1,7 +1,8 @@
 """A port that lets reads through and refuses everything else (docs/reference/faults.md, S-5).
 
-The caller says what a read is, because that is a matter of the protocol: `protocol.frame.only_reads` for JBC's. Unknown bytes
-are refused, so a command that nobody thought of is refused too.
+The caller says what a read is, because that is a matter of the protocol:
+`protocol.frame.only_reads` for JBC's. Unknown bytes are refused, so a command that nobody thought
+of is refused too.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ OnlyReads = Callable[[bytes], bool]
 
 
 class ReadOnly:
-    """A `Port` around a port. `write` raises `WriteForbidden`, and sends nothing, for bytes that `only_reads` does not accept."""
+    """A `Port` around a port. `write` raises `WriteForbidden`, and sends nothing, for bytes that
+    `only_reads` does not accept.
+    """
 
     def __init__(self, port: Port, only_reads: OnlyReads) -> None:
         self._port = port
@@ -31,7 +34,9 @@ class ReadOnly:
 
     def write(self, data: bytes) -> None:
         if not self._only_reads(data):
-            raise WriteForbidden(f"{self.url} is open for reading only; {data.hex(' ')} was not sent")
+            raise WriteForbidden(
+                f"{self.url} is open for reading only; {data.hex(' ')} was not sent"
+            )
         self._port.write(data)
 
     def read_now(self) -> bytes:

@@ -1,7 +1,7 @@
 """Capture what passes through a port and what its session receives, and replay a session from that.
 
-`captured` wraps a session and notes the results of its requests; `replayed` sends it the same results without a port. The
-replayed session produces the same rows, times included.
+`captured` wraps a session and notes the results of its requests; `replayed` sends it the same
+results without a port. The replayed session produces the same rows, times included.
 """
 
 from __future__ import annotations
@@ -14,27 +14,48 @@ from typing import Literal, NamedTuple, Self, TypeVar
 
 from jbclog.core.capture_rows import CaptureRow, LinkRow, RequestName, ResultKind, ResultRow
 from jbclog.core.errors import LinkError
-from jbclog.core.io_requests import Ask, Gather, IoResult, LeftOut, Listen, NotStarted, Reopen, Request, RunEnded, Steps, Wait
+from jbclog.core.io_requests import (
+    Ask,
+    Gather,
+    IoResult,
+    LeftOut,
+    Listen,
+    NotStarted,
+    Reopen,
+    Request,
+    RunEnded,
+    Steps,
+    Wait,
+)
 from jbclog.transport.port import Port, unread
 
 KeepLinkRow = Callable[[LinkRow], object]
 
 
 class Tee:
-    """A `Port` around a port that passes every byte and every change of the link to `keep`, with its time.
+    """A `Port` around a port that passes every byte and every change of the link to `keep`, with
+    its time.
 
-    `keep` is called in the thread that moves the bytes and must be quick: a bounded deque's `append`. A request is noted
-    before it is written, so that it precedes its answer. On closing, the number of unread bytes is noted.
+    `keep` is called in the thread that moves the bytes and must be quick: a bounded deque's
+    `append`. A request is noted before it is written, so that it precedes its answer. On closing,
+    the number of unread bytes is noted.
     """
 
-    def __init__(self, port: Port, keep: KeepLinkRow, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, port: Port, keep: KeepLinkRow, now: Callable[[], float] = time.monotonic
+    ) -> None:
         self._port = port
         self._keep = keep
         self._now = now
         self._is_there = True
 
     @classmethod
-    def opened(cls, open_port: Callable[[], Port], keep: KeepLinkRow, now: Callable[[], float] = time.monotonic) -> Self:
+    def opened(
+        cls,
+        open_port: Callable[[], Port],
+        keep: KeepLinkRow,
+        now: Callable[[], float] = time.monotonic,
+    ) -> Self:
         """Open a port and note it, or the failure, which is raised unchanged."""
         try:
             port = open_port()
@@ -89,9 +110,23 @@ class Tee:
 
 T = TypeVar("T")
 
-REQUEST_NAMES: dict[type[Request], RequestName] = {Ask: "ask", Listen: "listen", Wait: "wait", Reopen: "reopen", Gather: "gather"}
-RESULT_OF_ERROR: dict[type[Exception], ResultKind] = {RunEnded: "stopped", NotStarted: "not_started", LeftOut: "left_out"}
-ERROR_OF_RESULT: dict[ResultKind, type[RunEnded]] = {"stopped": RunEnded, "not_started": NotStarted, "left_out": LeftOut}
+REQUEST_NAMES: dict[type[Request], RequestName] = {
+    Ask: "ask",
+    Listen: "listen",
+    Wait: "wait",
+    Reopen: "reopen",
+    Gather: "gather",
+}
+RESULT_OF_ERROR: dict[type[Exception], ResultKind] = {
+    RunEnded: "stopped",
+    NotStarted: "not_started",
+    LeftOut: "left_out",
+}
+ERROR_OF_RESULT: dict[ResultKind, type[RunEnded]] = {
+    "stopped": RunEnded,
+    "not_started": NotStarted,
+    "left_out": LeftOut,
+}
 ROUNDING_S = 1e-6  # tolerance between a result's time and its deadline
 
 KeepResult = Callable[[ResultRow], object]
@@ -107,11 +142,17 @@ def captured(steps: Steps[T], keep: KeepResult, now: Callable[[], float]) -> Ste
             try:
                 heard = yield request
             except (LinkError, RunEnded) as error:
-                keep(ResultRow(now(), RESULT_OF_ERROR.get(type(error), "broke"), name, text=str(error)))
+                keep(
+                    ResultRow(
+                        now(), RESULT_OF_ERROR.get(type(error), "broke"), name, text=str(error)
+                    )
+                )
                 request = steps.throw(error)
             else:
                 last = heard.now
-                keep(ResultRow(last, "told", name, len(heard.data), heard.sent, late_s=heard.late_s))
+                keep(
+                    ResultRow(last, "told", name, len(heard.data), heard.sent, late_s=heard.late_s)
+                )
                 request = steps.send(heard)
     except StopIteration as end:
         keep(ResultRow(max(last, now()), "done", "wait"))
@@ -120,7 +161,8 @@ def captured(steps: Steps[T], keep: KeepResult, now: Callable[[], float]) -> Ste
 
 
 class ReplayStep(NamedTuple):
-    """The result of one request, with the data that was sent for it, if any, and the bytes received.
+    """The result of one request, with the data that was sent for it, if any, and the bytes
+    received.
 
     `place` is the number of its first row.
     """
@@ -144,9 +186,17 @@ class ReplayStep(NamedTuple):
         result = self.result
         if result.what == "done" or REQUEST_NAMES[type(request)] != result.request:
             return False
-        if isinstance(request, Ask) and self.asked != request.data and (self.asked or result.what == "told"):
+        if (
+            isinstance(request, Ask)
+            and self.asked != request.data
+            and (self.asked or result.what == "told")
+        ):
             return False
-        return result.what != "told" or bool(self.data) or result.at_s >= self._deadline(request) - ROUNDING_S
+        return (
+            result.what != "told"
+            or bool(self.data)
+            or result.at_s >= self._deadline(request) - ROUNDING_S
+        )
 
     def _deadline(self, request: Request) -> float:
         """The moment before which a result without bytes is impossible."""
@@ -171,7 +221,9 @@ def replay_steps(rows: Iterable[CaptureRow]) -> Iterator[ReplayStep]:
 
 
 class Divergence(NamedTuple):
-    """Where a session departed from its capture: its request, and the recorded result that does not fit (None: none is left)."""
+    """Where a session departed from its capture: its request, and the recorded result that does not
+    fit (None: none is left).
+    """
 
     at_s: float
     request: Request
@@ -183,7 +235,9 @@ class Divergence(NamedTuple):
             if isinstance(self.request, Ask)
             else REQUEST_NAMES[type(self.request)]
         )
-        return f"it would {wished}; recorded is {'nothing more' if self.step is None else self.step}"
+        return (
+            f"it would {wished}; recorded is {'nothing more' if self.step is None else self.step}"
+        )
 
     @property
     def is_cut_off(self) -> bool:
@@ -196,12 +250,15 @@ OnDivergence = Callable[[Divergence], tuple[float, str]]
 
 
 def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) -> Steps[T | None]:
-    """Run `steps` on the results in `tape`. The driver sees only waits, so that its clock keeps pace.
+    """Run `steps` on the results in `tape`. The driver sees only waits, so that its clock keeps
+    pace.
 
-    Captures of releases whose sessions did not wait for each other have no results of `Gather`; there nobody waits.
+    Captures of releases whose sessions did not wait for each other have no results of `Gather`;
+    there nobody waits.
 
-    Where a request does not match the capture, `left` is called and the driver carries out the requests from there on. Where the
-    capture ends first, the session is abandoned, as its recorder abandoned it: the result is None.
+    Where a request does not match the capture, `left` is called and the driver carries out the
+    requests from there on. Where the capture ends first, the session is abandoned, as its recorder
+    abandoned it: the result is None.
     """
     try:
         request, now = next(steps), 0.0
@@ -209,7 +266,9 @@ def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) ->
             while isinstance(request, Gather) and step.result.request != "gather":
                 request = steps.send(IoResult(now, b"", 0.0))
             if not step.answers(request):
-                return (yield from _on_its_own(steps, request, *left(Divergence(now, request, step))))
+                return (
+                    yield from _on_its_own(steps, request, *left(Divergence(now, request, step)))
+                )
             now = step.result.at_s
             yield Wait(now)
             request = _tell(steps, step)
@@ -230,7 +289,9 @@ def _tell(steps: Steps[T], step: ReplayStep) -> Request:
 
 
 def _on_its_own(steps: Steps[T], request: Request, end_s: float, why: str) -> Steps[T]:
-    """Let the driver carry out the requests from `request` on, over a port that is open as far as the session knows."""
+    """Let the driver carry out the requests from `request` on, over a port that is open as far as
+    the session knows.
+    """
     if not isinstance(request, Reopen):
         with suppress(LinkError):  # the session notices at its next request
             yield Reopen()

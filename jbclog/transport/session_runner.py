@@ -1,4 +1,5 @@
-"""Runs one session on its port for the reactor: carries out requests, hands over results, recovers from a lost port.
+"""Runs one session on its port for the reactor: carries out requests, hands over results, recovers
+from a lost port.
 
 Opening and closing a port can block, so both happen in the reactor's threads.
 """
@@ -97,7 +98,8 @@ class SessionRunner:
         self._armed = NEVER  # moment of the next valid alarm
         self._ring = self.on_time  # bound once
         self._failing: Handle | None = None  # a scheduled failure
-        self._ending: RunEnded | None = None  # the run's end, deferred while the port is being opened
+        # the run's end, deferred while the port is being opened
+        self._ending: RunEnded | None = None
         self._heard = 0.0  # when bytes last arrived
         self._late_s = 0.0  # total lateness of the loop at the last result
         self._is_gathered = False  # waits for the other sessions
@@ -191,7 +193,8 @@ class SessionRunner:
         try:
             if self._port is None:
                 raise self._broken or LinkError("the port is not open")
-            self._sent = sent = self._now()  # before writing: afterwards this thread may have to wait for the GIL
+            # before writing: afterwards this thread may have to wait for the GIL
+            self._sent = sent = self._now()
             self._write(request.data)
         except LinkError as error:
             self._drop_port()
@@ -237,8 +240,8 @@ class SessionRunner:
     def _on_readable(self) -> None:
         """Read; if the session listens, resume it, and if it asks again, send that.
 
-        All of a good exchange happens here, in one function, because it is what a recorder does most; what is different goes
-        through the other methods.
+        All of a good exchange happens here, in one function, because it is what a recorder does
+        most; what is different goes through the other methods.
         """
         try:
             data = self._read()
@@ -336,7 +339,9 @@ class SessionRunner:
         closing = self._drop_port()
         self._deadline, self._listening, self._opening = NEVER, False, True
         future = self._reactor.openers.submit(self._open_after, closing)
-        future.add_done_callback(lambda done: self._loop.call_soon_threadsafe(self._on_opened, done))
+        future.add_done_callback(
+            lambda done: self._loop.call_soon_threadsafe(self._on_opened, done)
+        )
 
     def _open_after(self, closing: Future[None] | None) -> Port:
         """In a thread: a port is locked as long as it is open."""
@@ -368,7 +373,9 @@ class SessionRunner:
         self._watch()
 
     def on_pumped(self, pump: Pump, data: bytes, error: LinkError | None) -> None:
-        """What the reading thread of a port brought; too late where the port has been closed since."""
+        """What the reading thread of a port brought; too late where the port has been closed
+        since.
+        """
         if pump is not self._pump:
             return
         if error is not None:

@@ -1,4 +1,6 @@
-"""Signals during a run: handled between two instructions of the main thread, and kept until somebody can handle them."""
+"""Signals during a run: handled between two instructions of the main thread, and kept until
+somebody can handle them.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +13,19 @@ OnSignal = Callable[[signal.Signals], None]
 
 
 class Signals:
-    """Handles the signals `heard` and ignores those in `ignored` during a ``with``, in the main thread only.
+    """Handles the signals `heard` and ignores those in `ignored` during a ``with``, in the main
+    thread only.
 
-    Signals that arrive before `notify` are kept. With `stay_ignored` all of them stay ignored afterwards, while the program prints
-    its result.
+    Signals that arrive before `notify` are kept. With `stay_ignored` all of them stay ignored
+    afterwards, while the program prints its result.
     """
 
     def __init__(
-        self, heard: Collection[signal.Signals], ignored: Collection[signal.Signals] = (), *, stay_ignored: bool = False
+        self,
+        heard: Collection[signal.Signals],
+        ignored: Collection[signal.Signals] = (),
+        *,
+        stay_ignored: bool = False,
     ) -> None:
         self._stay_ignored = stay_ignored
         self._heard = heard
@@ -34,12 +41,19 @@ class Signals:
             self._before[number] = signal.signal(number, signal.SIG_IGN)
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         for number, before in self._before.items():
             signal.signal(number, signal.SIG_IGN if self._stay_ignored else before)  # type: ignore[arg-type]  # the previous handler
 
     def notify(self, notify: OnSignal) -> None:
-        """Call `notify` for each signal so far and from now on, between two instructions of the main thread."""
+        """Call `notify` for each signal so far and from now on, between two instructions of the
+        main thread.
+        """
         self._on_notify = notify
         while self._early:
             notify(self._early.pop(0))

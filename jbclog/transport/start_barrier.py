@@ -1,11 +1,14 @@
-"""Where the sessions of a run wait for each other at the start: none begins a step before all have finished the previous one.
+"""Where the sessions of a run wait for each other at the start: none begins a step before all have
+finished the previous one.
 
-One object for all sessions of a driver; `Member` has what it needs of each. It does no I/O and never resumes a session
-directly, but asks the driver to. The rules:
+One object for all sessions of a driver; `Member` has what it needs of each. It does no I/O and
+never resumes a session directly, but asks the driver to. The rules:
 
-1. A step is over when each session has finished it, failed at it, or was silent for `SILENT_S` while all others had finished.
-2. If one failed, the run does not start: `NotStarted` is thrown into the others. Up to step two this waits for the end of the
-   step, so that every failure is known; in the last step, which heats tools, it happens at once.
+1. A step is over when each session has finished it, failed at it, or was silent for `SILENT_S`
+   while all others had finished.
+2. If one failed, the run does not start: `NotStarted` is thrown into the others. Up to step two
+   this waits for the end of the step, so that every failure is known; in the last step, which heats
+   tools, it happens at once.
 3. With `allow_missing` the others start without it.
 4. Once the run is ending, or the last step is over, nobody waits.
 """
@@ -24,7 +27,9 @@ class Waiting(Protocol):
     """A driver's end of one session."""
 
     def heard_at(self) -> float:
-        """When bytes last came from its station (monotonic seconds); an earlier moment if none ever did."""
+        """When bytes last came from its station (monotonic seconds); an earlier moment if none ever
+        did.
+        """
 
     def resume(self) -> None:
         """Answer the session's `Gather`."""
@@ -47,10 +52,16 @@ class Member:
 
 
 class Barrier:
-    """`now` returns the time, `at` schedules a call in the driver's loop; both in monotonic seconds."""
+    """`now` returns the time, `at` schedules a call in the driver's loop; both in monotonic
+    seconds.
+    """
 
     def __init__(
-        self, now: Callable[[], float], at: Callable[[float, Callable[[], None]], object], *, allow_missing: bool = False
+        self,
+        now: Callable[[], float],
+        at: Callable[[float, Callable[[], None]], object],
+        *,
+        allow_missing: bool = False,
     ) -> None:
         self._now = now
         self._at = at
@@ -67,7 +78,9 @@ class Barrier:
         return member
 
     def gather(self, member: Member, request: Gather) -> None:
-        """Note that `member` has finished a step or failed at it; one that failed does not wait for the others."""
+        """Note that `member` has finished a step or failed at it; one that failed does not wait for
+        the others.
+        """
         if self._is_over or request.failure:
             self._soon(member.waiting.resume)
         if self._is_over:
@@ -145,7 +158,10 @@ class Barrier:
             return
         for one in self._coming:
             one.is_out = True
-            one.failure = f"silent for {SILENT_S:g} s in step {self._step} of the start, while the others waited"
+            one.failure = (
+                f"silent for {SILENT_S:g} s in step {self._step} of the start, while the others"
+                " waited"
+            )
             self._throw_soon(one, LeftOut(one.failure))
         self._look()
 

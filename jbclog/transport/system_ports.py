@@ -19,7 +19,9 @@ TIMERS: Final = Path("/sys/bus/usb-serial/devices")
 
 @dataclass(frozen=True, slots=True)
 class UsbPort:
-    """A USB adapter. `name` is a persistent name that survives replugging, if the system has one; else the device."""
+    """A USB adapter. `name` is a persistent name that survives replugging, if the system has one;
+    else the device.
+    """
 
     device: str
     name: str
@@ -28,12 +30,20 @@ class UsbPort:
 
 def usb_ports(by_id: Path = BY_ID) -> list[UsbPort]:
     """List the USB serial ports, ordered by device; other ports are left out."""
-    found = sorted((port for port in list_ports.comports() if port.vid is not None), key=lambda port: port.device)
-    return [UsbPort(port.device, lasting_name(port.device, by_id), port.description or "") for port in found]
+    found = sorted(
+        (port for port in list_ports.comports() if port.vid is not None),
+        key=lambda port: port.device,
+    )
+    return [
+        UsbPort(port.device, lasting_name(port.device, by_id), port.description or "")
+        for port in found
+    ]
 
 
 def lasting_name(device: str, by_id: Path = BY_ID) -> str:
-    """Return the persistent name of `device`, by the adapter's serial number; `device` where there is none."""
+    """Return the persistent name of `device`, by the adapter's serial number; `device` where there
+    is none.
+    """
     return next((str(link) for link in _links(by_id) if _same(link, Path(device))), device)
 
 
@@ -62,7 +72,9 @@ MAJORS_OF_PSEUDO_TERMINALS: Final = range(136, 144)
 
 
 def holder_of(device: str) -> int | None:
-    """Return the id of the process that has locked `device`, or else opened it; None if not known."""
+    """Return the id of the process that has locked `device`, or else opened it; None if not
+    known.
+    """
     try:
         wanted = Path(device).stat()
     except (OSError, ValueError):
@@ -71,7 +83,9 @@ def holder_of(device: str) -> int | None:
 
 
 def locker_of(device: str) -> int | None:
-    """Return the id of the process that has locked `device`; None if there is none or it is not known."""
+    """Return the id of the process that has locked `device`; None if there is none or it is not
+    known.
+    """
     try:
         return _locker(Path(device).stat())
     except (OSError, ValueError):
@@ -79,7 +93,8 @@ def locker_of(device: str) -> int | None:
 
 
 def sharers_of(device: str) -> list[int]:
-    """Return the other processes that have `device` open (the same user's, or all for root): they take bytes meant for us.
+    """Return the other processes that have `device` open (the same user's, or all for root): they
+    take bytes meant for us.
 
     The program behind a pseudo-terminal is excluded, even where it holds both ends.
     """
@@ -88,7 +103,9 @@ def sharers_of(device: str) -> list[int]:
     except (OSError, ValueError):
         return []
     number = _number_of_terminal(device)
-    return [process for process in _openers(wanted) if number is None or not _is_behind(process, number)]
+    return [
+        process for process in _openers(wanted) if number is None or not _is_behind(process, number)
+    ]
 
 
 def openers_of(devices: Iterable[str]) -> set[tuple[str, int]]:
@@ -99,7 +116,12 @@ def openers_of(devices: Iterable[str]) -> set[tuple[str, int]]:
             found = Path(device).stat()
             wanted[found.st_rdev, found.st_ino] = device
     processes = [process for process in _processes() if process != os.getpid()] if wanted else []
-    return {(wanted[number], process) for process in processes for number in _open_in(process) if number in wanted}
+    return {
+        (wanted[number], process)
+        for process in processes
+        for number in _open_in(process)
+        if number in wanted
+    }
 
 
 def is_behind(device: str, process: int) -> bool:
@@ -134,7 +156,9 @@ def process_text(process: int | None) -> str:
 
 
 def _locker(wanted: os.stat_result) -> int | None:
-    """Find the process with a lock; a line of /proc/locks ends in ``PID MAJOR:MINOR:INODE FIRST LAST``."""
+    """Find the process with a lock; a line of /proc/locks ends in ``PID MAJOR:MINOR:INODE FIRST
+    LAST``.
+    """
     place = f"{os.major(wanted.st_dev):02x}:{os.minor(wanted.st_dev):02x}:{wanted.st_ino}"
     with contextlib.suppress(OSError, ValueError):
         for line in Path("/proc/locks").read_text().splitlines():
@@ -146,7 +170,9 @@ def _locker(wanted: os.stat_result) -> int | None:
 
 def _openers(wanted: os.stat_result) -> Iterator[int]:
     """Return other processes that have it open: the same user's, all for root."""
-    return (process for process in _processes() if process != os.getpid() and _has_open(process, wanted))
+    return (
+        process for process in _processes() if process != os.getpid() and _has_open(process, wanted)
+    )
 
 
 def _number_of_terminal(device: str) -> int | None:
@@ -181,18 +207,24 @@ def _has_open(process: int, wanted: os.stat_result) -> bool:
 
 
 def _is_same(opened: os.stat_result, wanted: os.stat_result) -> bool:
-    """Whether both are one file or two nodes of one device; pseudo-terminals have their own numbers on each mount."""
+    """Whether both are one file or two nodes of one device; pseudo-terminals have their own numbers
+    on each mount.
+    """
     if os.path.samestat(opened, wanted):
         return True
     are_devices = stat.S_ISCHR(opened.st_mode) and stat.S_ISCHR(wanted.st_mode)
-    return are_devices and opened.st_rdev == wanted.st_rdev and os.major(wanted.st_rdev) not in MAJORS_OF_PSEUDO_TERMINALS
+    return (
+        are_devices
+        and opened.st_rdev == wanted.st_rdev
+        and os.major(wanted.st_rdev) not in MAJORS_OF_PSEUDO_TERMINALS
+    )
 
 
 class SharedPortWatch:
     """Finds processes that share the devices `urls`; reports each once.
 
-    They take bytes meant for the run, and advisory locks do not keep them out. A search takes tens of milliseconds, so it runs
-    in a thread.
+    They take bytes meant for the run, and advisory locks do not keep them out. A search takes tens
+    of milliseconds, so it runs in a thread.
     """
 
     def __init__(self, urls: Iterable[str]) -> None:

@@ -1,8 +1,8 @@
 """Lines that arrive during a run, from a barcode scanner or a program. Nothing here ever waits.
 
-A line ends with CR, LF or both, depending on the scanner's configuration. Invalid or invisible characters are kept as escapes
-(``\\x1d`` for the group separator of a GS1 code), so that different serials never look the same. A line that is too long is
-marked, because it may be two merged ones.
+A line ends with CR, LF or both, depending on the scanner's configuration. Invalid or invisible
+characters are kept as escapes (``\\x1d`` for the group separator of a GS1 code), so that different
+serials never look the same. A line that is too long is marked, because it may be two merged ones.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ OWN_STDIN: Final = Path("/proc/self/fd/0")
 LONGEST: Final = 200  # characters, as for every text given by people
 KEPT: Final = 4096  # bytes of an unfinished line
 A_LOOK: Final = 256  # bytes of a read: nobody types faster, and a faster program has to wait
-HIDDEN: Final = ("Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp")  # Unicode categories of invisible characters
+# Unicode categories of invisible characters
+HIDDEN: Final = ("Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp")
 BOM: Final = "\ufeff"
 FLAGS: Final = os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 
@@ -80,7 +81,9 @@ class SourceLost(Exception):
 
 
 class LineSource:
-    """A source of lines, read without waiting. `name` is for people; `is_typed`: a terminal, which echoes."""
+    """A source of lines, read without waiting. `name` is for people; `is_typed`: a terminal, which
+    echoes.
+    """
 
     def __init__(self, descriptor: int, name: str, *, ends: bool = True) -> None:
         """`ends`: its end is intended, as that of a pipe or of typed input."""

@@ -1,6 +1,8 @@
-"""Runs sessions on a virtual clock: an hour of faults in seconds, reproducibly. For tests and `replay --record`.
+"""Runs sessions on a virtual clock: an hour of faults in seconds, reproducibly. For tests and
+`replay --record`.
 
-Each session talks to a `Peer`, which returns its answers and when they arrive. The clock jumps to the next event.
+Each session talks to a `Peer`, which returns its answers and when they arrive. The clock jumps to
+the next event.
 """
 
 from __future__ import annotations
@@ -23,14 +25,18 @@ class Peer(Protocol):
     """The other end of a link."""
 
     def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
-        """Return the answer to `data` written at `now`: bytes, each with the moment at which they arrive."""
+        """Return the answer to `data` written at `now`: bytes, each with the moment at which they
+        arrive.
+        """
 
     def is_unplugged(self, now: float) -> bool:
         """Whether the link is interrupted."""
 
 
 class VirtualDriver:
-    """Runs sessions on `clock` and advances it. `allow_missing`: sessions that are ready start without the others."""
+    """Runs sessions on `clock` and advances it. `allow_missing`: sessions that are ready start
+    without the others.
+    """
 
     def __init__(self, clock: VirtualClock, *, allow_missing: bool = False) -> None:
         self.clock = clock
@@ -84,7 +90,9 @@ def _kept(pieces: Sequence[bytes]) -> Sequence[bytes]:
 class _VirtualLink:
     """One session, its peer, and the bytes on their way to it."""
 
-    def __init__(self, driver: VirtualDriver, session: Steps[object], peer: Peer, name: str) -> None:
+    def __init__(
+        self, driver: VirtualDriver, session: Steps[object], peer: Peer, name: str
+    ) -> None:
         self.name = name
         self._driver = driver
         self._session = session
@@ -149,7 +157,9 @@ class _VirtualLink:
         if isinstance(request, Ask):
             self._check_link(now)
             self._sent = now
-            self._coming = sorted([*self._coming, *self._peer.receive(request.data, now)], key=_moment)
+            self._coming = sorted(
+                [*self._coming, *self._peer.receive(request.data, now)], key=_moment
+            )
             self._await(now + request.patience_s, listening=True)
         elif isinstance(request, Listen):
             self._check_link(now)

@@ -1,6 +1,8 @@
-"""What a bare program with pyserial does on the same stations: no decoding, no check, no row, no file.
+"""What a bare program with pyserial does on the same stations: no decoding, no check, no row, no
+file.
 
-It is the yardstick: what it costs is what asking costs, and what it reaches is what wire and virtual stations allow.
+It is the yardstick: what it costs is what asking costs, and what it reaches is what wire and
+virtual stations allow.
 """
 
 from __future__ import annotations
@@ -80,7 +82,10 @@ def threads(urls: list[str], seconds: float) -> Measured:
     t0 = time.monotonic() + START_S
     asked = [Asked() for _ in ports]
     end = t0 + seconds
-    workers = [threading.Thread(target=_on_grid, args=(port, t0, end, one)) for port, one in zip(ports, asked, strict=True)]
+    workers = [
+        threading.Thread(target=_on_grid, args=(port, t0, end, one))
+        for port, one in zip(ports, asked, strict=True)
+    ]
     for worker in workers:
         worker.start()
     time.sleep(t0 - time.monotonic())

@@ -1,8 +1,9 @@
-"""100 virtual stations, eight wires at a time: how long does an audit take, and what of that is the wire's own time?
+"""100 virtual stations, eight wires at a time: how long does an audit take, and what of that is the
+wire's own time?
 
-The wires are paced at 19200 8N1, each station answers after a millisecond and has two ports. Two yardsticks: the time that the
-very bytes that passed need on eight such wires side by side, and a bare pyserial program that asks the same stations as often,
-eight at a time, and looks at no answer.
+The wires are paced at 19200 8N1, each station answers after a millisecond and has two ports. Two
+yardsticks: the time that the very bytes that passed need on eight such wires side by side, and a
+bare pyserial program that asks the same stations as often, eight at a time, and looks at no answer.
 """
 
 from __future__ import annotations
@@ -16,7 +17,18 @@ from functools import partial
 from pathlib import Path
 
 import bare
-from common import LINE, Bench, Claim, at_least, at_most, in_own_process, is_short, judge, show, virtual_stations
+from common import (
+    LINE,
+    Bench,
+    Claim,
+    at_least,
+    at_most,
+    in_own_process,
+    is_short,
+    judge,
+    show,
+    virtual_stations,
+)
 
 from jbclog.app.audit.survey import AT_ONCE
 
@@ -37,12 +49,16 @@ def main() -> int:
         ["bare pyserial threads", count, len(sizes) // count * count, "-", plain],
         ["the wires alone", count, exchanges, characters, least_s],
     ]
-    show(f"{count} stations, {AT_ONCE} at a time", ("", "stations", "exchanges", "bytes", "s"), rows)
+    show(
+        f"{count} stations, {AT_ONCE} at a time", ("", "stations", "exchanges", "bytes", "s"), rows
+    )
     seen = sum(bool(one["seen"]) for one in told["stations"])  # type: ignore[attr-defined]  # a list of objects
     return judge(
         [
             Claim(
-                "every station was read, and the audit is fine", seen == count and code == 0, f"{seen} of {count}, exit code {code}"
+                "every station was read, and the audit is fine",
+                seen == count and code == 0,
+                f"{seen} of {count}, exit code {code}",
             ),
             at_most(f"{count} stations", took, LIMIT_S * count / 100, " s"),
             at_most("time, of a bare pyserial program's for as many exchanges", took / plain, 1.5),
@@ -53,7 +69,14 @@ def main() -> int:
 
 def audited(stations: Bench) -> tuple[float, int, dict[str, object]]:
     """How long it took from the call to its end, the exit code, and what it told."""
-    words = ["audit", "--line", str(stations.line), "--ledger", str(stations.folder / "counters.jsonl"), "--json"]
+    words = [
+        "audit",
+        "--line",
+        str(stations.line),
+        "--ledger",
+        str(stations.folder / "counters.jsonl"),
+        "--json",
+    ]
     command = [sys.executable, "-c", "from jbclog.cli import main; main()", *words]
     begun = time.monotonic()
     done = subprocess.run(command, capture_output=True, text=True, check=False)

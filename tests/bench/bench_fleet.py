@@ -1,10 +1,13 @@
-"""Workers of a Dask scheduler against bare processes on the same files: ``python tests/bench/bench_fleet.py [--rows N]``.
+"""Workers of a Dask scheduler against bare processes on the same files: ``python
+tests/bench/bench_fleet.py [--rows N]``.
 
-A store of N rows of samples (100 million without the option): the file of samples of one sealed run is copied until there are
-so many, and all copies count. Each worker and each bare process has one thread, of Arrow, too, and a processor of its own. A bare
-process computes every second part of the same list and sends its partial result through a pipe; nothing else is between them. Both
-are measured in the same run, one after the other, three times in turn; medians count. Limits: the speed-up of two workers is at
-least 0.9 of that of two bare processes, and the answers are the same to the last digit.
+A store of N rows of samples (100 million without the option): the file of samples of one sealed run
+is copied until there are so many, and all copies count. Each worker and each bare process has one
+thread, of Arrow, too, and a processor of its own. A bare process computes every second part of the
+same list and sends its partial result through a pipe; nothing else is between them. Both are
+measured in the same run, one after the other, three times in turn; medians count. Limits: the
+speed-up of two workers is at least 0.9 of that of two bare processes, and the answers are the same
+to the last digit.
 """
 
 from __future__ import annotations
@@ -41,7 +44,9 @@ BY = ("station", "port")
 
 
 def tasks_of(place: Place, rows: int) -> list[Task]:
-    """The parts of the run's file, repeated until there are so many rows; each has a file of its own."""
+    """The parts of the run's file, repeated until there are so many rows; each has a file of its
+    own.
+    """
     store = Store(place)
     (run,) = store.runs()
     (path,) = [fragment.path for fragment in store.dataset("samples").get_fragments()]
@@ -50,7 +55,9 @@ def tasks_of(place: Place, rows: int) -> list[Task]:
     for number in range(max(1, rows // run.rows["samples"])):
         copy = whole.with_name(f"copy-{number}.parquet")
         copy.write_bytes(whole.read_bytes())
-        part = FilePart(place, "samples", str(Path(path).with_name(copy.name)), 0, 1, frozenset([run.record]))
+        part = FilePart(
+            place, "samples", str(Path(path).with_name(copy.name)), 0, 1, frozenset([run.record])
+        )
         tasks.append(Task(part, "temperature_c", BY, {run.record: replace(run.found, units=())}))
     return tasks
 
@@ -77,7 +84,9 @@ class Bare:
     """Processes that each compute a share of the tasks."""
 
     def __init__(self, processors: Sequence[int]) -> None:
-        self._pools = [ProcessPoolExecutor(1, get_context("spawn"), pinned, (one,)) for one in processors]
+        self._pools = [
+            ProcessPoolExecutor(1, get_context("spawn"), pinned, (one,)) for one in processors
+        ]
         self([])
 
     def __call__(self, tasks: Sequence[Task]) -> Part:
@@ -124,7 +133,10 @@ def compare(home: Path, tasks: Sequence[Task], processors: Sequence[int]) -> int
                 os.sched_setaffinity(worker.pid, {processor})  # before it has threads
             bare, engine = Bare(processors[:count]), Scheduler(one.address)
             list(engine.run(partial, tasks[:count]))
-            calls: dict[str, Callable[[Sequence[Task]], Part]] = {"bare": bare, "workers": by(engine)}
+            calls: dict[str, Callable[[Sequence[Task]], Part]] = {
+                "bare": bare,
+                "workers": by(engine),
+            }
             for name, call in [*calls.items()] * TRIALS:
                 began = time.perf_counter()
                 answers.append(call(tasks))
@@ -137,17 +149,27 @@ def compare(home: Path, tasks: Sequence[Task], processors: Sequence[int]) -> int
 def compared(seconds: dict[str, list[float]], answers: Sequence[Part], memory: float) -> int:
     read = answers[0].counts.total()
     middle = {name: st.median(each) for name, each in seconds.items()}
-    show(f"{read} rows", ["", "s", "rows/s"], [[name, took, read / took] for name, took in middle.items()])
+    show(
+        f"{read} rows",
+        ["", "s", "rows/s"],
+        [[name, took, read / took] for name, took in middle.items()],
+    )
     bare, workers = (middle[f"1 {name}"] / middle[f"2 {name}"] for name in ("bare", "workers"))
     show(
         "two against one",
         ["", "value"],
-        [["speed-up, bare", bare], ["speed-up, workers", workers], ["peak of a worker, MB", memory]],
+        [
+            ["speed-up, bare", bare],
+            ["speed-up, workers", workers],
+            ["peak of a worker, MB", memory],
+        ],
     )
     same = all(finish(one, BY).equals(finish(answers[0], BY)) for one in answers)
     return judge(
         [
-            at_least("speed-up of two workers, share of that of two bare processes", workers / bare, 0.9),
+            at_least(
+                "speed-up of two workers, share of that of two bare processes", workers / bare, 0.9
+            ),
             at_least("the answers are the same (1: yes)", float(same), 1.0),
         ]
     )

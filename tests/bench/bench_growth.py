@@ -1,12 +1,16 @@
-"""How cost grows: ``python tests/bench/bench_growth.py [PART...] [--out FOLDER] [--page] [--tiny | --short]``.
+"""How cost grows: ``python tests/bench/bench_growth.py [PART...] [--out FOLDER] [--page] [--tiny |
+--short]``.
 
-Each part varies one thing (stations, rate, length of a run, runs in a folder) and measures CPU, time, memory, bytes and
-lateness at each size. A point is a line in FOLDER/growth.jsonl as soon as it is measured; a program that is run again measures
-what is missing, so that it can be stopped at any time. ``--again`` measures the parts named anew, ``--most N`` leaves out sizes
-beyond N. ``--page`` writes the reference page "How cost grows" and its pictures from all points. ``--tiny`` tries it with the
-smallest sizes, in a file of their own, ``--short`` the same in a folder that is removed.
+Each part varies one thing (stations, rate, length of a run, runs in a folder) and measures CPU,
+time, memory, bytes and lateness at each size. A point is a line in FOLDER/growth.jsonl as soon as
+it is measured; a program that is run again measures what is missing, so that it can be stopped at
+any time. ``--again`` measures the parts named anew, ``--most N`` leaves out sizes beyond N.
+``--page`` writes the reference page "How cost grows" and its pictures from all points. ``--tiny``
+tries it with the smallest sizes, in a file of their own, ``--short`` the same in a folder that is
+removed.
 
-Run it on an idle machine. Stations and rates take 16 recordings of a minute (``--seconds``); the week is the longest of the rest.
+Run it on an idle machine. Stations and rates take 16 recordings of a minute (``--seconds``); the
+week is the longest of the rest.
 """
 
 from __future__ import annotations
@@ -45,7 +49,8 @@ PROGRAM: Final = f"""
 import atexit, sys
 from jbclog.cli import main
 status = open("/proc/self/status")
-atexit.register(lambda: sys.stderr.write("".join(line for line in status if line.startswith("{PEAK}"))))
+peak = lambda: "".join(line for line in status if line.startswith("{PEAK}"))
+atexit.register(lambda: sys.stderr.write(peak()))
 main()
 """
 
@@ -63,11 +68,15 @@ class Part:
 def of_stations(count: int, seconds: float) -> Figures:
     """One port of each station, three fast reads at 10 Hz, on wires paced at 19200 8N1."""
     with virtual_stations(count) as stations:
-        return in_own_process(recorded, stations.line, stations.recipe(), stations.folder / "runs", seconds)
+        return in_own_process(
+            recorded, stations.line, stations.recipe(), stations.folder / "runs", seconds
+        )
 
 
 def of_rates(hertz: int, seconds: float) -> Figures:
-    """Ten stations on links that take no time: a wire of 19200 bit/s carries 23 such rows a second."""
+    """Ten stations on links that take no time: a wire of 19200 bit/s carries 23 such rows a
+    second.
+    """
     with virtual_stations(10, wire=False) as stations:
         recipe = stations.folder / "rate.toml"
         recipe.write_text(RECIPE.format(hz=hertz, alarms_every_s=2.0))
@@ -97,8 +106,26 @@ def of_lengths(seconds_long: int, _: float) -> Figures:
         for name, words in {
             "check": ["check", str(run)],
             "report": ["report", str(run)],
-            "export csv": ["export", str(run), "--to", "csv", "--out", str(out), "--unchecked", "--force"],
-            "export mf4": ["export", str(run), "--to", "mf4", "--out", f"{out}.mf4", "--unchecked", "--force"],
+            "export csv": [
+                "export",
+                str(run),
+                "--to",
+                "csv",
+                "--out",
+                str(out),
+                "--unchecked",
+                "--force",
+            ],
+            "export mf4": [
+                "export",
+                str(run),
+                "--to",
+                "mf4",
+                "--out",
+                f"{out}.mf4",
+                "--unchecked",
+                "--force",
+            ],
         }.items():
             cost = spent(words)
             found |= {f"{name}, s of CPU": cost["CPU"], f"{name}, MB": cost["MB"]}
@@ -115,12 +142,18 @@ def sealed(out: Path, rows: int) -> str:
 def shifted(hour: pa.Table, number: int) -> pa.Table:
     """The rows of an hour, so many hours later."""
     ticks = pc.add(hour["tick"], number * HOUR_ROWS)
-    moments = pc.add(hour["time"].cast(pa.int64()), number * HOUR_ROWS * 100_000).cast(hour.schema.field("time").type)
-    return hour.set_column(1, hour.schema.field("tick"), ticks).set_column(0, hour.schema.field("time"), moments)
+    moments = pc.add(hour["time"].cast(pa.int64()), number * HOUR_ROWS * 100_000).cast(
+        hour.schema.field("time").type
+    )
+    return hour.set_column(1, hour.schema.field("tick"), ticks).set_column(
+        0, hour.schema.field("time"), moments
+    )
 
 
 def of_folders(count: int, _: float) -> Figures:
-    """Copies of a run of two stations with its report; `again`: nothing has changed since the call before."""
+    """Copies of a run of two stations with its report; `again`: nothing has changed since the call
+    before.
+    """
     with TemporaryDirectory(prefix="jbclog-growth-") as made:
         folder = Path(made) / "runs"
         in_own_process(copied, Path(made) / "first", folder, count)
@@ -134,7 +167,11 @@ def of_folders(count: int, _: float) -> Figures:
             "trend again": ["trend", str(folder), "--metric", "recovery_s"],
         }.items():
             cost = spent(words, cache)
-            found |= {f"{name}, s": cost["s"], f"{name}, s of CPU": cost["CPU"], f"{name}, MB": cost["MB"]}
+            found |= {
+                f"{name}, s": cost["s"],
+                f"{name}, s of CPU": cost["CPU"],
+                f"{name}, MB": cost["MB"],
+            }
         return found
 
 
@@ -146,25 +183,40 @@ def copied(first: Path, folder: Path, count: int) -> None:
 
 
 PARTS: Final[Mapping[str, Part]] = {
-    "stations": Part(of_stations.__doc__ or "", (1, 2, 5, 10, 25, 50, 100, 175, 250), (1, 2), of_stations),
+    "stations": Part(
+        of_stations.__doc__ or "", (1, 2, 5, 10, 25, 50, 100, 175, 250), (1, 2), of_stations
+    ),
     "rates": Part(of_rates.__doc__ or "", (1, 2, 5, 10, 20, 35, 50), (5, 10), of_rates),
-    "lengths": Part(of_lengths.__doc__ or "", (60, 600, 3_600, 28_800, 86_400, 604_800), (60, 120), of_lengths),
+    "lengths": Part(
+        of_lengths.__doc__ or "", (60, 600, 3_600, 28_800, 86_400, 604_800), (60, 120), of_lengths
+    ),
     "folders": Part(of_folders.__doc__ or "", (10, 100, 1_000, 3_000, 10_000), (2, 4), of_folders),
 }
 """What is varied. Another part is another row."""
 
 
 def spent(words: Sequence[str], environment: Mapping[str, str] | None = None) -> Figures:
-    """Run the command in a process of its own; return s on the wall, s of CPU, and the most MB of memory.
+    """Run the command in a process of its own; return s on the wall, s of CPU, and the most MB of
+    memory.
 
-    The process reports its memory itself: what the system counts of a child begins with its parent's.
+    The process reports its memory itself: what the system counts of a child begins with its
+    parent's.
     """
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     command, around = [sys.executable, "-c", PROGRAM, *words], os.environ | (environment or {})
-    ended = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=around, check=False)
+    ended = subprocess.run(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=around,
+        check=False,
+    )
     took, used = time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
     if ended.returncode not in (0, 1):  # 1: a finding
-        raise RuntimeError(f"{' '.join(words)} ended with {ended.returncode}: {ended.stderr[-500:]}")
+        raise RuntimeError(
+            f"{' '.join(words)} ended with {ended.returncode}: {ended.stderr[-500:]}"
+        )
     cpu = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
     return {"s": took, "CPU": cpu, "MB": int(ended.stderr.rpartition(PEAK)[2].split()[0]) / 1024}
 
@@ -189,11 +241,15 @@ def measured(path: Path) -> list[Point]:
 def keep(path: Path, points: Sequence[Point]) -> None:
     """Write all points, complete or as before."""
     aside = path.with_suffix(".tmp")
-    aside.write_text("".join(json.dumps(point._asdict(), ensure_ascii=False) + "\n" for point in points))
+    aside.write_text(
+        "".join(json.dumps(point._asdict(), ensure_ascii=False) + "\n" for point in points)
+    )
     aside.replace(path)
 
 
-def measure(names: Sequence[str], path: Path, *, tiny: bool, again: bool, most: float, seconds: float) -> list[Point]:
+def measure(
+    names: Sequence[str], path: Path, *, tiny: bool, again: bool, most: float, seconds: float
+) -> list[Point]:
     """Measure what is missing of these parts; keep each point as soon as it is known."""
     points = [point for point in measured(path) if not (again and point.part in names)]
     machine = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
@@ -203,9 +259,15 @@ def measure(names: Sequence[str], path: Path, *, tiny: bool, again: bool, most: 
             if size > most or any((point.part, point.size) == (name, size) for point in points):
                 continue
             figures = part.measure(size, seconds)
-            points.append(Point(name, size, figures, machine, time.strftime("%Y-%m-%d", time.gmtime())))
+            points.append(
+                Point(name, size, figures, machine, time.strftime("%Y-%m-%d", time.gmtime()))
+            )
             keep(path, points)
-            print(f"{name} {size}: " + "; ".join(f"{figure} {value:.4g}" for figure, value in figures.items()), flush=True)
+            print(
+                f"{name} {size}: "
+                + "; ".join(f"{figure} {value:.4g}" for figure, value in figures.items()),
+                flush=True,
+            )
     return points
 
 
@@ -227,7 +289,9 @@ def _run(options: argparse.Namespace, out: Path) -> int:
     path = out / ("growth-tiny.jsonl" if options.tiny else "growth.jsonl")
     seconds = 4.0 if options.tiny else options.seconds
     names = options.part or [*PARTS]
-    points = measure(names, path, tiny=options.tiny, again=options.again, most=options.most, seconds=seconds)
+    points = measure(
+        names, path, tiny=options.tiny, again=options.again, most=options.most, seconds=seconds
+    )
     if options.page:
         docs = out if options.tiny else Path(__file__).parents[2] / "docs"
         for written in write_page(points, {name: part.about for name, part in PARTS.items()}, docs):
@@ -236,7 +300,9 @@ def _run(options: argparse.Namespace, out: Path) -> int:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("part", nargs="*", choices=[*PARTS, []], help="only these parts")
     parser.add_argument("--out", default="build/growth", help="folder of the points")
     parser.add_argument("--seconds", type=float, default=60.0, help="of each recording")

@@ -1,10 +1,12 @@
 """What folders of thousands of runs cost: ``python tests/bench/bench_index.py [--short]``.
 
-10 000 copies of a sealed run (``--short``: 1000) with the metrics that its recorder left; `jbclog runs`, `where-used`, `trend` as
-they are typed, each in a fresh process: without an index, at the first time with one, when nothing has changed, and after 100 new
-runs (``--short``: 10). Start of the program included. Each is one thread, so that on an idle machine wall time is CPU.
+10 000 copies of a sealed run (``--short``: 1000) with the metrics that its recorder left;
+`jbclog runs`, `where-used`, `trend` as they are typed, each in a fresh process: without an index,
+at the first time with one, when nothing has changed, and after 100 new runs (``--short``: 10).
+Start of the program included. Each is one thread, so that on an idle machine wall time is CPU.
 
-The claims are ratios within the same run, and the seconds that a maintainer promises of 10 000 runs.
+The claims are ratios within the same run, and the seconds that a maintainer promises of 10 000
+runs.
 """
 
 from __future__ import annotations
@@ -43,7 +45,9 @@ def made_run(out: Path) -> Path:
 
 
 def add(run: Path, out: Path, begin: int, count: int) -> None:
-    """Copies under the names that a recorder gives: the manifest is one of its own, all else are links."""
+    """Copies under the names that a recorder gives: the manifest is one of its own, all else are
+    links.
+    """
     for number in range(begin, begin + count):
         name = f"20261101T{number // 3600:02d}{number // 60 % 60:02d}{number % 60:02d}Z-bench-aaaa"
         shutil.copytree(run, out / name, copy_function=_linked)
@@ -61,19 +65,24 @@ def took(verb: str, out: Path, cache: Path, *more: str) -> tuple[float, float]:
     command = [sys.executable, "-m", "jbclog", verb, str(out), *WORDS[verb], *more]
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     environment = os.environ | {"XDG_CACHE_HOME": str(cache)}
-    subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment, check=True)
+    subprocess.run(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment, check=True
+    )
     wall, after = time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_CHILDREN)
     return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
 def measured(verb: str, run: Path, out: Path, cache: Path, new: int) -> list[tuple[float, float]]:
-    """Without an index, the first time with one, twice without a change (the better one), and with new runs."""
+    """Without an index, the first time with one, twice without a change (the better one), and with
+    new runs.
+    """
     cache.mkdir()
     closed = cache / "closed"
     closed.write_bytes(b"")  # no folder can be made below a file
     found = [took(verb, out, closed, *DIRECT[verb]), took(verb, out, cache)]
     found.append(min(took(verb, out, cache) for _ in range(2)))
-    other = shutil.copytree(run, cache / "run")  # a further link would change the times of the files that all others are
+    # a further link would change the times of the files that all others are
+    other = shutil.copytree(run, cache / "run")
     add(Path(other), out, len(list(out.iterdir())), new)
     time.sleep(SETTLE_S)
     return [*found, took(verb, out, cache)]
@@ -87,11 +96,30 @@ def main() -> int:
         out.mkdir()
         add(run, out, 0, count)
         time.sleep(SETTLE_S)
-        results = {verb: measured(verb, run, out, home / f"cache of {verb}", count // 100) for verb in WORDS}
-        sizes = {verb: sum(path.stat().st_size for path in (home / f"cache of {verb}").rglob("*.sqlite")) / 1e6 for verb in WORDS}
-    columns = ["", "without", "first", "unchanged", f"{count // 100} new", "without / unchanged", "unchanged, wall", "index, MB"]
+        results = {
+            verb: measured(verb, run, out, home / f"cache of {verb}", count // 100)
+            for verb in WORDS
+        }
+        sizes = {
+            verb: (
+                sum(path.stat().st_size for path in (home / f"cache of {verb}").rglob("*.sqlite"))
+                / 1e6
+            )
+            for verb in WORDS
+        }
+    columns = [
+        "",
+        "without",
+        "first",
+        "unchanged",
+        f"{count // 100} new",
+        "without / unchanged",
+        "unchanged, wall",
+        "index, MB",
+    ]
     rows = [
-        [verb, *(cpu for _, cpu in those), those[0][1] / those[2][1], those[2][0], sizes[verb]] for verb, those in results.items()
+        [verb, *(cpu for _, cpu in those), those[0][1] / those[2][1], those[2][0], sizes[verb]]
+        for verb, those in results.items()
     ]
     show(f"{count} runs, seconds of CPU", columns, rows)
     return judge([claim for verb, those in results.items() for claim in claims(verb, those, count)])
@@ -101,8 +129,14 @@ def claims(verb: str, found: list[tuple[float, float]], count: int) -> list[Clai
     (_, without), _, (_, unchanged), (_, new) = found
     return [
         at_most(f"{verb} of {count} runs without a change: CPU", unchanged, MOST_S[verb], " s"),
-        at_most(f"{verb}: CPU with an index, of that without", unchanged / without, MOST_SHARE if count == RUNS else 0.95),
-        at_most(f"{verb}: CPU after 1 % of new runs, of that without a change", new / unchanged, 1.3),
+        at_most(
+            f"{verb}: CPU with an index, of that without",
+            unchanged / without,
+            MOST_SHARE if count == RUNS else 0.95,
+        ),
+        at_most(
+            f"{verb}: CPU after 1 % of new runs, of that without a change", new / unchanged, 1.3
+        ),
     ]
 
 

@@ -1,7 +1,8 @@
-"""Instructions an exchange, counted by valgrind: of a session without a driver, and of the reactor without a session.
+"""Instructions an exchange, counted by valgrind: of a session without a driver, and of the reactor
+without a session.
 
-They are compared with a small program of the same kind in the same run, so that another build of Python changes the ratio little.
-A rise by 5 % fails. Kernel and waiting are not in it.
+They are compared with a small program of the same kind in the same run, so that another build of
+Python changes the ratio little. A rise by 5 % fails. Kernel and waiting are not in it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from common import at_most, is_short, judge, show
 
 PROGRAM = Path(__file__).with_name("instructions.py")
 RISE = 1.05
-AS_MEASURED = {"session": 1.05, "drive": 0.41}  # of the yardstick, on 23 November 2026 with Python 3.11.2; 5 % less with 3.11.7
+# of the yardstick, on 23 November 2026 with Python 3.11.2; 5 % less with 3.11.7
+AS_MEASURED = {"session": 1.05, "drive": 0.41}
 FEW, MANY = 200, 800
 
 
@@ -30,7 +32,10 @@ def main() -> int:
     rows = [[part, count, count / yardstick] for part, count in counted.items()]
     show("instructions an exchange", ("", "instructions", "of the yardstick"), rows)
     return judge(
-        [at_most(f"{part}, of the yardstick", counted[part] / yardstick, most * RISE) for part, most in AS_MEASURED.items()]
+        [
+            at_most(f"{part}, of the yardstick", counted[part] / yardstick, most * RISE)
+            for part, most in AS_MEASURED.items()
+        ]
     )
 
 
@@ -40,8 +45,22 @@ def an_exchange(part: str) -> float:
 
 
 def _counted(part: str, exchanges: int) -> int:
-    command = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", sys.executable, str(PROGRAM), part, str(exchanges)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | {"PYTHONHASHSEED": "0"})
+    command = [
+        "valgrind",
+        "--tool=callgrind",
+        "--callgrind-out-file=/dev/null",
+        sys.executable,
+        str(PROGRAM),
+        part,
+        str(exchanges),
+    ]
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        check=True,
+        env=os.environ | {"PYTHONHASHSEED": "0"},
+    )
     found = re.search(r"Collected : (\d+)", done.stderr)
     assert found is not None, done.stderr
     return int(found[1])

@@ -1,11 +1,13 @@
 """What many runs cost: ``python tests/bench/bench_many_runs.py [--short]``.
 
-240 copies of a sealed run of two stations with its report (``--short``: 60). CPU a run, the least of interleaved rounds: finding
-the runs as `jbclog runs` does; a trend of one metric over them, over as many with the metrics that a recorder leaves instead of a
-report, and over few with neither. All without an index (`bench_index.py`). Beside them the plain way: each
-`manifest.json` read and parsed by Python's `json`, without a check of any kind.
+240 copies of a sealed run of two stations with its report (``--short``: 60). CPU a run, the least
+of interleaved rounds: finding the runs as `jbclog runs` does; a trend of one metric over them, over
+as many with the metrics that a recorder leaves instead of a report, and over few with neither. All
+without an index (`bench_index.py`). Beside them the plain way: each `manifest.json` read and parsed
+by Python's `json`, without a check of any kind.
 
-The limits are ratios to that, which differ little between machines, and what a maintainer promises of a trend: 3 ms a run.
+The limits are ratios to that, which differ little between machines, and what a maintainer promises
+of a trend: 3 ms a run.
 """
 
 from __future__ import annotations
@@ -45,7 +47,9 @@ def copies(run: Path, out: Path, count: int, ignore: tuple[str, ...] = ()) -> Pa
     """A folder of copies of a run, under the names that a recorder gives."""
     for number in range(count):
         name = f"20261101T{number // 3600:02d}{number // 60 % 60:02d}{number % 60:02d}Z-bench-aaaa"
-        shutil.copytree(run, out / name, copy_function=os.link, ignore=shutil.ignore_patterns(*ignore))
+        shutil.copytree(
+            run, out / name, copy_function=os.link, ignore=shutil.ignore_patterns(*ignore)
+        )
     return out
 
 
@@ -78,7 +82,12 @@ def measured(made: Path, count: int) -> list[float]:
     cache_metrics(next(without.iterdir()), computed_metrics(open_run(run)), manifest_sha256(run))
     cached = copies(next(without.iterdir()), made / "cached", count)
     (next(without.iterdir()) / METRICS_CACHE).unlink()
-    calls = [(parsed, with_report), (lambda out: list(find(out)), with_report), (trend, with_report), (trend, cached)]
+    calls = [
+        (parsed, with_report),
+        (lambda out: list(find(out)), with_report),
+        (trend, with_report),
+        (trend, cached),
+    ]
     return least_ms(calls, ROUNDS) + least_ms([(trend, without)], 1)
 
 
@@ -93,7 +102,11 @@ def main() -> int:
         ("trend, with what the recorder left", cached),
         (f"trend, {WITHOUT} runs without reports", computed),
     ]
-    show(f"{count} runs", ["", "CPU a run, ms", "ratio"], [[text, ms, ms / plain] for text, ms in rows])
+    show(
+        f"{count} runs",
+        ["", "CPU a run, ms", "ratio"],
+        [[text, ms, ms / plain] for text, ms in rows],
+    )
     return judge(
         [
             at_most("runs, as against json.loads of each manifest", found / plain, 2.5),

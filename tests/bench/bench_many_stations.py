@@ -1,8 +1,9 @@
-"""64 stations x 10 Hz x 4 reads in one process, and 250: does each tick come in time, and what does a question cost?
+"""64 stations x 10 Hz x 4 reads in one process, and 250: does each tick come in time, and what does
+a question cost?
 
-All ticks of all stations fall together, the wires are paced at 19200 8N1, the virtual stations share the processors, and
-once in the middle the record is sealed. The yardstick is a bare pyserial thread a station on the same schedule, which
-decodes, checks and keeps nothing.
+All ticks of all stations fall together, the wires are paced at 19200 8N1, the virtual stations
+share the processors, and once in the middle the record is sealed. The yardstick is a bare pyserial
+thread a station on the same schedule, which decodes, checks and keeps nothing.
 """
 
 from __future__ import annotations
@@ -10,7 +11,20 @@ from __future__ import annotations
 import sys
 
 import bare
-from common import HZ, READ_S, Bench, Claim, at_least, at_most, bytes_allow, in_own_process, is_short, judge, show, virtual_stations
+from common import (
+    HZ,
+    READ_S,
+    Bench,
+    Claim,
+    at_least,
+    at_most,
+    bytes_allow,
+    in_own_process,
+    is_short,
+    judge,
+    show,
+    virtual_stations,
+)
 from recorder import Recorded, record
 
 ALARMS_EVERY_S = 0.2  # fills the three fast reads of a tick up to four
@@ -27,11 +41,22 @@ def sixty_four(seconds: float) -> list[Claim]:
     with virtual_stations(64) as stations:
         ours = _record(stations, seconds)
         threads = in_own_process(bare.threads, stations.ports, seconds)
-    show(f"64 stations, {seconds:g} s, one seal in the middle", COLUMNS, [_bare_row(threads, 64), _row(ours)])
-    print(f"  jbclog from opening the ports to the sealed and judged record: {ours.cpu_all_us:.1f} µs an exchange")
+    show(
+        f"64 stations, {seconds:g} s, one seal in the middle",
+        COLUMNS,
+        [_bare_row(threads, 64), _row(ours)],
+    )
+    print(
+        f"  jbclog from opening the ports to the sealed and judged record: {ours.cpu_all_us:.1f} µs"
+        " an exchange"
+    )
     return [
         *_kept(ours, 3.0),
-        at_most("64 stations: CPU per exchange, of a bare pyserial thread's each", ours.cpu_us / threads.cpu_us, 0.6),
+        at_most(
+            "64 stations: CPU per exchange, of a bare pyserial thread's each",
+            ours.cpu_us / threads.cpu_us,
+            0.6,
+        ),
         bytes_allow("bare threads", threads.shortest_s),
     ]
 
@@ -45,15 +70,27 @@ def many(seconds: float) -> list[Claim]:
 
 def _record(stations: Bench, seconds: float) -> Recorded:
     recipe = stations.recipe(alarms_every_s=ALARMS_EVERY_S)
-    return in_own_process(record, stations.line, recipe, stations.folder, seconds, seal_every_s=seconds / 2 + 2)
+    return in_own_process(
+        record, stations.line, recipe, stations.folder, seconds, seal_every_s=seconds / 2 + 2
+    )
 
 
 def _kept(ours: Recorded, late_ms: float) -> list[Claim]:
     who = f"{ours.stations} stations"
     return [
-        Claim(f"{who}: no tick skipped", ours.ticks_skipped == 0, f"{ours.ticks_skipped} of {ours.rows}"),
-        Claim(f"{who}: 99 % of ticks less than {late_ms:g} ms late", ours.late_ms[1] < late_ms, f"{ours.late_ms[1]:.2f} ms"),
-        at_least(f"{who}: reads a tick", _reads_a_tick(ours.exchanges, ours.stations, ours.seconds), 4.0),
+        Claim(
+            f"{who}: no tick skipped",
+            ours.ticks_skipped == 0,
+            f"{ours.ticks_skipped} of {ours.rows}",
+        ),
+        Claim(
+            f"{who}: 99 % of ticks less than {late_ms:g} ms late",
+            ours.late_ms[1] < late_ms,
+            f"{ours.late_ms[1]:.2f} ms",
+        ),
+        at_least(
+            f"{who}: reads a tick", _reads_a_tick(ours.exchanges, ours.stations, ours.seconds), 4.0
+        ),
         bytes_allow(f"{who}: three reads of a row", ours.shortest_scan_s, 3 * READ_S),
         Claim(f"{who}: the run is fine", not ours.trouble, "; ".join(ours.trouble) or "yes"),
     ]
@@ -70,7 +107,14 @@ def _row(ours: Recorded) -> list[object]:
 
 def _bare_row(threads: bare.Measured, stations: int) -> list[object]:
     reads = _reads_a_tick(threads.exchanges, stations, threads.seconds)
-    return ["bare pyserial threads", threads.exchanges, reads, threads.cpu_us, *threads.late_ms, threads.ticks_skipped]
+    return [
+        "bare pyserial threads",
+        threads.exchanges,
+        reads,
+        threads.cpu_us,
+        *threads.late_ms,
+        threads.ticks_skipped,
+    ]
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
 """How much memory the recorder takes with 64 stations, and whether that grows while it goes on.
 
-First a real run of 64 stations, whose process is asked how much it held at the most. Then an hour in a minute: the same
-sessions on a virtual clock, which jumps from one answer to the next, with the real live store, committed each virtual
-second and sealed into Parquet every tenth virtual minute. What the process holds is taken each minute; the slope of the
-line through them says whether it grows. The first minutes do not count: caches fill and memory finds its places.
+First a real run of 64 stations, whose process is asked how much it held at the most. Then an hour
+in a minute: the same sessions on a virtual clock, which jumps from one answer to the next, with the
+real live store, committed each virtual second and sealed into Parquet every tenth virtual minute.
+What the process holds is taken each minute; the slope of the line through them says whether it
+grows. The first minutes do not count: caches fill and memory finds its places.
 """
 
 from __future__ import annotations
@@ -16,7 +17,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import linear_regression
 
-from common import RECIPE, Claim, at_most, in_own_process, is_short, judge, line_text, show, virtual_stations
+from common import (
+    RECIPE,
+    Claim,
+    at_most,
+    in_own_process,
+    is_short,
+    judge,
+    line_text,
+    show,
+    virtual_stations,
+)
 from recorder import Recorded, record
 
 from jbclog.app.run.plan import RunOptions, make_plan, station_tasks
@@ -55,13 +66,17 @@ def main() -> int:
     short = is_short(__doc__)
     with virtual_stations(STATIONS) as stations:
         recipe = stations.recipe(alarms_every_s=0.2)
-        real = in_own_process(record, stations.line, recipe, stations.folder, 6.0 if short else 60.0)
+        real = in_own_process(
+            record, stations.line, recipe, stations.folder, 6.0 if short else 60.0
+        )
         hour = in_own_process(compressed, stations.folder, 30.0 if short else 60.0)
     _show(real, hour)
     growth = hour.growth_mb / hour.held_mb[-1]
     return judge(
         [
-            at_most(f"the recorder of {STATIONS} stations at its greatest", real.peak_mb, MOST_MB, " MB"),
+            at_most(
+                f"the recorder of {STATIONS} stations at its greatest", real.peak_mb, MOST_MB, " MB"
+            ),
             Claim(
                 "its size over an hour is flat",
                 abs(growth) <= MOST_GROWTH,
@@ -81,7 +96,11 @@ def _show(real: Recorded, hour: Hour) -> None:
             max(hour.held_mb),
         ],
     ]
-    show(f"memory; {hour.minutes[-1]:g} virtual minutes took {hour.seconds:.0f} s", ("", "exchanges", "seals", "most MB"), rows)
+    show(
+        f"memory; {hour.minutes[-1]:g} virtual minutes took {hour.seconds:.0f} s",
+        ("", "exchanges", "seals", "most MB"),
+        rows,
+    )
 
 
 def compressed(folder: Path, minutes: float) -> Hour:
@@ -110,7 +129,10 @@ def _put_to_work(
     line.write_text(line_text([f"dde-{number}" for number in range(1, STATIONS_OF_THE_HOUR + 1)]))
     recipe.write_text(RECIPE.format(hz=10, alarms_every_s=0.2))
     plan = make_plan(RunOptions(line, recipe, duration_s=seconds))
-    contexts = [SessionContext(order, store, UtcOffset(clock)) for order in station_tasks(plan, clock.monotonic())]
+    contexts = [
+        SessionContext(order, store, UtcOffset(clock))
+        for order in station_tasks(plan, clock.monotonic())
+    ]
     for context, station in zip(contexts, plan.stations, strict=True):
         driver.add(run_station(context), VirtualStation(station.spec, now=clock.monotonic()))
     return contexts

@@ -1,7 +1,9 @@
-"""100 stations that were read every day for two years: what does an audit's reckoning cost with so long a ledger?
+"""100 stations that were read every day for two years: what does an audit's reckoning cost with so
+long a ledger?
 
-The ledger is read, its chain checked in full, every difference judged, and use and tasks are reckoned from it. The yardstick is
-what no reader can do without: the same file's lines through json.loads, and hashed.
+The ledger is read, its chain checked in full, every difference judged, and use and tasks are
+reckoned from it. The yardstick is what no reader can do without: the same file's lines through
+json.loads, and hashed.
 """
 
 from __future__ import annotations
@@ -35,13 +37,25 @@ def main() -> int:
         looks = len(add(path, entries(count)))
         read, reckoned, rss, right = in_own_process(audited, path)
         bare = in_own_process(parsed, path)
-    rows = [["read and checked", looks, read], ["judged and reckoned", looks, reckoned], ["json.loads and one hash", looks, bare]]
+    rows = [
+        ["read and checked", looks, read],
+        ["judged and reckoned", looks, reckoned],
+        ["json.loads and one hash", looks, bare],
+    ]
     show(f"{count} stations, daily for two years", ("", "looks", "s of CPU"), rows)
     return judge(
         [
-            Claim("the chain holds, and every station has a row", right == count, f"{right} of {count}"),
+            Claim(
+                "the chain holds, and every station has a row",
+                right == count,
+                f"{right} of {count}",
+            ),
             at_most("reading and reckoning", read + reckoned, LIMIT_S * count / 100, " s of CPU"),
-            at_most("the same, of what json.loads and a hash of each line take", (read + reckoned) / bare, RATIO),
+            at_most(
+                "the same, of what json.loads and a hash of each line take",
+                (read + reckoned) / bare,
+                RATIO,
+            ),
             at_most("memory", rss, LIMIT_MB, " MB"),
         ]
     )
@@ -55,7 +69,9 @@ def entries(count: int) -> Iterator[Entry]:
 
 
 def audited(path: Path) -> tuple[float, float, float, int]:
-    """Seconds of CPU to read it and to reckon, megabytes, and how many stations came of it; none where the chain does not hold."""
+    """Seconds of CPU to read it and to reckon, megabytes, and how many stations came of it; none
+    where the chain does not hold.
+    """
     begun = time.process_time()
     book = read_book(path)
     read = time.process_time()

@@ -1,8 +1,9 @@
-"""One station asked without pause on a wire that takes no time: what does a question cost when nothing waits?
+"""One station asked without pause on a wire that takes no time: what does a question cost when
+nothing waits?
 
-Beside ``jbclog run --rate max`` with everything included (decode, checks, rows, commits each second) PyMeasure does the
-same four reads on the same virtual station and writes them with its own CSV writer. The bare pyserial loop, which keeps
-nothing, is there for information.
+Beside ``jbclog run --rate max`` with everything included (decode, checks, rows, commits each
+second) PyMeasure does the same four reads on the same virtual station and writes them with its own
+CSV writer. The bare pyserial loop, which keeps nothing, is there for information.
 """
 
 from __future__ import annotations
@@ -21,10 +22,25 @@ def main() -> int:
     seconds = 5.0 if is_short(__doc__) else 15.0
     with virtual_stations(1, wire=False) as station:
         loop = in_own_process(bare.loop, station.ports[0], seconds)
-        pymeasure = in_own_process(others.pymeasure, station.ports[0], seconds, station.folder / "pymeasure.csv")
-        ours = in_own_process(record, station.line, station.recipe(alarms_every_s=0.1), station.folder, seconds, rate="max")
-    contenders = (("bare pyserial loop, keeps nothing", loop), ("PyMeasure with its CSV writer", pymeasure), ("jbclog", ours))
-    rows = [[name, one.exchanges, one.exchanges / one.seconds, one.cpu_us] for name, one in contenders]
+        pymeasure = in_own_process(
+            others.pymeasure, station.ports[0], seconds, station.folder / "pymeasure.csv"
+        )
+        ours = in_own_process(
+            record,
+            station.line,
+            station.recipe(alarms_every_s=0.1),
+            station.folder,
+            seconds,
+            rate="max",
+        )
+    contenders = (
+        ("bare pyserial loop, keeps nothing", loop),
+        ("PyMeasure with its CSV writer", pymeasure),
+        ("jbclog", ours),
+    )
+    rows = [
+        [name, one.exchanges, one.exchanges / one.seconds, one.cpu_us] for name, one in contenders
+    ]
     show(f"one station, unpaced, no pause, {seconds:g} s", COLUMNS, rows)
     return judge(
         [

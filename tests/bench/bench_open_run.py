@@ -1,12 +1,14 @@
 """What reading costs: ``python tests/bench/bench_open_run.py [--short]``.
 
-An hour of 32 stations at 10 Hz (1.15 million rows of 30 columns), opened and read by `open_run(...).samples()`, hashes of its
-files included, beside `pandas.read_parquet` of the same folder in the same process; the best of five of each. Then a month of
-them, 720 such hours in one run (``--short``: a day), gone through by `open_runs(...).samples(columns=...)` in a process that may
-use no more than 2 GB of memory.
+An hour of 32 stations at 10 Hz (1.15 million rows of 30 columns), opened and read by
+`open_run(...).samples()`, hashes of its files included, beside `pandas.read_parquet` of the same
+folder in the same process; the best of five of each. Then a month of them, 720 such hours in one
+run (``--short``: a day), gone through by `open_runs(...).samples(columns=...)` in a process that
+may use no more than 2 GB of memory.
 
-The limits: the hour in a second, counted as CPU of all threads, which is what it takes on a machine that has nothing
-else to do and more than it takes with two cores; the month without running out of 2 GB.
+The limits: the hour in a second, counted as CPU of all threads, which is what it takes on a machine
+that has nothing else to do and more than it takes with two cores; the month without running out of
+2 GB.
 """
 
 from __future__ import annotations
@@ -44,7 +46,9 @@ def hour(out: Path) -> Path:
     """A sealed run of an hour, rows in the order of their ticks as a recorder writes them."""
     names = [f"dde-{number:02d}" for number in range(1, STATIONS + 1)]
     rows = table(*(samples(HOUR_ROWS, name, seed=seed) for seed, name in enumerate(names)))
-    ordered = rows.take(pa.array(np.argsort(rows["tick"].to_numpy(), kind="stable"))).combine_chunks()
+    ordered = rows.take(
+        pa.array(np.argsort(rows["tick"].to_numpy(), kind="stable"))
+    ).combine_chunks()
     return seal(out, [station(name, rows=HOUR_ROWS) for name in names], ordered)
 
 
@@ -55,7 +59,9 @@ def month(folder: Path, hours: int) -> None:
         os.link(first, folder / "samples" / f"part-{number:04d}.parquet")
     manifest = read_manifest(folder)
     sealed = sealed_file(folder, first, HOUR_ROWS * STATIONS)
-    others = [replace(sealed, path=f"samples/part-{number:04d}.parquet") for number in range(1, hours)]
+    others = [
+        replace(sealed, path=f"samples/part-{number:04d}.parquet") for number in range(1, hours)
+    ]
     write_manifest(folder, replace(manifest, files=[*manifest.files, *others]))
 
 
@@ -79,7 +85,9 @@ def speeds(folder: Path) -> list[tuple[float, float]]:
 
 
 def through(out: Path) -> tuple[int, float, float, float]:
-    """Go through a month within the memory that is allowed: rows, seconds, peak in MB, mean temperature."""
+    """Go through a month within the memory that is allowed: rows, seconds, peak in MB, mean
+    temperature.
+    """
     most = MEMORY_MB * 1024 * 1024
     resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     begun, rows, total = time.perf_counter(), 0, 0.0
@@ -101,7 +109,11 @@ def main() -> int:
     show(
         f"{STATIONS} stations at 10 Hz",
         ["", "seconds", "of CPU"],
-        [["an hour, all columns", *whole], ["the same by pandas.read_parquet", *alone], ["an hour, four columns", *four]],
+        [
+            ["an hour, all columns", *whole],
+            ["the same by pandas.read_parquet", *alone],
+            ["an hour, four columns", *four],
+        ],
     )
     show(
         f"{hours} hours, four columns",

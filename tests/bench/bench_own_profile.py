@@ -1,7 +1,8 @@
-"""What jbclog is made for: two ports, three fast signals, all slow ones and the counters at 10 Hz, 1 ms of turnaround.
+"""What jbclog is made for: two ports, three fast signals, all slow ones and the counters at 10 Hz,
+1 ms of turnaround.
 
-The six fast reads of a tick take 90 of its 100 ms on this wire; everything else goes into what is left. For ten minutes
-no tick may be skipped, and no slow signal may ever be older than its ceiling.
+The six fast reads of a tick take 90 of its 100 ms on this wire; everything else goes into what is
+left. For ten minutes no tick may be skipped, and no slow signal may ever be older than its ceiling.
 """
 
 from __future__ import annotations
@@ -9,7 +10,18 @@ from __future__ import annotations
 import sys
 
 import bare
-from common import HZ, READ_S, Claim, at_most, bytes_allow, in_own_process, is_short, judge, show, virtual_stations
+from common import (
+    HZ,
+    READ_S,
+    Claim,
+    at_most,
+    bytes_allow,
+    in_own_process,
+    is_short,
+    judge,
+    show,
+    virtual_stations,
+)
 from recorder import Recorded, record
 
 from jbclog.session.scheduler import CEILING
@@ -24,24 +36,50 @@ def main() -> int:
     with virtual_stations(1, ports="[1, 2]", turnaround_ms=TURNAROUND_MS) as station:
         loop = in_own_process(bare.loop, station.ports[0], BARE_S)
         ours = in_own_process(record, station.line, station.recipe(), station.folder, seconds)
-    loop_row = ["bare pyserial loop, no pause", loop.exchanges, loop.exchanges / loop.seconds, loop.cpu_us, "", "", "", ""]
+    loop_row = [
+        "bare pyserial loop, no pause",
+        loop.exchanges,
+        loop.exchanges / loop.seconds,
+        loop.cpu_us,
+        "",
+        "",
+        "",
+        "",
+    ]
     show(f"two ports, 10 Hz, 1 ms of turnaround, {seconds:g} s", COLUMNS, [loop_row, _row(ours)])
     least_s = READ_S + TURNAROUND_MS / 1000
     return judge([*_claims(ours, seconds), bytes_allow("bare loop", loop.shortest_s, least_s)])
 
 
 def _row(ours: Recorded) -> list[object]:
-    return ["jbclog", ours.exchanges, ours.exchanges / ours.seconds, ours.cpu_us, *ours.late_ms, ours.ticks_skipped]
+    return [
+        "jbclog",
+        ours.exchanges,
+        ours.exchanges / ours.seconds,
+        ours.cpu_us,
+        *ours.late_ms,
+        ours.ticks_skipped,
+    ]
 
 
 def _claims(ours: Recorded, seconds: float) -> list[Claim]:
     rows = round(seconds * HZ) * 2
     return [
         Claim(
-            "no tick skipped", ours.ticks_skipped == 0 and ours.rows == rows, f"{ours.ticks_skipped}, {ours.rows} of {rows} rows"
+            "no tick skipped",
+            ours.ticks_skipped == 0 and ours.rows == rows,
+            f"{ours.ticks_skipped}, {ours.rows} of {rows} rows",
         ),
-        at_most("the longest that a slow signal waited, in its periods", ours.worst_slow_periods, CEILING),
-        bytes_allow("jbclog: three reads of a row", ours.shortest_scan_s, 3 * (READ_S + TURNAROUND_MS / 1000)),
+        at_most(
+            "the longest that a slow signal waited, in its periods",
+            ours.worst_slow_periods,
+            CEILING,
+        ),
+        bytes_allow(
+            "jbclog: three reads of a row",
+            ours.shortest_scan_s,
+            3 * (READ_S + TURNAROUND_MS / 1000),
+        ),
         Claim("the run is fine", not ours.trouble, "; ".join(ours.trouble) or "yes"),
     ]
 

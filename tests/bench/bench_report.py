@@ -1,8 +1,11 @@
-"""`report` of one port: of eight hours at 10 Hz at most 8 s, of 20 s at most 2 s of CPU, imports included.
+"""`report` of one port: of eight hours at 10 Hz at most 8 s, of 20 s at most 2 s of CPU, imports
+included.
 
-Of 32 ports: at most `MOST_FIGURES` times the CPU of one plain figure in matplotlib (its own figures are 66).
+Of 32 ports: at most `MOST_FIGURES` times the CPU of one plain figure in matplotlib (its own figures
+are 66).
 
-``python tests/bench/bench_report.py`` prints the figures; ``pytest -m bench tests/bench/bench_report.py`` holds the limit.
+``python tests/bench/bench_report.py`` prints the figures; ``pytest -m bench
+tests/bench/bench_report.py`` holds the limit.
 """
 
 from __future__ import annotations
@@ -39,7 +42,13 @@ def eight_hours(out: Path) -> Path:
         lose(columns, slice(start, start + 30))
     for row in range(5_000, ROWS, 997):
         lose(columns, slice(row, row + 1), "timeout")
-    return seal(out, [station(rows=ROWS)], table(columns), [alarm(10_002)], [limit("high", "380"), limit("low", "300")])
+    return seal(
+        out,
+        [station(rows=ROWS)],
+        table(columns),
+        [alarm(10_002)],
+        [limit("high", "380"), limit("low", "300")],
+    )
 
 
 def measured(run: Path) -> float:
@@ -51,7 +60,13 @@ def measured(run: Path) -> float:
 
 def twenty_seconds(out: Path) -> Path:
     """The run: joints, no alarm."""
-    return seal(out, [station(rows=200)], table(samples(200)), [], [limit("high", "380"), limit("low", "300")])
+    return seal(
+        out,
+        [station(rows=200)],
+        table(samples(200)),
+        [],
+        [limit("high", "380"), limit("low", "300")],
+    )
 
 
 def cpu_of(run: Path) -> float:
@@ -68,10 +83,18 @@ def cpu_of(run: Path) -> float:
 def sixteen_stations(out: Path) -> Path:
     """The run: joints on 32 ports, on one of them an alarm."""
     names = [f"dde-{number}" for number in range(1, STATIONS + 1)]
-    columns = [samples(SHORT_ROWS, name, port, 5.0, seed) for seed, name in enumerate(names) for port in (1, 2)]
+    columns = [
+        samples(SHORT_ROWS, name, port, 5.0, seed)
+        for seed, name in enumerate(names)
+        for port in (1, 2)
+    ]
     columns[21]["temperature_c"][600:640] = 392
     facts = [station(name, (1, 2), SHORT_ROWS, 5.0) for name in names]
-    limits = [limit(side, text, station_name=name) for name in names for side, text in (("high", "380"), ("low", "300"))]
+    limits = [
+        limit(side, text, station_name=name)
+        for name in names
+        for side, text in (("high", "380"), ("low", "300"))
+    ]
     return seal(out, facts, table(*columns), [alarm(124, "dde-11")], limits)
 
 
@@ -113,7 +136,10 @@ def in_figures(run: Path) -> tuple[float, float]:
 @pytest.mark.bench
 def test_report_of_sixteen_stations(tmp_path: Path) -> None:
     seconds, figures = in_figures(sixteen_stations(tmp_path))
-    print(f"report of {2 * STATIONS} ports: {seconds:.2f} s of CPU, as much as {figures:.0f} figures of matplotlib")
+    print(
+        f"report of {2 * STATIONS} ports: {seconds:.2f} s of CPU, as much as {figures:.0f} figures"
+        " of matplotlib"
+    )
     assert figures <= MOST_FIGURES
 
 
@@ -136,7 +162,13 @@ if __name__ == "__main__":
         run = eight_hours(Path(folder))
         took = [measured(run) for _ in range(3)]
         size = (run / "report.html").stat().st_size
-        print(f"report of {ROWS} rows: {min(took):.2f} to {max(took):.2f} s of at most {LIMIT_S} s, page {size / 1e6:.2f} MB")
+        print(
+            f"report of {ROWS} rows: {min(took):.2f} to {max(took):.2f} s of at most {LIMIT_S} s,"
+            f" page {size / 1e6:.2f} MB"
+        )
     with tempfile.TemporaryDirectory() as folder:
         seconds, figures = in_figures(sixteen_stations(Path(folder)))
-        print(f"report of {2 * STATIONS} ports: {seconds:.2f} s of CPU, as much as {figures:.0f} figures (at most {MOST_FIGURES})")
+        print(
+            f"report of {2 * STATIONS} ports: {seconds:.2f} s of CPU, as much as {figures:.0f}"
+            f" figures (at most {MOST_FIGURES})"
+        )

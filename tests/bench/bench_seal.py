@@ -1,9 +1,11 @@
-"""What keeping and sealing cost: ``python tests/bench/bench_seal.py [--stations 32] [--minutes 60]``.
+"""What keeping and sealing cost: ``python tests/bench/bench_seal.py [--stations 32] [--minutes
+60]``.
 
-An hour of 32 stations at 10 Hz, a quarter of them with a second port: random walks around the setting, solder joints,
-sensor noise, real-looking lateness, slow signals on their periods. It goes through the store's own code a second at a
-time, each second committed and synced, and is then sealed in the child process as `run` does it. Beside it, in the same
-run, what pandas makes of the same table with its defaults.
+An hour of 32 stations at 10 Hz, a quarter of them with a second port: random walks around the
+setting, solder joints, sensor noise, real-looking lateness, slow signals on their periods. It goes
+through the store's own code a second at a time, each second committed and synced, and is then
+sealed in the child process as `run` does it. Beside it, in the same run, what pandas makes of the
+same table with its defaults.
 
 The limits: 1.5 ms of CPU per 1 000 rows kept, 8 bytes a row sealed, 5 s to seal the hour.
 """
@@ -46,13 +48,21 @@ class Tool:
     def row(self, tick: int) -> SampleRow:
         rng = self.rng
         self._step()
-        late = int(abs(rng.gauss(180, 70))) + (int(rng.expovariate(1 / 900)) if rng.random() < 0.05 else 0)
+        late = int(abs(rng.gauss(180, 70))) + (
+            int(rng.expovariate(1 / 900)) if rng.random() < 0.05 else 0
+        )
         scan = int(rng.gauss(45_600, 130))
         late += (self.port - 1) * scan
         row: SampleRow = [None] * len(SAMPLE_COLUMNS)
         row[0] = T0 + tick * PERIOD_US + self.phase_us + late + 15_060 + int(rng.gauss(0, 40))
         row[1:7] = [tick, self.name, self.port, late, scan, "ok"]
-        row[8:13] = [round(self.temperature + rng.gauss(0, 0.5)), max(0, round(self.power)), "working", False, False]
+        row[8:13] = [
+            round(self.temperature + rng.gauss(0, 0.5)),
+            max(0, round(self.power)),
+            "working",
+            False,
+            False,
+        ]
         self._slow(row, tick)
         if rng.random() < 0.0005:
             row[6], row[7], row[8] = "timeout", "temperature_c=timeout", None
@@ -64,7 +74,9 @@ class Tool:
         pull = -3.0 if self.joint else 0.0
         self.joint = max(0, self.joint - 1)
         self.temperature += 0.2 * (self.set_c - self.temperature) + pull + self.rng.gauss(0, 0.3)
-        self.power += 0.4 * (120 + 25 * (self.set_c - self.temperature) - self.power) + self.rng.gauss(0, 12)
+        self.power += 0.4 * (
+            120 + 25 * (self.set_c - self.temperature) - self.power
+        ) + self.rng.gauss(0, 12)
         self.power = min(self.power, 1000.0)
 
     def _slow(self, row: SampleRow, tick: int) -> None:
@@ -100,7 +112,10 @@ def tools_of(stations: int) -> list[Tool]:
 def keep(folder: Path, tools: list[Tool], seconds: int) -> tuple[int, float]:
     """Store the rows a second at a time; give their number and the seconds of CPU that it took."""
     trouble: list[str] = []
-    intake, keeping = RowBuffer(folder.name, lambda table, error: trouble.append(f"{table}: {error}")), StoreWriter(folder)
+    intake, keeping = (
+        RowBuffer(folder.name, lambda table, error: trouble.append(f"{table}: {error}")),
+        StoreWriter(folder),
+    )
     keeping.begin({})
     rows = 0
     cpu = 0.0
@@ -124,7 +139,8 @@ def keep(folder: Path, tools: list[Tool], seconds: int) -> tuple[int, float]:
 def held_up(tools: list[Tool], busy: bool, seconds: float = 4.0) -> float:
     """How much later than asked a thread wakes each millisecond, 99 % of the times, in ms.
 
-    `busy`: while another one makes batches of a second of `tools`, one after the other, as the writer does once a second.
+    `busy`: while another one makes batches of a second of `tools`, one after the other, as the
+    writer does once a second.
     """
     values = [value for rows in seconds_of_rows(tools, 1) for row in rows for value in row]
     done = threading.Event()
@@ -148,7 +164,9 @@ def held_up(tools: list[Tool], busy: bool, seconds: float = 4.0) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--stations", type=int, default=32)
     parser.add_argument("--minutes", type=int, default=60)
     given = parser.parse_args()
@@ -189,7 +207,12 @@ def beside_pandas(folder: Path, rows: int) -> Iterator[tuple[str, str, str]]:
     samples = pd.read_parquet(folder / "samples")
     yield "pd.read_parquet of all of it: s", f"{time.perf_counter() - began:.2f}", ""
     assert len(samples) == rows
-    plain = pd.DataFrame({name: samples[name].astype(object).where(samples[name].notna(), None) for name in samples.columns})
+    plain = pd.DataFrame(
+        {
+            name: samples[name].astype(object).where(samples[name].notna(), None)
+            for name in samples.columns
+        }
+    )
     plain = plain.infer_objects()
     for name, frame in (("nullable dtypes", samples), ("inferred dtypes", plain)):
         path = folder / "pandas.parquet"

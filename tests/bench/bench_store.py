@@ -1,8 +1,9 @@
 """What is read of a store: ``python tests/bench/bench_store.py [--short]``.
 
-Sealed runs of one station, an hour apart (``--short``: a few), published into a folder. Bytes are those that the process asks the
-system for while it reads (`rchar` of /proc), so that columns and partitions that are not read do not count. Limits are shares of
-the bytes of the table of samples, which do not differ between machines.
+Sealed runs of one station, an hour apart (``--short``: a few), published into a folder. Bytes are
+those that the process asks the system for while it reads (`rchar` of /proc), so that columns and
+partitions that are not read do not count. Limits are shares of the bytes of the table of samples,
+which do not differ between machines.
 """
 
 from __future__ import annotations
@@ -55,11 +56,19 @@ def main() -> int:
         publish_s = (time.process_time() - began) / len(done)
         samples = size(store, "samples")
         whole = bytes_read(lambda: [None for _ in jbclog.open_runs(store).samples()])
-        column = bytes_read(lambda: [None for _ in jbclog.open_runs(store).samples(columns=["temperature_c"])])
+        column = bytes_read(
+            lambda: [None for _ in jbclog.open_runs(store).samples(columns=["temperature_c"])]
+        )
         one = bytes_read(lambda: jbclog.open_runs(store)[0].samples())
         trend = bytes_read(lambda: trends(jbclog.open_runs(store), "idle_error_c"))
         found = bytes_read(lambda: jbclog.open_runs(store, line="another").found)
-    rows = {"all samples": whole, "one column of all runs": column, "one run": one, "a trend over all runs": trend, "no run": found}
+    rows = {
+        "all samples": whole,
+        "one column of all runs": column,
+        "one run": one,
+        "a trend over all runs": trend,
+        "no run": found,
+    }
     shares = [[text, read, read / samples] for text, read in rows.items()]
     show(f"{count} runs, {samples} bytes of samples", ["", "bytes read", "share"], shares)
     show("publishing", ["", "CPU a run, s"], [[f"{ROWS} rows", publish_s]])

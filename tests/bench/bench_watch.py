@@ -1,7 +1,9 @@
-"""What following costs: one follower's CPU for 64 ports at 10 Hz, and the recorder's lateness with and without ten followers.
+"""What following costs: one follower's CPU for 64 ports at 10 Hz, and the recorder's lateness with
+and without ten followers.
 
-The run is one; the followers come and go in it, so that both halves have the same machine. Stretches without and with ten of them
-alternate; the seconds in which they start are left out. A further follower counts the joints as well.
+The run is one; the followers come and go in it, so that both halves have the same machine.
+Stretches without and with ten of them alternate; the seconds in which they start are left out. A
+further follower counts the joints as well.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ from recorder import record
 STATIONS: Final = 32  # of two ports each
 FOLLOWERS: Final = 10
 BEGIN_S, START_S = 15.0, 15.0  # of the run, and of followers that start, at most
-WIDER: Final = 2.0  # times the lateness without followers, and `SLACK_MS`: ten more processes want the processors too
+# times the lateness without followers, and `SLACK_MS`: ten more processes want the processors too
+WIDER: Final = 2.0
 SLACK_MS: Final = 5.0
 FOLLOW: Final = """
 import os, sys
@@ -59,7 +62,10 @@ def main() -> int:
             with following(stations.folder, FOLLOWERS) as processes:
                 before = [_cpu_s(one) for one in processes]
                 with_ten.append(_stretch(stretch_s))
-                shares += [(_cpu_s(one) - first) / stretch_s for one, first in zip(processes, before, strict=True)]
+                shares += [
+                    (_cpu_s(one) - first) / stretch_s
+                    for one, first in zip(processes, before, strict=True)
+                ]
         with following(stations.folder, 1, "joints") as (counting,):
             first = _cpu_s(counting)
             _stretch(stretch_s)
@@ -67,10 +73,19 @@ def main() -> int:
         recorded = running.result()
         (samples,) = stations.folder.glob("*-bench-*/samples")
         late = {"without": _late_ms(samples, without), "ten followers": _late_ms(samples, with_ten)}
-    figures = {who: (percentile(some, 50), percentile(some, 99), max(some)) for who, some in late.items()}
+    figures = {
+        who: (percentile(some, 50), percentile(some, 99), max(some)) for who, some in late.items()
+    }
     rows = [[who, len(late[who]), *figures[who]] for who in late]
-    show(f"{STATIONS} stations of two ports at 10 Hz, {seconds:g} s", ("", "ticks", "late ms 50 %", "99 %", "latest"), rows)
-    print(f"  a follower: {100 * sum(shares) / len(shares):.2f} % of a core, with joints {100 * with_joints:.2f} %")
+    show(
+        f"{STATIONS} stations of two ports at 10 Hz, {seconds:g} s",
+        ("", "ticks", "late ms 50 %", "99 %", "latest"),
+        rows,
+    )
+    print(
+        f"  a follower: {100 * sum(shares) / len(shares):.2f} % of a core, with joints"
+        f" {100 * with_joints:.2f} %"
+    )
     print(f"  ticks skipped in the whole run: {recorded.ticks_skipped} of {recorded.rows}")
     return judge(_claims(figures, max(shares)))
 
@@ -78,14 +93,31 @@ def main() -> int:
 def _claims(figures: dict[str, tuple[float, float, float]], share: float) -> list[Claim]:
     alone, beside = figures.values()
     return [
-        at_most(f"a follower of {2 * STATIONS} ports, the dearest of all, of a core", 100 * share, 3.0, " %"),
-        at_most("ticks, half of them: late with ten followers", beside[0], WIDER * alone[0] + SLACK_MS, " ms"),
-        at_most("ticks, 99 % of them: late with ten followers", beside[1], WIDER * alone[1] + SLACK_MS, " ms"),
+        at_most(
+            f"a follower of {2 * STATIONS} ports, the dearest of all, of a core",
+            100 * share,
+            3.0,
+            " %",
+        ),
+        at_most(
+            "ticks, half of them: late with ten followers",
+            beside[0],
+            WIDER * alone[0] + SLACK_MS,
+            " ms",
+        ),
+        at_most(
+            "ticks, 99 % of them: late with ten followers",
+            beside[1],
+            WIDER * alone[1] + SLACK_MS,
+            " ms",
+        ),
     ]
 
 
 @contextmanager
-def following(runs: Path, count: int, what: str = "rows") -> Iterator[list[subprocess.Popen[bytes]]]:
+def following(
+    runs: Path, count: int, what: str = "rows"
+) -> Iterator[list[subprocess.Popen[bytes]]]:
     """So many followers, once each of them has read what there is."""
     command = [sys.executable, "-c", FOLLOW, str(runs), what]
     processes = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(count)]
@@ -118,9 +150,14 @@ def _used_s(pid: int | str) -> float:
 
 
 def _late_ms(samples: Path, stretches: Sequence[Stretch]) -> list[float]:
-    rows = pq.read_table(samples, columns=["time", "late_us"], filters=[("port", "=", 1)])  # the second waits for the first
+    # the second waits for the first
+    rows = pq.read_table(samples, columns=["time", "late_us"], filters=[("port", "=", 1)])
     found = zip(rows["time"].cast("int64").to_pylist(), rows["late_us"].to_pylist(), strict=True)
-    return [us / 1000 for time_us, us in found if us is not None and any(a <= time_us / 1e6 < b for a, b in stretches)] or [0.0]
+    return [
+        us / 1000
+        for time_us, us in found
+        if us is not None and any(a <= time_us / 1e6 < b for a, b in stretches)
+    ] or [0.0]
 
 
 if __name__ == "__main__":

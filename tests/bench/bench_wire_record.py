@@ -1,19 +1,40 @@
 """What `--wire` costs: CPU for each exchange, ticks that come late, room on the disk.
 
-The same stations are recorded without and with it, four reads a tick at 10 Hz, wires paced at 19200 8N1. An exchange is
-three rows of the wire's file: the question, the answer, and what the session was told.
+The same stations are recorded without and with it, four reads a tick at 10 Hz, wires paced at 19200
+8N1. An exchange is three rows of the wire's file: the question, the answer, and what the session
+was told.
 """
 
 from __future__ import annotations
 
 import sys
 
-from common import HZ, Bench, Claim, at_least, at_most, in_own_process, is_short, judge, show, virtual_stations
+from common import (
+    HZ,
+    Bench,
+    Claim,
+    at_least,
+    at_most,
+    in_own_process,
+    is_short,
+    judge,
+    show,
+    virtual_stations,
+)
 from recorder import Recorded, record
 
 ALARMS_EVERY_S = 0.2  # fills the three fast reads of a tick up to four
 FULL_WIRE = 71  # exchanges a second that 19200 8N1 carries
-COLUMNS = ("", "exchanges", "CPU µs", "late ms 50 %", "99 %", "latest", "bytes each", "MB/h full wire")
+COLUMNS = (
+    "",
+    "exchanges",
+    "CPU µs",
+    "late ms 50 %",
+    "99 %",
+    "latest",
+    "bytes each",
+    "MB/h full wire",
+)
 STATIONS = 16
 
 
@@ -22,7 +43,11 @@ def main() -> int:
     with virtual_stations(STATIONS) as stations:
         bare = _record(stations, seconds, wire=False)
         kept = _record(stations, seconds, wire=True)
-    show(f"{STATIONS} stations, {seconds:g} s", COLUMNS, [_row("without", bare), _row("--wire", kept)])
+    show(
+        f"{STATIONS} stations, {seconds:g} s",
+        COLUMNS,
+        [_row("without", bare), _row("--wire", kept)],
+    )
     return judge(_claims(bare, kept))
 
 
@@ -34,11 +59,17 @@ def _record(stations: Bench, seconds: float, *, wire: bool) -> Recorded:
 def _claims(bare: Recorded, kept: Recorded) -> list[Claim]:
     return [
         at_most("CPU per exchange, of one without", kept.cpu_us / bare.cpu_us, 1.6),
-        at_most("99 % of ticks later than without by", kept.late_ms[1] - bare.late_ms[1], 2.0, " ms"),
+        at_most(
+            "99 % of ticks later than without by", kept.late_ms[1] - bare.late_ms[1], 2.0, " ms"
+        ),
         at_most("bytes for each exchange", kept.wire_bytes / kept.wire_exchanges, 40.0),
         Claim("no tick skipped", kept.ticks_skipped == 0, f"{kept.ticks_skipped} of {kept.rows}"),
         at_least("reads a tick", kept.exchanges / kept.seconds / STATIONS / HZ, 3.95),
-        Claim("the runs are fine", not bare.trouble + kept.trouble, "; ".join(bare.trouble + kept.trouble) or "yes"),
+        Claim(
+            "the runs are fine",
+            not bare.trouble + kept.trouble,
+            "; ".join(bare.trouble + kept.trouble) or "yes",
+        ),
     ]
 
 

@@ -1,8 +1,8 @@
 """One addressed port without turnaround, asked without pause: how much of the wire is in use?
 
-A wire at 19200 8N1 carries 71.1 addressed reads a second. The virtual station notes when each question came and when
-its answer was through; these notes say for how much of the time there were bytes on the wire, for the bare pyserial
-loop and for ``jbclog run --rate max`` alike.
+A wire at 19200 8N1 carries 71.1 addressed reads a second. The virtual station notes when each
+question came and when its answer was through; these notes say for how much of the time there were
+bytes on the wire, for the bare pyserial loop and for ``jbclog run --rate max`` alike.
 """
 
 from __future__ import annotations
@@ -10,7 +10,16 @@ from __future__ import annotations
 import sys
 
 import bare
-from common import Claim, at_least, bytes_allow, in_own_process, is_short, judge, show, virtual_stations
+from common import (
+    Claim,
+    at_least,
+    bytes_allow,
+    in_own_process,
+    is_short,
+    judge,
+    show,
+    virtual_stations,
+)
 from recorder import Recorded, record
 from wire_log import Use, slack_s, use_of
 
@@ -21,10 +30,15 @@ def main() -> int:
     seconds = 6.0 if is_short(__doc__) else 30.0
     with virtual_stations(1, log=True) as station:
         loop = in_own_process(bare.loop, station.ports[0], seconds)
-        ours = in_own_process(record, station.line, station.recipe(), station.folder, seconds, rate="max")
+        ours = in_own_process(
+            record, station.line, station.recipe(), station.folder, seconds, rate="max"
+        )
         bare_use = use_of(station.wire_log, loop.began, loop.seconds)
         our_use = use_of(station.wire_log, ours.began, ours.seconds)
-    rows = [_row("bare pyserial loop", bare_use, loop.cpu_us), _row("jbclog --rate max", our_use, ours.cpu_us)]
+    rows = [
+        _row("bare pyserial loop", bare_use, loop.cpu_us),
+        _row("jbclog --rate max", our_use, ours.cpu_us),
+    ]
     show(f"one port, no turnaround, no pause, {seconds:g} s", COLUMNS, rows)
     return judge(_claims(bare_use, our_use, ours))
 
@@ -35,14 +49,24 @@ def _row(name: str, use: Use, cpu_us: float) -> list[object]:
 
 def _claims(bare_use: Use, our_use: Use, ours: Recorded) -> list[Claim]:
     return [
-        at_least(f"of the wire in use, where the bare loop has {bare_use.percent:.1f} %", our_use.percent, _wanted(bare_use), " %"),
-        *(bytes_allow(who, *_shortest(use)) for who, use in (("bare loop", bare_use), ("jbclog", our_use))),
+        at_least(
+            f"of the wire in use, where the bare loop has {bare_use.percent:.1f} %",
+            our_use.percent,
+            _wanted(bare_use),
+            " %",
+        ),
+        *(
+            bytes_allow(who, *_shortest(use))
+            for who, use in (("bare loop", bare_use), ("jbclog", our_use))
+        ),
         Claim("the run is fine", not ours.trouble, "; ".join(ours.trouble) or "yes"),
     ]
 
 
 def _wanted(bare_use: Use) -> float:
-    """97 %, which is 0.99 of the 98 % that the bare loop reaches; as much of what it does reach where others are busy."""
+    """97 %, which is 0.99 of the 98 % that the bare loop reaches; as much of what it does reach
+    where others are busy.
+    """
     return min(97.0, 0.99 * bare_use.percent)
 
 

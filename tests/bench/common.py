@@ -1,9 +1,10 @@
-"""What the benchmarks share: virtual stations to measure against, processes of one's own, claims that pass or fail.
+"""What the benchmarks share: virtual stations to measure against, processes of one's own, claims
+that pass or fail.
 
-Each benchmark is a script, ``python tests/bench/bench_NAME.py [--short]``. It serves virtual stations in a process of
-their own, has each contender talk to the same ones in a fresh process (`in_own_process`), prints a table and then one
-line ``PASS`` or ``FAIL`` a claim, and ends with 1 where one failed. ``--short`` is for CI and for a look: the same
-claims on a shorter run.
+Each benchmark is a script, ``python tests/bench/bench_NAME.py [--short]``. It serves virtual
+stations in a process of their own, has each contender talk to the same ones in a fresh process
+(`in_own_process`), prints a table and then one line ``PASS`` or ``FAIL`` a claim, and ends with 1
+where one failed. ``--short`` is for CI and for a look: the same claims on a shorter run.
 """
 
 from __future__ import annotations
@@ -57,12 +58,14 @@ alarms_every_s = {alarms_every_s}
 """
 
 
-# -- what is measured against -------------------------------------------------------------------------------------------------
+# -- what is measured against ----------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """Virtual stations that are being served: the line file for a run, and the ports for a bare loop."""
+    """Virtual stations that are being served: the line file for a run, and the ports for a bare
+    loop.
+    """
 
     folder: Path
     line: Path
@@ -78,21 +81,32 @@ class Bench:
 
 @contextmanager
 def virtual_stations(
-    count: int, *, ports: str = "[1]", turnaround_ms: float = 0.0, wire: bool = True, log: bool = False
+    count: int,
+    *,
+    ports: str = "[1]",
+    turnaround_ms: float = 0.0,
+    wire: bool = True,
+    log: bool = False,
 ) -> Iterator[Bench]:
-    """Serve `count` stations of family dde for as long as the `with` lasts; their sensors have a little noise."""
+    """Serve `count` stations of family dde for as long as the `with` lasts; their sensors have a
+    little noise.
+    """
     with TemporaryDirectory(prefix="jbclog-bench-") as made:
         folder = Path(made)
         names = [f"dde-{number:03d}" for number in range(1, count + 1)]
         text = line_text(names, ports, turnaround_ms, wire)
         (folder / "line.toml").write_text(text)
         wire_log = folder / "wire.jsonl"
-        with SimProcess(folder / "line.toml", folder / "served", log=wire_log if log else None) as stations:
+        with SimProcess(
+            folder / "line.toml", folder / "served", log=wire_log if log else None
+        ) as stations:
             urls = [str(stations.line_path.parent / name) for name in names]
             yield Bench(folder, stations.line_path, urls, wire_log)
 
 
-def line_text(names: Sequence[str], ports: str = "[1]", turnaround_ms: float = 0.0, wire: bool = True) -> str:
+def line_text(
+    names: Sequence[str], ports: str = "[1]", turnaround_ms: float = 0.0, wire: bool = True
+) -> str:
     """A line file of such stations."""
     station = """
 [[station]]
@@ -105,11 +119,14 @@ turnaround_ms = {turnaround_ms}
 wire = {wire}
 noise_c = 0.5
 """
-    tables = (station.format(name=name, ports=ports, turnaround_ms=turnaround_ms, wire=str(wire).lower()) for name in names)
+    tables = (
+        station.format(name=name, ports=ports, turnaround_ms=turnaround_ms, wire=str(wire).lower())
+        for name in names
+    )
     return '[line]\nname = "bench"\n' + "".join(tables)
 
 
-# -- who measures -------------------------------------------------------------------------------------------------------------
+# -- who measures ----------------------------------------------------------------------------------
 
 
 def in_own_process(call: Callable[P, T], *args: P.args, **keys: P.kwargs) -> T:
@@ -119,7 +136,9 @@ def in_own_process(call: Callable[P, T], *args: P.args, **keys: P.kwargs) -> T:
 
 
 def cpu_s() -> float:
-    """Seconds of CPU that this process has used with all its threads and with its children that have ended."""
+    """Seconds of CPU that this process has used with all its threads and with its children that
+    have ended.
+    """
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(one.ru_utime + one.ru_stime for one in used)
 
@@ -129,7 +148,7 @@ def percentile(values: Sequence[float], percent: float) -> float:
     return sorted(values)[min(int(len(values) * percent / 100), len(values) - 1)]
 
 
-# -- what is said of it -------------------------------------------------------------------------------------------------------
+# -- what is said of it ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,12 +174,18 @@ def at_least(text: str, value: float, limit: float, unit: str = "") -> Claim:
 def bytes_allow(who: str, shortest_s: float, least_s: float = READ_S) -> Claim:
     """The pacer's own claim: without it a ratio says nothing. `least_s` is what the bytes take."""
     text = f"{who}: no exchange took less than its bytes allow"
-    return Claim(text, shortest_s >= least_s, f"shortest {shortest_s * 1000:.2f} ms of at least {least_s * 1000:.2f} ms")
+    return Claim(
+        text,
+        shortest_s >= least_s,
+        f"shortest {shortest_s * 1000:.2f} ms of at least {least_s * 1000:.2f} ms",
+    )
 
 
 def is_short(about: str | None) -> bool:
     """Read the command line: whether ``--short`` was given."""
-    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--short", action="store_true", help="the same claims on a shorter run")
     return bool(parser.parse_args().short)
 
@@ -171,7 +196,9 @@ def show(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]]) -
     widths = [max(len(row[place]) for row in cells) for place in range(len(columns))]
     print(title)
     for first, *others in cells:
-        figures = "  ".join(text.rjust(width) for text, width in zip(others, widths[1:], strict=True))
+        figures = "  ".join(
+            text.rjust(width) for text, width in zip(others, widths[1:], strict=True)
+        )
         print(f"  {first.ljust(widths[0])}  {figures}")
 
 

@@ -1,4 +1,6 @@
-"""The page that `bench_growth.py` writes: a table and a picture for each part, and where a line is not straight."""
+"""The page that `bench_growth.py` writes: a table and a picture for each part, and where a line is
+not straight.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,10 @@ WHY: Final[Mapping[tuple[str, str], str]] = {}
 
 HEAD: Final = """# How cost grows
 
-Made by `python tests/bench/bench_growth.py --page`. Each part varies one thing and keeps the rest. Figures that neither stay the
-same nor grow in proportion are listed with the exponent of each step: 0 is constant, 1 proportional, 2 quadratic. In the pictures
-both axes are logarithmic, and the dashed line is proportional to the first point.
+Made by `python tests/bench/bench_growth.py --page`. Each part varies one thing and keeps
+the rest. Figures that neither stay the same nor grow in proportion are listed with the exponent of
+each step: 0 is constant, 1 proportional, 2 quadratic. In the pictures both axes are logarithmic,
+and the dashed line is proportional to the first point.
 """
 
 
@@ -37,13 +40,17 @@ class Point(NamedTuple):
 
 
 def write_page(points: Sequence[Point], parts: Mapping[str, str], docs: Path) -> list[Path]:
-    """Write `reference/growth.md` and a picture for each part below `docs`; return what was written."""
+    """Write `reference/growth.md` and a picture for each part below `docs`; return what was
+    written.
+    """
     pictures, page = docs / "pictures", docs / "reference" / "growth.md"
     for folder in (pictures, page.parent):
         folder.mkdir(parents=True, exist_ok=True)
     written, sections = [page], list[str]()
     for name, about in parts.items():
-        series = sorted((point for point in points if point.part == name), key=lambda point: point.size)
+        series = sorted(
+            (point for point in points if point.part == name), key=lambda point: point.size
+        )
         if series:
             picture = pictures / f"growth-{name}.svg"
             picture.write_text(drawing(name, series))
@@ -57,7 +64,9 @@ def section(name: str, about: str, series: Sequence[Point]) -> str:
     """A part: what it is, where and when, the picture, the table, and what is not straight."""
     where = sorted({f"{point.day}, {point.machine}" for point in series})
     bent = [
-        f"- {figure}: {exponents(series, figure)}. {why(name, figure)}" for figure in series[0].figures if is_bent(series, figure)
+        f"- {figure}: {exponents(series, figure)}. {why(name, figure)}"
+        for figure in series[0].figures
+        if is_bent(series, figure)
     ]
     lines = [
         f"## {name}\n",
@@ -76,8 +85,14 @@ def why(name: str, figure: str) -> str:
 def rows(name: str, series: Sequence[Point]) -> list[str]:
     """The table: a column for each size."""
     head = f"| {UNITS[name]} | {' | '.join(f'{point.size:,.0f}' for point in series)} |"
-    cells = [[f"{point.figures.get(figure, float('nan')):.3g}" for point in series] for figure in series[0].figures]
-    body = [f"| {figure} | {' | '.join(values)} |" for figure, values in zip(series[0].figures, cells, strict=True)]
+    cells = [
+        [f"{point.figures.get(figure, float('nan')):.3g}" for point in series]
+        for figure in series[0].figures
+    ]
+    body = [
+        f"| {figure} | {' | '.join(values)} |"
+        for figure, values in zip(series[0].figures, cells, strict=True)
+    ]
     return [head, "|---" * (len(series) + 1) + "|", *body]
 
 
@@ -94,11 +109,15 @@ def steps(series: Sequence[Point], figure: str) -> list[tuple[float, float, floa
 def is_bent(series: Sequence[Point], figure: str) -> bool:
     """Whether a line is neither constant nor proportional throughout."""
     powers = [power for _, _, power in steps(series, figure)]
-    return bool(powers) and not any(all(abs(power - straight) <= STRAIGHT for power in powers) for straight in (0, 1))
+    return bool(powers) and not any(
+        all(abs(power - straight) <= STRAIGHT for power in powers) for straight in (0, 1)
+    )
 
 
 def exponents(series: Sequence[Point], figure: str) -> str:
-    return ", ".join(f"{one:,.0f} to {two:,.0f}: {power:.2f}" for one, two, power in steps(series, figure))
+    return ", ".join(
+        f"{one:,.0f} to {two:,.0f}: {power:.2f}" for one, two, power in steps(series, figure)
+    )
 
 
 def drawing(name: str, series: Sequence[Point]) -> str:
@@ -110,16 +129,27 @@ def drawing(name: str, series: Sequence[Point]) -> str:
         drawn.set_layout_engine("constrained")
         for place, figure in enumerate(figures, 1):
             axes = drawn.add_subplot(lines, COLUMNS, place)
-            known = [(point.size, point.figures[figure]) for point in series if point.figures.get(figure, 0.0) > 0]
+            known = [
+                (point.size, point.figures[figure])
+                for point in series
+                if point.figures.get(figure, 0.0) > 0
+            ]
             axes.set_title(figure, fontsize=8)
             axes.set_xlabel(UNITS[name], fontsize=7)
             axes.tick_params(which="both", labelsize=6)
             if known:
                 axes.set(xscale="log", yscale="log")
-                for axis in (axes.xaxis, axes.yaxis):  # the style parses no formulas, in which ticks would stand
+                # the style parses no formulas, in which ticks would stand
+                for axis in (axes.xaxis, axes.yaxis):
                     axis.set_major_formatter(LogFormatter())
                     axis.set_minor_formatter(LogFormatter(minor_thresholds=(1, 0.4)))
                 axes.plot(*zip(*known, strict=True), marker="o", markersize=3)
                 (size, value), last = known[0], known[-1][0]
-                axes.plot([size, last], [value, value * last / size], linestyle="--", linewidth=0.6, color="0.5")
+                axes.plot(
+                    [size, last],
+                    [value, value * last / size],
+                    linestyle="--",
+                    linewidth=0.6,
+                    color="0.5",
+                )
         return svg_text(drawn)

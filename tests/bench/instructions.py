@@ -1,4 +1,6 @@
-"""What `bench_instructions.py` counts: ``python instructions.py PART EXCHANGES`` makes so many exchanges and ends at once."""
+"""What `bench_instructions.py` counts: ``python instructions.py PART EXCHANGES`` makes so many
+exchanges and ends at once.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,10 @@ from jbclog.session.run.station_run import run_station
 from jbclog.sim.setup import virtual_station
 from jbclog.transport.reactor import Reactor
 
-LINE = '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports = [1]\n'
+LINE = (
+    '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports ='
+    " [1]\n"
+)
 EXCHANGE_S = 0.0141
 LEARNING_S, KNOWN_S = 8.0, 10.0  # from the first tick on: answers are kept, then given again
 QUESTION, ANSWER = b"\x020001RTT1\x03\x25", b"\x020100ATT100350\x03\x14"
@@ -38,7 +43,9 @@ class Nobody:
 
 
 def session(exchanges: int) -> None:
-    """A session that samples at 10 Hz, on answers that its virtual station gave before, without any driver."""
+    """A session that samples at 10 Hz, on answers that its virtual station gave before, without any
+    driver.
+    """
     with tempfile.TemporaryDirectory() as name:
         line, recipe = Path(name, "line.toml"), Path(name, "recipe.toml")
         line.write_text(LINE)
@@ -160,7 +167,11 @@ def yardstick(exchanges: int) -> None:
         steps.send(_Answer(now, ANSWER))
 
 
-PARTS: dict[str, Callable[[int], None]] = {"session": session, "drive": drive, "yardstick": yardstick}
+PARTS: dict[str, Callable[[int], None]] = {
+    "session": session,
+    "drive": drive,
+    "yardstick": yardstick,
+}
 
 if __name__ == "__main__":
     gc.disable()

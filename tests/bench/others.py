@@ -1,8 +1,10 @@
-"""Other people's programs on the same virtual station, written as their manuals would have one write them.
+"""Other people's programs on the same virtual station, written as their manuals would have one
+write them.
 
-PyMeasure: an instrument with four `measurement` properties whose `write` and `read` put the protocol's frame around the
-command and take it off again, over a `SerialAdapter`; a procedure that reads them again and again; a worker that runs
-it, and PyMeasure's own recorder thread, which writes each record to a CSV file.
+PyMeasure: an instrument with four `measurement` properties whose `write` and `read` put the
+protocol's frame around the command and take it off again, over a `SerialAdapter`; a procedure that
+reads them again and again; a worker that runs it, and PyMeasure's own recorder thread, which writes
+each record to a CSV file.
 """
 
 from __future__ import annotations
@@ -51,7 +53,9 @@ def _procedure(url: str, seconds: float) -> Procedure:
         tip_temperature = Instrument.measurement("RTT1", "Get the tip temperature in °C.", cast=int)
         power = Instrument.measurement("RPP1", "Get the power in per mille.", cast=int)
         status = Instrument.measurement("RPS1", "Get the digits of the tool's status.", cast=str)
-        alarm_flags = Instrument.measurement("RTA1", "Get the temperature alarms, and clear them.", cast=str)
+        alarm_flags = Instrument.measurement(
+            "RTA1", "Get the temperature alarms, and clear them.", cast=str
+        )
 
         def __init__(self, adapter: SerialAdapter) -> None:
             super().__init__(adapter, "DDE", includeSCPI=False)
@@ -62,7 +66,11 @@ def _procedure(url: str, seconds: float) -> Procedure:
 
         def read(self) -> str:
             answer = self.read_bytes(ANSWER_BYTES)
-            if len(answer) != ANSWER_BYTES or answer[5:6] != b"A" or reduce(xor, answer[:-1]) != answer[-1]:
+            if (
+                len(answer) != ANSWER_BYTES
+                or answer[5:6] != b"A"
+                or reduce(xor, answer[:-1]) != answer[-1]
+            ):
                 raise ValueError(f"{answer!r} is no answer")
             return answer[9:14].decode()
 
@@ -82,11 +90,15 @@ def _procedure(url: str, seconds: float) -> Procedure:
                 self._scan(station)
             exchanges = (self.scans - first) * len(FOUR)
             took, cpu = time.monotonic() - began, cpu_s() - before
-            self.measured = Measured(began, took, exchanges, cpu / exchanges * 1e6, took / exchanges, (0.0, 0.0, 0.0))
+            self.measured = Measured(
+                began, took, exchanges, cpu / exchanges * 1e6, took / exchanges, (0.0, 0.0, 0.0)
+            )
             station.adapter.close()
 
         def _scan(self, station: Dde) -> None:
-            self.emit("results", {"time": time.time(), **{name: getattr(station, name) for name in FOUR}})
+            self.emit(
+                "results", {"time": time.time(), **{name: getattr(station, name) for name in FOUR}}
+            )
             self.scans += 1
 
     return Reading()

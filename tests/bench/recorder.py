@@ -22,7 +22,9 @@ from jbclog.session.run.context import SessionContext
 
 @dataclass(frozen=True, slots=True)
 class Recorded:
-    """One run. CPU is the recorder's with its sealing children's, from when all stations sample until the first has ended."""
+    """One run. CPU is the recorder's with its sealing children's, from when all stations sample
+    until the first has ended.
+    """
 
     began: float  # that time, monotonic seconds
     seconds: float
@@ -59,8 +61,13 @@ class Watcher:
     def happened(self, event: EventRow) -> None: ...
 
     def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None:
-        if all(context.facts.first_tick is not None and context.facts.outcome == "running" for context in contexts):
-            self.last = Mark(time.monotonic(), cpu_s(), sum(context.station.exchanges for context in contexts))
+        if all(
+            context.facts.first_tick is not None and context.facts.outcome == "running"
+            for context in contexts
+        ):
+            self.last = Mark(
+                time.monotonic(), cpu_s(), sum(context.station.exchanges for context in contexts)
+            )
             self.first = self.first or self.last
 
     def sealing(self) -> None: ...
@@ -76,7 +83,9 @@ def record(
     seal_every_s: float = SEAL_S,
     wire: bool = False,
 ) -> Recorded:
-    """Run the stations of `line` for `seconds`, as ``jbclog run`` does, with ``--wire`` where `wire` says so."""
+    """Run the stations of `line` for `seconds`, as ``jbclog run`` does, with ``--wire`` where
+    `wire` says so.
+    """
     plan = make_plan(RunOptions(line, recipe, duration_s=seconds, rate=rate, wire=wire))
     watcher, before = Watcher(), cpu_s()
     result = conduct(plan, out, watcher, seal_every_s=seal_every_s)
@@ -86,10 +95,15 @@ def record(
 def _recorded(result: Result, watcher: Watcher, cpu_all_s: float) -> Recorded:
     first, last = watcher.first, watcher.last
     if first is None or last is None or first == last:
-        raise RuntimeError(f"the stations never sampled together for two seconds: {[one.text for one in result.findings]}")
+        raise RuntimeError(
+            "the stations never sampled together for two seconds:"
+            f" {[one.text for one in result.findings]}"
+        )
     exchanges, stations = last.exchanges - first.exchanges, result.manifest.stations
     peak = _peak_mb()
-    samples = pq.read_table(result.folder / "samples", columns=["port", "late_us", "scan_us", "reasons"])
+    samples = pq.read_table(
+        result.folder / "samples", columns=["port", "late_us", "scan_us", "reasons"]
+    )
     late = _late_ms(samples["port"].to_pylist(), samples["late_us"].to_pylist())
     skipped = sum("skipped" in reasons for reasons in samples["reasons"].to_pylist() if reasons)
     return Recorded(
@@ -107,16 +121,25 @@ def _recorded(result: Result, watcher: Watcher, cpu_all_s: float) -> Recorded:
         peak_mb=peak,
         trouble=[finding.text for finding in result.findings],
         wire_bytes=sum(path.stat().st_size for path in wire_paths(result.folder)),
-        wire_exchanges=sum(row.what == "sent" for path in wire_paths(result.folder) for row in read_rows(path)),
+        wire_exchanges=sum(
+            row.what == "sent" for path in wire_paths(result.folder) for row in read_rows(path)
+        ),
     )
 
 
 def _late_ms(ports: list[int], late_us: list[int | None]) -> list[float]:
-    """How late each tick was: its first port's lateness, for the others wait for their turn on the wire."""
-    return [us / 1000 for port, us in zip(ports, late_us, strict=True) if port == 1 and us is not None] or [0.0]
+    """How late each tick was: its first port's lateness, for the others wait for their turn on the
+    wire.
+    """
+    return [
+        us / 1000 for port, us in zip(ports, late_us, strict=True) if port == 1 and us is not None
+    ] or [0.0]
 
 
 def _peak_mb() -> float:
     """The most memory that this process has held."""
     status = Path("/proc/self/status").read_text()
-    return int(next(line for line in status.splitlines() if line.startswith("VmHWM")).split()[1]) / 1024
+    return (
+        int(next(line for line in status.splitlines() if line.startswith("VmHWM")).split()[1])
+        / 1024
+    )

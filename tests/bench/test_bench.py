@@ -33,6 +33,12 @@ LONGEST_S = 300
 @pytest.mark.parametrize("name", NAMES)
 def test_short_form_holds_its_claims(name: str) -> None:
     script = Path(__file__).with_name(f"bench_{name}.py")
-    done = subprocess.run([sys.executable, str(script), "--short"], capture_output=True, text=True, timeout=LONGEST_S, check=False)
+    done = subprocess.run(
+        [sys.executable, str(script), "--short"],
+        capture_output=True,
+        text=True,
+        timeout=LONGEST_S,
+        check=False,
+    )
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -1,4 +1,6 @@
-"""`bench_growth.py`: points are kept as they come and not measured twice, and the page says which lines are not straight."""
+"""`bench_growth.py`: points are kept as they come and not measured twice, and the page says which
+lines are not straight.
+"""
 
 from __future__ import annotations
 
@@ -15,18 +17,26 @@ from growth_page import Point
 
 
 def series(*values: float) -> list[Point]:
-    return [Point("folders", 10.0**number, {"s": value}, "m", "d") for number, value in enumerate(values, 1)]
+    return [
+        Point("folders", 10.0**number, {"s": value}, "m", "d")
+        for number, value in enumerate(values, 1)
+    ]
 
 
 def test_a_line_is_bent_that_is_neither_constant_nor_proportional() -> None:
     assert not growth_page.is_bent(series(2.0, 20.0, 205.0), "s")
     assert not growth_page.is_bent(series(2.0, 2.1, 2.0), "s")
     assert growth_page.is_bent(series(2.0, 20.0, 2000.0), "s")
-    assert growth_page.exponents(series(2.0, 20.0, 2000.0), "s") == "10 to 100: 1.00, 100 to 1,000: 2.00"
+    assert (
+        growth_page.exponents(series(2.0, 20.0, 2000.0), "s")
+        == "10 to 100: 1.00, 100 to 1,000: 2.00"
+    )
 
 
 def test_the_page_has_a_table_a_picture_and_what_is_not_explained(tmp_path: Path) -> None:
-    written = growth_page.write_page(series(2.0, 20.0, 2000.0), {"folders": "Copies.", "rates": "None yet."}, tmp_path)
+    written = growth_page.write_page(
+        series(2.0, 20.0, 2000.0), {"folders": "Copies.", "rates": "None yet."}, tmp_path
+    )
     assert [path.name for path in written] == ["growth.md", "growth-folders.svg"]
     text = written[0].read_text()
     assert "| runs | 10 | 100 | 1,000 |" in text
@@ -36,7 +46,9 @@ def test_the_page_has_a_table_a_picture_and_what_is_not_explained(tmp_path: Path
     assert written[1].read_text().startswith("<svg")
 
 
-def test_an_interrupted_part_is_resumed_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_part_is_resumed_where_it_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     tried: list[int] = []
 
     def measured(size: int, _: float) -> dict[str, float]:
@@ -45,7 +57,9 @@ def test_an_interrupted_part_is_resumed_where_it_stopped(tmp_path: Path, monkeyp
             raise KeyboardInterrupt
         return {"s": float(size)}
 
-    monkeypatch.setattr(bench_growth, "PARTS", {"folders": bench_growth.Part("", (1, 2, 3, 4), (1,), measured)})
+    monkeypatch.setattr(
+        bench_growth, "PARTS", {"folders": bench_growth.Part("", (1, 2, 3, 4), (1,), measured)}
+    )
     path = tmp_path / "growth.jsonl"
     with pytest.raises(KeyboardInterrupt):
         bench_growth.measure(["folders"], path, tiny=False, again=False, most=9, seconds=1)
@@ -54,4 +68,9 @@ def test_an_interrupted_part_is_resumed_where_it_stopped(tmp_path: Path, monkeyp
     points = bench_growth.measure(["folders"], path, tiny=False, again=False, most=3, seconds=1)
     assert [point.size for point in points] == [1, 2, 3]
     assert tried == [1, 2, 3, 3]
-    assert [point.size for point in bench_growth.measure(["folders"], path, tiny=False, again=True, most=2, seconds=1)] == [1, 2]
+    assert [
+        point.size
+        for point in bench_growth.measure(
+            ["folders"], path, tiny=False, again=True, most=2, seconds=1
+        )
+    ] == [1, 2]

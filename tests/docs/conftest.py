@@ -13,7 +13,10 @@ from support.readers.texts import Demo
 @pytest.fixture(scope="session")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
     """One demo for all tests that only look at it, whichever worker they run in."""
-    place = tmp_path_factory.getbasetemp().parent / f"newcomer-{os.environ.get('PYTEST_XDIST_TESTRUNUID', os.getpid())}"
+    place = (
+        tmp_path_factory.getbasetemp().parent
+        / f"newcomer-{os.environ.get('PYTEST_XDIST_TESTRUNUID', os.getpid())}"
+    )
     with Path(f"{place}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # the first worker makes it, the others wait for it
         if not place.exists():

@@ -1,4 +1,6 @@
-"""A campaign is long and not run by default: so each has a short slice of itself that is, and says what it tried."""
+"""A campaign is long and not run by default: so each has a short slice of itself that is, and says
+what it tried.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +11,21 @@ import pytest
 
 TESTS = Path(__file__).parents[1]
 MARK = "pytest.mark.campaign"
-FILES = [path for path in sorted(TESTS.rglob("test_*.py")) if MARK in path.read_text(encoding="utf-8") and path != Path(__file__)]
-every_file = pytest.mark.parametrize("path", FILES, ids=lambda path: path.relative_to(TESTS).as_posix())
+FILES = [
+    path
+    for path in sorted(TESTS.rglob("test_*.py"))
+    if MARK in path.read_text(encoding="utf-8") and path != Path(__file__)
+]
+every_file = pytest.mark.parametrize(
+    "path", FILES, ids=lambda path: path.relative_to(TESTS).as_posix()
+)
 
 
 def functions(path: Path) -> list[ast.FunctionDef]:
     body = ast.parse(path.read_text(encoding="utf-8")).body
-    return [one for one in body if isinstance(one, ast.FunctionDef) and one.name.startswith("test_")]
+    return [
+        one for one in body if isinstance(one, ast.FunctionDef) and one.name.startswith("test_")
+    ]
 
 
 def is_campaign(function: ast.FunctionDef) -> bool:
@@ -42,6 +52,8 @@ def test_it_says_what_it_tried(path: Path) -> None:
     silent = [
         one.name
         for one in functions(path)
-        if is_campaign(one) and repeats(one) and not {"counted", "capsys"} & {argument.arg for argument in one.args.args}
+        if is_campaign(one)
+        and repeats(one)
+        and not {"counted", "capsys"} & {argument.arg for argument in one.args.args}
     ]
     assert silent == []

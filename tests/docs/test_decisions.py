@@ -1,4 +1,6 @@
-"""The decision records: numbered without a gap, all of one form, and everything that cites one finds it."""
+"""The decision records: numbered without a gap, all of one form, and everything that cites one
+finds it.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +21,13 @@ FORM = re.compile(
     r"# (?P<number>\d+)\. (?P<title>[^\n]+)\n\n"
     r"Date: (?P<date>\d{4}-\d\d-\d\d)\n\n"
     r"Status: (?P<status>accepted|superseded by (?P<later>\d{4}))\n\n"
-    r"## Context\n\n(?P<context>\S.*?)\n\n## Decision\n\n(?P<decision>\S.*?)\n\n## Consequences\n\n- (?P<consequences>\S.*)\n",
+    r"## Context\n\n(?P<context>\S.*?)\n\n## Decision\n\n(?P<decision>\S.*?)\n\n##"
+    r" Consequences\n\n- (?P<consequences>\S.*)\n",
     re.DOTALL,
 )
-CITED = re.compile(r"docs/decisions/(\d{4})(?:-[a-z0-9-]+\.md)?|\bdecisions?(?: records?)? (\d{1,4})\b")
+CITED = re.compile(
+    r"docs/decisions/(\d{4})(?:-[a-z0-9-]+\.md)?|\bdecisions?(?: records?)? (\d{1,4})\b"
+)
 every_record = pytest.mark.parametrize("record", RECORDS, ids=lambda path: path.stem)
 
 
@@ -50,12 +55,16 @@ def test_a_record_has_the_templates_form(record: Path) -> None:
 @every_record
 def test_what_replaces_a_record_exists_and_is_newer(record: Path) -> None:
     later = form_of(record)["later"]
-    assert later is None or (later > record.name[:4] and any(path.name.startswith(later) for path in RECORDS))
+    assert later is None or (
+        later > record.name[:4] and any(path.name.startswith(later) for path in RECORDS)
+    )
 
 
 @every_record
 def test_the_files_that_a_record_names_exist(record: Path) -> None:
-    named = re.findall(r"`((?:jbclog|tests|docs|\.ci)/[\w./-]+)`", record.read_text(encoding="utf-8"))
+    named = re.findall(
+        r"`((?:jbclog|tests|docs|\.ci)/[\w./-]+)`", record.read_text(encoding="utf-8")
+    )
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
@@ -63,6 +72,8 @@ def test_every_citation_of_a_record_finds_it() -> None:
     numbers = {int(path.name[:4]) for path in RECORDS}
     for name in TEXTS:
         for cited in CITED.finditer((ROOT / name).read_text(encoding="utf-8")):
-            assert int(cited[1] or cited[2]) in numbers or cited[1] == "0000", f"{name} cites {cited[0]}"
+            assert int(cited[1] or cited[2]) in numbers or cited[1] == "0000", (
+                f"{name} cites {cited[0]}"
+            )
             if cited[0].endswith(".md"):
                 assert (ROOT / cited[0]).exists(), f"{name} cites {cited[0]}"

@@ -1,5 +1,5 @@
-"""The pages below docs/: all are in the navigation, their links lead somewhere, their commands exist, and what they repeat of the
-code is what it says. `.ci/docs` builds the site, strictly."""
+"""The pages below docs/: all are in the navigation, their links lead somewhere, their commands
+exist, and what they repeat of the code is what it says. `.ci/docs` builds the site, strictly."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ from support.readers.texts import DOCS, FENCE, ROOT
 
 TESTS = ROOT / "tests"
 PAGES = sorted(DOCS.rglob("*.md"))
-every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix())
+every_page = pytest.mark.parametrize(
+    "page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix()
+)
 
 
 def text_of(name: str) -> str:
@@ -25,7 +27,12 @@ def text_of(name: str) -> str:
 def anchors(page: Path) -> set[str]:
     """The anchors of a page's headings, as GitHub and MyST make them."""
     titles = re.findall(r"^#+ (.+)$", FENCE.sub("", page.read_text(encoding="utf-8")), re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", title).lower()).replace(" ", "-") for title in titles}
+    return {
+        re.sub(r"[^\w\- ]", "", re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", title).lower()).replace(
+            " ", "-"
+        )
+        for title in titles
+    }
 
 
 def in_navigation(page: Path) -> set[Path]:
@@ -62,22 +69,39 @@ def test_commands_exist(page: Path) -> None:
 
 def test_every_campaign_has_its_row() -> None:
     named = set(re.findall(r"`([\w/]+/test_\w+\.py)`", text_of("reference/campaigns.md")))
-    files = (path.relative_to(TESTS) for path in TESTS.rglob("test_*.py") if "docs" not in path.parts and has_campaign(path))
+    files = (
+        path.relative_to(TESTS)
+        for path in TESTS.rglob("test_*.py")
+        if "docs" not in path.parts and has_campaign(path)
+    )
     assert named == {path.as_posix() for path in files}
 
 
 def has_campaign(path: Path) -> bool:
     """By its mark, or because it runs a slice of its trials by default."""
     text = path.read_text(encoding="utf-8")
-    return any(sign in text for sign in ("pytest.mark.campaign", "pytest.mark.soak", "slices import"))
+    return any(
+        sign in text for sign in ("pytest.mark.campaign", "pytest.mark.soak", "slices import")
+    )
 
 
 def test_the_sizes_of_foreign_files_are_the_limits() -> None:
-    rows = dict(re.findall(r"^\| ([^|]+) \| (\d+ [KMG]iB) \|$", text_of("explanation/foreign-files.md"), re.MULTILINE))
+    rows = dict(
+        re.findall(
+            r"^\| ([^|]+) \| (\d+ [KMG]iB) \|$",
+            text_of("explanation/foreign-files.md"),
+            re.MULTILINE,
+        )
+    )
     units = {"KiB": KIB, "MiB": MIB, "GiB": GIB}
     told = {names: int(size.split()[0]) * units[size.split()[1]] for names, size in rows.items()}
     kinds = {
-        "manifest, annotations, verifications, a job's state": (Kind.MANIFEST, Kind.ANNOTATIONS, Kind.VERIFICATIONS, Kind.JOB),
+        "manifest, annotations, verifications, a job's state": (
+            Kind.MANIFEST,
+            Kind.ANNOTATIONS,
+            Kind.VERIFICATIONS,
+            Kind.JOB,
+        ),
         "report.json": (Kind.REPORT,),
         "other files of a report": (Kind.OF_REPORT,),
         "lease": (Kind.LEASE,),
@@ -95,7 +119,10 @@ def test_the_sizes_of_foreign_files_are_the_limits() -> None:
 
 
 def test_the_false_alarms_are_those_that_charts_state() -> None:
-    for tests, row in ((DEFAULT_TESTS, "1, 2, 3, 5 (default)"), (ALL_TESTS, "all eight (`--all-tests`)")):
+    for tests, row in (
+        (DEFAULT_TESTS, "1, 2, 3, 5 (default)"),
+        (ALL_TESTS, "all eight (`--all-tests`)"),
+    ):
         stated = FALSE_ALARMS[tests]
         figures = [getattr(stated, name) for name in stated.__dataclass_fields__]
         cells = f"| {row} | {figures[0]:g} | {figures[1]:g} points | {100 * figures[2]:.0f} % |"

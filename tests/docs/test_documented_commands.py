@@ -1,4 +1,6 @@
-"""The documentation's command blocks and snippets run: tutorials from their first block to their last, on virtual stations."""
+"""The documentation's command blocks and snippets run: tutorials from their first block to their
+last, on virtual stations.
+"""
 
 from __future__ import annotations
 
@@ -24,15 +26,27 @@ COMMAND = warm_command.__file__
 INSTALLING = ("python3 -m", ".venv/bin/jupyter", "sudo ", "ls -l /dev/serial")
 SHORTER = {
     "--duration 3m &": "--duration 60s 2>killed.err &",
-    "sleep 20": """until [ "$(grep -c 'sampled at' killed.err)" = 4 ]; do sleep 0.2; done; sleep 4""",
-    "sleep 3\n": "for i in {1..150}; do ! grep -q '[^ ]' runs/*/guard.jsonl 2>/dev/null || break; sleep 0.2; done; sleep 3\n",
+    "sleep 20": (
+        """until [ "$(grep -c 'sampled at' killed.err)" = 4 ]; do sleep 0.2; done; sleep 4"""
+    ),
+    "sleep 3\n": (
+        "for i in {1..150}; do ! grep -q '[^ ]' runs/*/guard.jsonl 2>/dev/null || break; sleep 0.2;"
+        " done; sleep 3\n"
+    ),
     "--duration 3m": "--duration 3s",
     "--duration 1m": "--duration 3s",
     "/dev/serial/by-id/ADAPTER": "$PWD/virtual/dde-1",
-    'ack "$RUN" EPISODE': 'ack "$RUN" "$(jbclog alarms "$RUN" 2>&1 | sed -n \'s/.* ack [^ ]* \\([^ ]*\\) --by.*/\\1/p\')"',
-    "3f2a-91bc-77de-0a12-5c08-b6e1": '"$(jbclog check "$RUN" | sed -n \'s/.*(fingerprint \\(.*\\))$/\\1/p\')"',
+    'ack "$RUN" EPISODE': (
+        'ack "$RUN" "$(jbclog alarms "$RUN" 2>&1 | sed -n \'s/.* ack [^ ]* \\([^ ]*\\)'
+        " --by.*/\\1/p')\""
+    ),
+    "3f2a-91bc-77de-0a12-5c08-b6e1": (
+        '"$(jbclog check "$RUN" | sed -n \'s/.*(fingerprint \\(.*\\))$/\\1/p\')"'
+    ),
 }
-"""What a test types in place of the page's words: shorter times, and what stands for a name of the reader's."""
+"""What a test types in place of the page's words: shorter times, and what stands for a name of the
+reader's.
+"""
 
 
 def text_of(name: str) -> str:
@@ -46,7 +60,10 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "profiles").symlink_to(ROOT / "profiles")
     (folder / "bin").mkdir()
     program = folder / "bin" / "jbclog"
-    program.write_text(f"#!{sys.executable} -IS\nimport runpy\nrunpy.run_path({COMMAND!r})['main']({str(connected())!r})\n")
+    program.write_text(
+        f"#!{sys.executable} -IS\nimport"
+        f" runpy\nrunpy.run_path({COMMAND!r})['main']({str(connected())!r})\n"
+    )
     program.chmod(0o755)
     return folder
 
@@ -65,7 +82,9 @@ def bench(clone: Path) -> Iterator[Path]:
 
 
 def typed(page: str) -> str:
-    """The commands of a page in order, but for those that install something and the first terminal's."""
+    """The commands of a page in order, but for those that install something and the first
+    terminal's.
+    """
     lines = "".join(blocks("sh", text_of(page))).splitlines()
     script = "\n".join(line for line in lines if not line.startswith((*INSTALLING, "jbclog sim ")))
     for words, shorter in SHORTER.items():
@@ -74,29 +93,44 @@ def typed(page: str) -> str:
 
 
 def write_files(page: str, folder: Path) -> None:
-    """The files that a page prints: TOML blocks whose first line is a comment with the file's name."""
+    """The files that a page prints: TOML blocks whose first line is a comment with the file's
+    name.
+    """
     for block in blocks("toml", text_of(page)):
         name = re.match(r"# (\w+\.toml)\n", block)
         if name:
             (folder / name[1]).write_text(re.sub(r'"(90s|3m)"', '"3s"', block), encoding="utf-8")
 
 
-def follow(page: str, folder: Path, bin_folder: Path) -> tuple[list[str], subprocess.CompletedProcess[str]]:
-    """Type the page's commands; the commands that ended with another code than 0, as "CODE VERB", and what was printed."""
+def follow(
+    page: str, folder: Path, bin_folder: Path
+) -> tuple[list[str], subprocess.CompletedProcess[str]]:
+    """Type the page's commands; the commands that ended with another code than 0, as "CODE VERB",
+    and what was printed.
+    """
     write_files(page, folder)
     script = "trap 'echo \"FAILED $? $BASH_COMMAND\" >&2' ERR\n" + typed(page)
     paths = {**environ, "PATH": f"{bin_folder}:{environ['PATH']}"}
-    done = subprocess.run(["bash", "-c", script], cwd=folder, env=paths, capture_output=True, text=True, timeout=250, check=False)
+    done = subprocess.run(
+        ["bash", "-c", script],
+        cwd=folder,
+        env=paths,
+        capture_output=True,
+        text=True,
+        timeout=250,
+        check=False,
+    )
     failed = re.findall(r"^FAILED (\d+) (?:\w+=\$\()?(?:jbclog )?(\S+)", done.stderr, re.MULTILINE)
     return [" ".join(one) for one in failed], done
 
 
-# -- tutorials --------------------------------------------------------------------------------------------------------------
+# -- tutorials -------------------------------------------------------------------------------------
 
 
 def test_the_first_run(bench: Path) -> None:
     failed, done = follow("tutorials/first-run.md", bench, bench / "bin")
-    assert failed == ["1 run"], done.stderr  # three seconds show no tip at rest; the three minutes of the text do
+    # three seconds show no tip at rest; the three minutes of the text do
+    assert failed == ["1 run"], done.stderr
     assert "Line bench: 4 stations. No byte sent." in done.stdout
     assert "report.html\n" in done.stdout
     assert ": no differences (fingerprint " in done.stdout
@@ -110,7 +144,8 @@ def test_the_first_run(bench: Path) -> None:
 def test_the_first_station(bench: Path, tmp_path: Path) -> None:
     (tmp_path / "virtual").symlink_to(bench / "virtual")
     failed, done = follow("tutorials/first-station.md", tmp_path, bench / "bin")
-    assert set(failed) <= {"1 doctor", "1 run"}, done.stderr  # of this machine's clock; of a tip still approaching
+    # of this machine's clock; of a tip still approaching
+    assert set(failed) <= {"1 doctor", "1 run"}, done.stderr
     assert load_line(tmp_path / "line.toml").stations[0].family == "dde"
     assert "No byte sent." in done.stdout
     assert ": no differences (fingerprint " in done.stdout
@@ -123,7 +158,8 @@ def test_the_first_batch(bench: Path, tmp_path: Path) -> None:
     failed, done = follow("tutorials/first-batch.md", tmp_path, bench / "bin")
     assert failed == ["1 batch"], done.stderr
     runs = [run.name for run in (tmp_path / "runs").glob("*-bench-*")]
-    assert [done.stdout.count(f"runs/{run}") for run in runs] == [2, 2, 2]  # in the batch's table, and found by their tag
+    # in the batch's table, and found by their tag
+    assert [done.stdout.count(f"runs/{run}") for run in runs] == [2, 2, 2]
 
 
 def test_signing_a_run(demo: Demo, clone: Path, tmp_path: Path) -> None:
@@ -143,16 +179,19 @@ def test_auditing_a_line(bench: Path) -> None:
     assert "tip-change" in done.stdout
 
 
-# -- snippets ---------------------------------------------------------------------------------------------------------------
+# -- snippets --------------------------------------------------------------------------------------
 
 
 SNIPPETS = {
-    page.name: block for page in DOCS.rglob("*.md") for block in blocks("python", page.read_text(encoding="utf-8"))
+    page.name: block
+    for page in DOCS.rglob("*.md")
+    for block in blocks("python", page.read_text(encoding="utf-8"))
 }  # one a page
 
 
 def test_there_are_no_other_snippets() -> None:
-    assert set(SNIPPETS) == {"many-computers.md", "read-a-run.md", "watch.md"}  # the first runs in faults/test_fleet.py
+    # the first runs in faults/test_fleet.py
+    assert set(SNIPPETS) == {"many-computers.md", "read-a-run.md", "watch.md"}
 
 
 def test_the_snippet_of_the_live_view_runs_on_a_demo(demo: Demo, tmp_path: Path) -> None:
@@ -162,7 +201,14 @@ def test_the_snippet_of_the_live_view_runs_on_a_demo(demo: Demo, tmp_path: Path)
         assert watching.stdout is not None
         shown = [watching.stdout.readline().split()[:3] for _ in range(6)]
         watching.kill()
-    assert sorted(place[0] for place in shown) == ["ale-1", "dde-1", "dde-1", "dde-2", "dde-2", "ucr-1"]
+    assert sorted(place[0] for place in shown) == [
+        "ale-1",
+        "dde-1",
+        "dde-1",
+        "dde-2",
+        "dde-2",
+        "ucr-1",
+    ]
 
 
 def test_the_python_snippet_runs_on_a_demo(demo: Demo) -> None:
@@ -183,7 +229,13 @@ def test_the_python_snippet_runs_on_a_demo(demo: Demo) -> None:
 def test_the_line_file_snippet_is_a_line_file(tmp_path: Path) -> None:
     write_files("how-to/connect.md", tmp_path)
     (station,) = load_line(tmp_path / "line.toml").stations
-    assert (station.family, station.ports, station.baudrate, station.format, station.address) == ("dde", (1, 2), 19200, "8N1", 1)
+    assert (station.family, station.ports, station.baudrate, station.format, station.address) == (
+        "dde",
+        (1, 2),
+        19200,
+        "8N1",
+        1,
+    )
 
 
 def test_every_toml_block_is_a_file_that_a_test_reads() -> None:
@@ -196,13 +248,19 @@ def test_every_toml_block_is_a_file_that_a_test_reads() -> None:
 
 
 def test_every_block_is_of_a_kind_that_a_test_knows() -> None:
-    """`text` is printed, not typed; `yaml` is another program's file, `sql` is run by `unit/analysis/store/test_readers.py`."""
+    """`text` is printed, not typed; `yaml` is another program's file, `sql` is run by
+    `unit/analysis/store/test_readers.py`.
+    """
     known = {"sh", "toml", "python", "text", "yaml", "sql", "{toctree}", "{admonition}"}
-    kinds = {name.split()[0] if name else "" for page in DOCS.rglob("*.md") for name, _ in FENCE.findall(page.read_text("utf-8"))}
+    kinds = {
+        name.split()[0] if name else ""
+        for page in DOCS.rglob("*.md")
+        for name, _ in FENCE.findall(page.read_text("utf-8"))
+    }
     assert kinds <= known
 
 
-# -- what the pages repeat of the code --------------------------------------------------------------------------------------
+# -- what the pages repeat of the code -------------------------------------------------------------
 
 
 def test_the_run_folder_is_as_described(demo: Demo) -> None:

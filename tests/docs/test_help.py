@@ -1,4 +1,6 @@
-"""The program explains itself: each verb with an example that works, quickly, and each public name with a docstring."""
+"""The program explains itself: each verb with an example that works, quickly, and each public name
+with a docstring.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ with suppress(SystemExit):
 print(*set(sys.modules) - before, file=sys.stderr)
 """
 PACKAGE = Path(package.__file__).parent
-PACKAGES = sorted(".".join(path.parent.relative_to(PACKAGE).parts) for path in PACKAGE.rglob("*/__init__.py"))
+PACKAGES = sorted(
+    ".".join(path.parent.relative_to(PACKAGE).parts) for path in PACKAGE.rglob("*/__init__.py")
+)
 
 
 @cache
@@ -54,12 +58,21 @@ def test_help_ends_with_an_example_that_could_be_typed(verb: str) -> None:
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_list_of_verbs_shows_each_first_sentence_whole(verb: str) -> None:
     """The list is a table of its own, so that `--help` loads no command."""
-    assert re.search(rf"^  {verb} +{re.escape(HELP[verb].splitlines()[0])}$", shown_here("--help").stdout, re.MULTILINE)
+    assert re.search(
+        rf"^  {verb} +{re.escape(HELP[verb].splitlines()[0])}$",
+        shown_here("--help").stdout,
+        re.MULTILINE,
+    )
 
 
 def test_commands_are_listed_in_groups() -> None:
     listed = shown_here("--help").stdout.partition("-h, --help")[2]
-    assert re.findall(r"^(\w+):$", listed, re.MULTILINE) == ["Record", "Stations", "Analyse", "Maintain"]
+    assert re.findall(r"^(\w+):$", listed, re.MULTILINE) == [
+        "Record",
+        "Stations",
+        "Analyse",
+        "Maintain",
+    ]
     assert set(re.findall(r"^  ([a-z-]+) ", listed, re.MULTILINE)) == set(VERBS)
 
 
@@ -67,7 +80,10 @@ def test_commands_are_listed_in_groups() -> None:
 def test_help_shows_neither_types_of_python_nor_braces(verb: str) -> None:
     shown = shown_here(verb, "--help").stdout
     assert re.findall(r"<\w*[\[>]|\{[A-Z]|LAST_GOOD", shown) == []
-    usage, required = shown.splitlines()[0], re.findall(r"^  ([A-Z]+) .*\[required\]", shown, re.MULTILINE)
+    usage, required = (
+        shown.splitlines()[0],
+        re.findall(r"^  ([A-Z]+) .*\[required\]", shown, re.MULTILINE),
+    )
     assert [name for name in required if f" {name}" not in usage] == []
 
 
@@ -88,15 +104,27 @@ def test_help_names_every_option_that_there_is() -> None:
 
 def test_help_loads_no_more_than_what_prints_it() -> None:
     """Which makes it quick; how quick, `tests/bench/bench_help.py` measures."""
-    done = subprocess.run([sys.executable, "-c", LOADED_BY_HELP], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", LOADED_BY_HELP],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        check=True,
+    )
     loaded = [name.split(".") for name in done.stderr.decode().split()]
     packages = {package for package, *_ in loaded} - sys.stdlib_module_names
     assert packages <= {"jbclog", "typer", "click", "shellingham", "annotated_doc"}
-    own = {".".join(rest) for package, *rest in loaded if package == "jbclog" and rest and rest[0] != "cli"}
+    own = {
+        ".".join(rest)
+        for package, *rest in loaded
+        if package == "jbclog" and rest and rest[0] != "cli"
+    }
     assert own == {"core", "core.outcome", "core.states"}
 
 
-@pytest.mark.parametrize("arguments", [("frobnicate",), ("run",), ("run", "--line"), ("demo", "--seconds", "1"), ("check",)])
+@pytest.mark.parametrize(
+    "arguments",
+    [("frobnicate",), ("run",), ("run", "--line"), ("demo", "--seconds", "1"), ("check",)],
+)
 def test_wrong_usage_ends_with_2_and_no_traceback(arguments: tuple[str, ...]) -> None:
     ended = jbclog(*arguments)
     assert ended.returncode == 2
@@ -104,7 +132,9 @@ def test_wrong_usage_ends_with_2_and_no_traceback(arguments: tuple[str, ...]) ->
     assert "Traceback" not in ended.stderr
 
 
-@pytest.mark.parametrize("module", ["jbclog", "jbclog.spc", *(f"jbclog.{name}" for name in PACKAGES)])
+@pytest.mark.parametrize(
+    "module", ["jbclog", "jbclog.spc", *(f"jbclog.{name}" for name in PACKAGES)]
+)
 def test_public_names_are_documented(module: str) -> None:
     room = import_module(module)
     names = [name for name in getattr(room, "__all__", ()) if name != "__version__"]

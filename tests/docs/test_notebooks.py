@@ -1,4 +1,5 @@
-"""The notebooks on the recorded examples beside them: what they say is what was done to the virtual stations.
+"""The notebooks on the recorded examples beside them: what they say is what was done to the virtual
+stations.
 
 That of reading a run runs from top to bottom on one that is recorded here.
 """
@@ -19,19 +20,31 @@ from jbclog.maintenance.ledger import add, read_book
 from jbclog.record.check import check
 from support.fleets.audit_fleet import BEGIN
 from support.fleets.counters import look
-from support.readers.notebook_runs import HOME, NOTEBOOKS, Kernel, has_picture, kernel, run_here, shown
+from support.readers.notebook_runs import (
+    HOME,
+    NOTEBOOKS,
+    Kernel,
+    has_picture,
+    kernel,
+    run_here,
+    shown,
+)
 from support.records import notebook_data
 from support.records.sealed_run import samples, seal, station, table
 from support.records.small_run import make_run
 
 DATA = HOME / "data"
-FOLLOW, JOINTS, CAPABILITY, AUDIT = (next(HOME.glob(f"0{number}_*.ipynb")) for number in range(2, 6))
-pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")  # of the kernel's own making, not ours
+FOLLOW, JOINTS, CAPABILITY, AUDIT = (
+    next(HOME.glob(f"0{number}_*.ipynb")) for number in range(2, 6)
+)
+# of the kernel's own making, not ours
+pytestmark = pytest.mark.filterwarnings("ignore:.*:DeprecationWarning")
 
 
 def unpack(packed: Path, folder: Path) -> None:
     with tarfile.open(packed) as opened:
-        opened.extraction_filter = getattr(tarfile, "data_filter", None)  # Python before 3.11.4 has none
+        # Python before 3.11.4 has none
+        opened.extraction_filter = getattr(tarfile, "data_filter", None)
         opened.extractall(folder)
 
 
@@ -49,7 +62,9 @@ def _on_the_examples(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("JBCLOG_TASKS", raising=False)
 
 
-@pytest.mark.parametrize("notebook", [FOLLOW, JOINTS, CAPABILITY, AUDIT], ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "notebook", [FOLLOW, JOINTS, CAPABILITY, AUDIT], ids=lambda path: path.stem
+)
 def test_each_opens_with_its_question_and_ends_with_its_limitations(notebook: Path) -> None:
     cells = json.loads(notebook.read_text("utf-8"))["cells"]
     texts = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown"]
@@ -79,10 +94,13 @@ def test_following_an_alarm_shows_which_detector_reported_what(of_all: Kernel) -
 
 def test_joints_are_held_against_the_feeders_own_count(of_all: Kernel) -> None:
     node = of_all.executed(JOINTS)
-    assert "18 joints with solder wire found, the feeder counted 19 feeds: +1." in shown(node, "feeder")
+    assert "18 joints with solder wire found, the feeder counted 19 feeds: +1." in shown(
+        node, "feeder"
+    )
     assert re.search(r"Two witnesses: feeder 19, heat (\d+|not known)\.", shown(node, "feeder"))
     assert "No readings from 79.6 s to 84.3 s" in shown(node, "feeder")
-    assert re.search(r"^joints +<NA>", shown(node, "metrics"), re.MULTILINE)  # one was made in the gap
+    # one was made in the gap
+    assert re.search(r"^joints +<NA>", shown(node, "metrics"), re.MULTILINE)
     assert re.search(r"^recovery_s +1\.\d", shown(node, "metrics"), re.MULTILINE)
     for cell in ("course", "laid", "scatter"):
         assert has_picture(node, cell), cell
@@ -100,7 +118,9 @@ def test_capability_is_given_where_it_means_something_and_refused_elsewhere(of_a
     indices = shown(node, "indices")
     assert re.search(r"dde-1 +1 +220 +NaN +NaN", indices)
     assert "Neighbouring values are alike" in indices
-    index, bound = (float(text) for text in re.findall(r"dde-2 +1 +110 +([\d.]+) +([\d.]+)", indices)[0])
+    index, bound = (
+        float(text) for text in re.findall(r"dde-2 +1 +110 +([\d.]+) +([\d.]+)", indices)[0]
+    )
     assert 1 < bound < index < 2
     for cell in ("charts", "room", "means"):
         assert has_picture(node, cell), cell
@@ -110,16 +130,25 @@ def test_the_audit_is_right_where_it_commits_itself(of_all: Kernel) -> None:
     node = of_all.executed(AUDIT)
     assert "damaged lines of the ledger: 0" in shown(node, "open")
     supposed = shown(node, "marks")
-    assert re.search(r"dde-1 +reset +reset_or_other_unit +28\n", supposed)  # two resets of seven counters at two ports
+    # two resets of seven counters at two ports
+    assert re.search(r"dde-1 +reset +reset_or_other_unit +28\n", supposed)
     assert re.search(r"dde-2 +replaced +counters_of_another +14\n", supposed)
     assert not re.search(r"ucr-1 ", supposed)
     due = shown(node, "due")
     assert re.search(r"ucr-1 +1 +Change the handpiece .* due ", due)
-    assert re.search(r"Change the tip +\d+ to \d+ +fine +20\d\d-\d\d-\d\d +20\d\d-\d\d-\d\d +20\d\d-\d\d-\d\d", due)
-    assert len(re.findall(r"Verify the tip temperature +at least \d+ +overdue", due)) == 4  # without a last service date
+    assert re.search(
+        r"Change the tip +\d+ to \d+ +fine +20\d\d-\d\d-\d\d +20\d\d-\d\d-\d\d +20\d\d-\d\d-\d\d",
+        due,
+    )
+    # without a last service date
+    assert len(re.findall(r"Verify the tip temperature +at least \d+ +overdue", due)) == 4
     truth = notebook_data.simulated()["ucr-1"]
-    used_up = BEGIN + timedelta(hours=truth.when((1, "plugged_h"), 3200 + truth.true((1, "plugged_h"), truth.moments[0])))
-    begin, end = (date.fromisoformat(day) for day in re.findall(r"\d{4}-\d\d-\d\d", shown(node, "believed")))
+    used_up = BEGIN + timedelta(
+        hours=truth.when((1, "plugged_h"), 3200 + truth.true((1, "plugged_h"), truth.moments[0]))
+    )
+    begin, end = (
+        date.fromisoformat(day) for day in re.findall(r"\d{4}-\d\d-\d\d", shown(node, "believed"))
+    )
     assert begin <= used_up.date() <= end
     assert re.search(r"ucr-1( +\d+\.\d){4}", shown(node, "use"))
     for cell in ("course", "believed"):
@@ -128,15 +157,23 @@ def test_the_audit_is_right_where_it_commits_itself(of_all: Kernel) -> None:
 
 def test_the_audits_odometers_hold_the_truth(tmp_path: Path) -> None:
     unpack(DATA / "counters.tar.xz", tmp_path)
-    traced = {place: traces_of(history) for place, history in histories(read_book(tmp_path / "counters.jsonl").entries).items()}
+    traced = {
+        place: traces_of(history)
+        for place, history in histories(read_book(tmp_path / "counters.jsonl").entries).items()
+    }
     for name, made in notebook_data.simulated().items():
         for key, trace in traced["bench-3", name].now.items():
             first, last = (made.moments[trace.points[at].look] for at in (0, -1))
-            assert made.true(key, last) - made.true(key, first) in trace.counter_total.total, (name, key)
+            assert made.true(key, last) - made.true(key, first) in trace.counter_total.total, (
+                name,
+                key,
+            )
 
 
 @pytest.mark.parametrize("notebook", [FOLLOW, JOINTS], ids=lambda path: path.stem)
-def test_a_run_in_which_nothing_happened_can_be_read(notebook: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_in_which_nothing_happened_can_be_read(
+    notebook: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     columns = samples(100)
     columns["temperature_c"][:] = 350
     columns["power_permille"][:] = 80
@@ -144,13 +181,17 @@ def test_a_run_in_which_nothing_happened_can_be_read(notebook: Path, tmp_path: P
     run_here(notebook)
 
 
-def test_a_single_run_is_not_enough_and_breaks_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_single_run_is_not_enough_and_breaks_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     seal(tmp_path, [station(rows=300)], table(samples(300)))
     monkeypatch.setenv("JBCLOG_RUNS", str(tmp_path))
     run_here(CAPABILITY)
 
 
-def test_a_single_look_is_not_enough_and_breaks_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_single_look_is_not_enough_and_breaks_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     add(tmp_path / "ledger.jsonl", [look(counts={(1, "work_h"): 412})])
     monkeypatch.setenv("JBCLOG_LEDGER", str(tmp_path / "ledger.jsonl"))
     run_here(AUDIT)
@@ -164,7 +205,7 @@ def test_the_examples_are_whole_records(tmp_path: Path) -> None:
     assert [run.name for run in runs if check(run)] == []
 
 
-# -- reading a run, and how notebooks are kept -----------------------------------------------------------------------------------
+# -- reading a run, and how notebooks are kept -----------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +216,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebooks_are_kept_without_outputs(notebook: Path) -> None:
     data = json.loads(notebook.read_text("utf-8"))
-    assert all(not cell.get("outputs") and cell.get("execution_count") is None for cell in data["cells"])
+    assert all(
+        not cell.get("outputs") and cell.get("execution_count") is None for cell in data["cells"]
+    )
     import nbformat
 
     nbformat.validate(nbformat.reads(notebook.read_text("utf-8"), as_version=4))
@@ -208,7 +251,9 @@ def test_a_run_that_is_named_is_read_also_where_nothing_happened(
     assert "dde-1" in shown(node, "count")
 
 
-def test_a_notebook_finds_nothing_of_the_one_before(of_all: Kernel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_notebook_finds_nothing_of_the_one_before(
+    of_all: Kernel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """One kernel runs all notebooks here, which a user opens in one of its own."""
     import nbformat
     from nbclient.exceptions import CellExecutionError
@@ -219,7 +264,10 @@ def test_a_notebook_finds_nothing_of_the_one_before(of_all: Kernel, tmp_path: Pa
         return shown(of_all.executed(tmp_path / "one.ipynb", tmp_path), "only")
 
     monkeypatch.setenv("JBCLOG_RUN", "a run")
-    assert executed("import os; kept = os; print(os.environ['JBCLOG_RUN'], os.getcwd())") == f"a run {tmp_path}\n"
+    assert (
+        executed("import os; kept = os; print(os.environ['JBCLOG_RUN'], os.getcwd())")
+        == f"a run {tmp_path}\n"
+    )
     monkeypatch.delenv("JBCLOG_RUN")
     assert executed("import os; print(os.getenv('JBCLOG_RUN'))") == "None\n"
     with pytest.raises(CellExecutionError, match="name 'kept' is not defined"):

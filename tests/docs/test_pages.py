@@ -34,7 +34,9 @@ MAKE = "python tests/support pages"
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
 def test_a_page_is_what_the_code_makes(path: Path) -> None:
-    assert path.read_text(encoding="utf-8") == PAGES[path](), f"the code has changed: {MAKE} writes the pages anew"
+    assert path.read_text(encoding="utf-8") == PAGES[path](), (
+        f"the code has changed: {MAKE} writes the pages anew"
+    )
     assert MAKE in path.read_text(encoding="utf-8")
 
 
@@ -47,7 +49,9 @@ def test_the_main_path_is_read_in_the_order_of_its_picture() -> None:
 
 @pytest.mark.parametrize("title", FILES)
 def test_every_key_has_a_meaning(title: str) -> None:
-    assert sorted(MEANINGS[title]) == sorted(f"{table.strip('[]')}.{key}" for table, key, _ in keys(title))
+    assert sorted(MEANINGS[title]) == sorted(
+        f"{table.strip('[]')}.{key}" for table, key, _ in keys(title)
+    )
 
 
 def test_every_fault_and_every_exit_code_has_a_meaning() -> None:
@@ -72,19 +76,32 @@ def test_every_key_of_ledger_verifications_annotations_and_csv_has_a_meaning() -
 
 
 def test_every_rule_of_the_verdict_is_listed() -> None:
-    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "jbclog" / "analysis" / "verdict").glob("*.py")]
+    texts = [
+        path.read_text(encoding="utf-8")
+        for path in (ROOT / "jbclog" / "analysis" / "verdict").glob("*.py")
+    ]
     written = {name for text in texts for name in re.findall(r'Rule\(\s*"(\w+)"', text)}
-    written |= {name for text in texts for name in re.findall(r'^RULE(?:: Final)? = "(\w+)"', text, re.MULTILINE)}
+    written |= {
+        name
+        for text in texts
+        for name in re.findall(r'^RULE(?:: Final)? = "(\w+)"', text, re.MULTILINE)
+    }
     changed = {name for version in VERSIONS for name in version.changed}
     assert written | changed <= set(RULES)
     assert written >= {"record", "station", "settings", "reached", "verification"}
-    assert {name for name in LIMIT_NAMES if not any(f"`{name}`" in limit for limit, _ in RULES.values())} == set()
+    assert {
+        name for name in LIMIT_NAMES if not any(f"`{name}`" in limit for limit, _ in RULES.values())
+    } == set()
     assert set(RESULTS) == set(Result)
 
 
 def test_every_environment_variable_is_listed() -> None:
     """Those that jbclog and the notebooks read, and those of the tests."""
-    texts = [path for folder in ("jbclog", "notebooks", "tests", ".ci") for path in (ROOT / folder).rglob("*")]
+    texts = [
+        path
+        for folder in ("jbclog", "notebooks", "tests", ".ci")
+        for path in (ROOT / folder).rglob("*")
+    ]
     read = re.compile(r"""environ(?:\.get\(|\[)\\?["'](\w+)|["'](\w+)\\?["'] in os\.environ""")
     ours = {
         name
@@ -97,5 +114,9 @@ def test_every_environment_variable_is_listed() -> None:
     page = (REFERENCE / "environment.md").read_text(encoding="utf-8")
     listed = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
     assert ours - {"JBCLOG_MUTANT"} <= listed
-    code = "".join(path.read_text(encoding="utf-8") for path in texts if path.is_file() and path.suffix in (".py", ".ipynb", ""))
+    code = "".join(
+        path.read_text(encoding="utf-8")
+        for path in texts
+        if path.is_file() and path.suffix in (".py", ".ipynb", "")
+    )
     assert [name for name in listed if name not in code] == []

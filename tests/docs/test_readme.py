@@ -1,4 +1,6 @@
-"""What README.md says is true: its commands run, its tables are the code's, its links lead somewhere, and it stays short."""
+"""What README.md says is true: its commands run, its tables are the code's, its links lead
+somewhere, and it stays short.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,18 @@ import pytest
 import jbclog as package
 from support.command import jbclog
 from support.readers.command_line import VERBS, calls, wrong
-from support.readers.texts import DOCS, PROSE, README, ROOT, Demo, blocks, commands, links, rows, section
+from support.readers.texts import (
+    DOCS,
+    PROSE,
+    README,
+    ROOT,
+    Demo,
+    blocks,
+    commands,
+    links,
+    rows,
+    section,
+)
 
 INSTALL = "python3 -m venv --without-pip .venv && python3 -m pip --python .venv install "
 MOST_WORDS = 1300
@@ -20,7 +33,7 @@ def test_it_is_short() -> None:
     assert len(README.split()) <= MOST_WORDS
 
 
-# -- the two commands -------------------------------------------------------------------------------------------------------
+# -- the two commands ------------------------------------------------------------------------------
 
 
 def test_the_two_commands_are_whole() -> None:
@@ -29,13 +42,21 @@ def test_the_two_commands_are_whole() -> None:
     assert demo == INSTALL + ". && .venv/bin/jbclog demo\n"
     assert tests == INSTALL + "-e '.[test]' && .venv/bin/pytest\n"
     between = README.partition("## Try it")[2].partition("## What")[0]
-    assert [line for line in between.splitlines() if line.startswith("python3 ")] == [demo.strip(), tests.strip()]
+    assert [line for line in between.splitlines() if line.startswith("python3 ")] == [
+        demo.strip(),
+        tests.strip(),
+    ]
 
 
 def test_what_they_install_exists() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     texts = [README, *(page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md"))]
-    named = {extra for text in texts for extras in re.findall(r"\.\[([\w,]+)\]", text) for extra in extras.split(",")}
+    named = {
+        extra
+        for text in texts
+        for extras in re.findall(r"\.\[([\w,]+)\]", text)
+        for extra in extras.split(",")
+    }
     assert named <= set(project["optional-dependencies"])
     assert project["scripts"] == {"jbclog": "jbclog.cli:main"}
 
@@ -45,23 +66,29 @@ def test_the_demo_says_what_happened_and_where_everything_is(demo: Demo) -> None
     assert "dde-2 disconnected for 3 s and reconnected" in said
     assert "ucr-1 raised a high-temperature alarm" in said
     assert "would exit with code 1" in said
-    named = [line.split()[1] for line in said.splitlines() if re.match(r"(report|samples|events|manifest|run) ", line)]
+    named = [
+        line.split()[1]
+        for line in said.splitlines()
+        if re.match(r"(report|samples|events|manifest|run) ", line)
+    ]
     assert len(named) == 5
     assert all((demo.place / path).exists() for path in named)
 
 
-# -- tables -----------------------------------------------------------------------------------------------------------------
+# -- tables ----------------------------------------------------------------------------------------
 
 
 def test_every_verb_has_its_row() -> None:
-    assert [cells[0] for cells in rows(section("Commands"))] == [f"`jbclog {verb}`" for verb in VERBS]
+    assert [cells[0] for cells in rows(section("Commands"))] == [
+        f"`jbclog {verb}`" for verb in VERBS
+    ]
 
 
 def test_verbs_and_options_exist() -> None:
     assert [fault for text in commands() for words in calls(text) if (fault := wrong(words))] == []
 
 
-# -- links ------------------------------------------------------------------------------------------------------------------
+# -- links -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("link", [link for link in links() if "://" not in link])

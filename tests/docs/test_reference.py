@@ -1,4 +1,6 @@
-"""The written pages of the reference: what they name exists, rows are numbered once, frames have their check bytes."""
+"""The written pages of the reference: what they name exists, rows are numbered once, frames have
+their check bytes.
+"""
 
 from __future__ import annotations
 
@@ -29,17 +31,28 @@ def text_of(name: str) -> str:
 def test_links_and_paths_lead_somewhere(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     links = [link for link in re.findall(r"\]\(([^)\"\s]+)", text) if "://" not in link]
-    assert [link for link in links if not (page.parent / link.partition("#")[0]).exists() and link[0] != "#"] == []
+    assert [
+        link
+        for link in links
+        if not (page.parent / link.partition("#")[0]).exists() and link[0] != "#"
+    ] == []
     named = re.findall(r"`((?:tests|jbclog|docs|profiles)/[\w./-]+\.\w+)`", text)
     assert [name for name in named if not (ROOT / name).exists()] == []
 
 
-# -- what code cites ------------------------------------------------------------------------------------------------------------
+# -- what code cites -------------------------------------------------------------------------------
 
-CODE = [name for name in TEXTS if name.startswith(("jbclog/", "tests/")) and name.endswith(".py") and ROOT / name != Path(__file__)]
+CODE = [
+    name
+    for name in TEXTS
+    if name.startswith(("jbclog/", "tests/"))
+    and name.endswith(".py")
+    and ROOT / name != Path(__file__)
+]
 CITED_PAGE = re.compile(r"\bdocs/[\w./-]+\.md(?:, ([A-Z][a-z]+(?: [a-z]+)*|jbclog \w+))?")
 NOT_HERE = re.compile(
-    r"\b(?:contract|house|quality|language)\.md|(?<![\w/-])(?:protocol|faults)\.md|\b[Dd]igest [AB][-.]\d|\(contract(?:\)|, [\"`])"
+    r"\b(?:contract|house|quality|language)\.md|(?<![\w/-])(?:protocol|faults)\.md|\b[Dd]igest"
+    r" [AB][-.]\d|\(contract(?:\)|, [\"`])"
     r"|\b[Ss]eeds? 00[0-4]"
 )
 """Texts that a reader does not have, and the manuals by a name that they do not bear."""
@@ -51,7 +64,9 @@ def test_the_pages_that_code_cites_exist_with_their_sections() -> None:
         for cited in CITED_PAGE.finditer(text):
             page = ROOT / cited[0].partition(",")[0]
             assert page.exists(), f"{name} cites {cited[0]}"
-            headings = tuple(re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE))
+            headings = tuple(
+                re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+            )
             assert not cited[1] or cited[1].startswith(headings), f"{name} cites {cited[0]}"
 
 
@@ -60,12 +75,13 @@ def test_code_cites_nothing_that_a_reader_does_not_have() -> None:
         f"{name}:{number}: {line.strip()}"
         for name in CODE
         for number, line in enumerate((ROOT / name).read_text(encoding="utf-8").splitlines(), 1)
-        if NOT_HERE.search(line) and NOT_HERE.search(re.sub(r"\]\([^)]*\)", "]", line))  # a link of a page that is made
+        # a link of a page that is made
+        if NOT_HERE.search(line) and NOT_HERE.search(re.sub(r"\]\([^)]*\)", "]", line))
     ]
     assert found == []
 
 
-# -- faults ---------------------------------------------------------------------------------------------------------------------
+# -- faults ----------------------------------------------------------------------------------------
 
 ROWS = re.findall(r"^\| ([FIS]-?\d+) \| (.+) \|$", text_of("faults.md"), re.MULTILINE)
 
@@ -73,7 +89,11 @@ ROWS = re.findall(r"^\| ([FIS]-?\d+) \| (.+) \|$", text_of("faults.md"), re.MULT
 def test_each_row_of_the_catalogue_stands_once() -> None:
     names = [name for name, _ in ROWS]
     assert sorted(names) == sorted(
-        [*(f"F-{n}" for n in range(1, 50)), *(f"I{n}" for n in range(1, 10)), *(f"S-{n}" for n in range(1, 6))]
+        [
+            *(f"F-{n}" for n in range(1, 50)),
+            *(f"I{n}" for n in range(1, 10)),
+            *(f"S-{n}" for n in range(1, 6)),
+        ]
     )
 
 
@@ -83,7 +103,9 @@ def test_each_fault_and_each_rule_names_a_test() -> None:
 
 def test_each_citation_of_a_row_finds_it() -> None:
     known = {name for name, _ in ROWS} | {f"B-{number}" for number in DECISIONS}
-    cited = re.compile(r"docs/reference/(?:faults|contradictions)\.md,((?:(?: and|,| to)?\s+(?:[FBS]-|I)\d+)+)")
+    cited = re.compile(
+        r"docs/reference/(?:faults|contradictions)\.md,((?:(?: and|,| to)?\s+(?:[FBS]-|I)\d+)+)"
+    )
     for name in TEXTS:
         for rows in cited.findall((ROOT / name).read_text(encoding="utf-8")):
             assert set(re.findall(r"[FBSI]-?\d+", rows)) <= known, f"{name} cites{rows}"
@@ -92,7 +114,7 @@ def test_each_citation_of_a_row_finds_it() -> None:
         assert numbers <= known, f"{name} cites {numbers - known}"
 
 
-# -- protocol -------------------------------------------------------------------------------------------------------------------
+# -- protocol --------------------------------------------------------------------------------------
 
 
 def _check_byte(text: str, addresses: str) -> int:
@@ -103,9 +125,14 @@ def test_the_check_bytes_are_right() -> None:
     rows = re.findall(r"`([RWA][^`]*)` \| ([0-9A-F]{2}) \| ([0-9A-F]{2}) ", text_of("protocol.md"))
     assert len(rows) == 22
     for text, bare, addressed in rows:
-        assert (_check_byte(text, ""), _check_byte(text, "0001")) == (int(bare, 16), int(addressed, 16)), text
+        assert (_check_byte(text, ""), _check_byte(text, "0001")) == (
+            int(bare, 16),
+            int(addressed, 16),
+        ), text
     control = re.findall(
-        r"^\| ([0-9A-F]{2})(?: \(\w+\))? \| ((?:R\w+ ?)+) \| ((?:R\w+ ?)+) \|$", text_of("protocol.md"), re.MULTILINE
+        r"^\| ([0-9A-F]{2})(?: \(\w+\))? \| ((?:R\w+ ?)+) \| ((?:R\w+ ?)+) \|$",
+        text_of("protocol.md"),
+        re.MULTILINE,
     )
     assert len(control) == 5
     for byte, bare, addressed in control:
@@ -113,7 +140,7 @@ def test_the_check_bytes_are_right() -> None:
         assert {_check_byte(text, "0001") for text in addressed.split()} == {int(byte, 16)}
 
 
-# -- events ---------------------------------------------------------------------------------------------------------------------
+# -- events ----------------------------------------------------------------------------------------
 
 KIND = re.compile(r"[a-z_]+(?:\.[a-z_]+)+")
 SETTINGS = set(COMMAND_OF)
@@ -134,7 +161,9 @@ def kinds_in_code() -> set[str]:
     sources = [path.read_text(encoding="utf-8") for path in (ROOT / "jbclog").rglob("*.py")]
     texts = {text for source in sources for text in re.findall(rf'"({KIND.pattern})"', source)}
     found = {text for text in texts if text.partition(".")[0] in listed}
-    return {text for text in found - SETTINGS - NO_KINDS if text.rpartition(".")[2] not in ENDS_OF_FILES}
+    return {
+        text for text in found - SETTINGS - NO_KINDS if text.rpartition(".")[2] not in ENDS_OF_FILES
+    }
 
 
 def kinds_on_page() -> set[str]:
@@ -145,16 +174,20 @@ def kinds_on_page() -> set[str]:
 def test_every_kind_of_event_is_listed_and_every_listed_one_exists() -> None:
     code, page = kinds_in_code(), kinds_on_page()
     made = {f"{begin}.{end}" for begin, ends in PATTERNS.items() for end in ends} | {"read.nak"}
-    made |= {f"alarm.{side}.{end}" for side in PATTERNS["alarm"] for end in ("ended", "not_working")}
+    made |= {
+        f"alarm.{side}.{end}" for side in PATTERNS["alarm"] for end in ("ended", "not_working")
+    }
     assert sorted(code - page - {"alarm.episode"}) == []
     assert sorted(page - code - made) == []
 
 
-# -- safe states ----------------------------------------------------------------------------------------------------------------
+# -- safe states -----------------------------------------------------------------------------------
 
 
 def test_the_safe_states_are_those_of_the_families() -> None:
-    rows = re.findall(r"^\| (`.+?`) \| (.+?) \| (.+?) \| .+ \|$", text_of("safe-states.md"), re.MULTILINE)
+    rows = re.findall(
+        r"^\| (`.+?`) \| (.+?) \| (.+?) \| .+ \|$", text_of("safe-states.md"), re.MULTILINE
+    )
     said = {
         family: tuple(re.findall(r"`(\w+)`", " ".join(states)))
         for names, *states in rows
@@ -163,16 +196,22 @@ def test_the_safe_states_are_those_of_the_families() -> None:
     assert said == {name: family.safe_states for name, family in FAMILIES.items()}
 
 
-# -- families, benchmarks, glossary ---------------------------------------------------------------------------------------------
+# -- families, benchmarks, glossary ----------------------------------------------------------------
 
 
 def test_the_families_are_those_that_are_driven() -> None:
-    assert set(re.findall(r"^\| `(\w+)` \|", text_of("families.md"), re.MULTILINE)) - {"family"} == set(FAMILIES)
+    assert set(re.findall(r"^\| `(\w+)` \|", text_of("families.md"), re.MULTILINE)) - {
+        "family"
+    } == set(FAMILIES)
 
 
 def test_each_benchmark_has_one_row_and_exists() -> None:
-    listed = re.findall(r"^\| `python (tests/bench/bench_\w+\.py)` \|", text_of("benchmarks.md"), re.MULTILINE)
-    measured = {path.relative_to(ROOT).as_posix() for path in (ROOT / "tests" / "bench").glob("bench_*.py")}
+    listed = re.findall(
+        r"^\| `python (tests/bench/bench_\w+\.py)` \|", text_of("benchmarks.md"), re.MULTILINE
+    )
+    measured = {
+        path.relative_to(ROOT).as_posix() for path in (ROOT / "tests" / "bench").glob("bench_*.py")
+    }
     assert set(listed) <= measured
     assert len(listed) == len(set(listed))
 

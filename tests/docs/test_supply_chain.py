@@ -1,4 +1,6 @@
-"""What a release is made of and how it is made: the audit of the lock, its bill of materials, the commands of its page."""
+"""What a release is made of and how it is made: the audit of the lock, its bill of materials, the
+commands of its page.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +24,24 @@ CI = ROOT / ".ci"
 LOCK = (CI / "requirements.lock").read_text(encoding="utf-8")
 LOCKED = {
     (name.lower(), version): set(re.findall(r"--hash=sha256:([0-9a-f]{64})", rest))
-    for name, version, rest in re.findall(r"^([\w.-]+)==(\S+)((?: \\\n    --hash=\S+)+)", LOCK, re.MULTILINE)
+    for name, version, rest in re.findall(
+        r"^([\w.-]+)==(\S+)((?: \\\n    --hash=\S+)+)", LOCK, re.MULTILINE
+    )
 }
 TOOLS = Path(sys.executable).parent
 
 
-def ended(*command: str | Path, cwd: Path = ROOT, **environment: str) -> subprocess.CompletedProcess[str]:
+def ended(
+    *command: str | Path, cwd: Path = ROOT, **environment: str
+) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*map(str, command)], cwd=cwd, env=os.environ | environment, capture_output=True, text=True, check=False, timeout=200
+        [*map(str, command)],
+        cwd=cwd,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=200,
     )
 
 
@@ -38,10 +50,13 @@ def test_the_lock_is_read_whole() -> None:
     assert all(LOCKED.values())
 
 
-# -- known vulnerabilities ----------------------------------------------------------------------------------------------------
+# -- known vulnerabilities -------------------------------------------------------------------------
 
 CLEAN = {"name": "a", "version": "1", "vulns": []}
-SKIPPED = {"name": "b", "skip_reason": "Dependency not found on PyPI and could not be audited: b (1)"}
+SKIPPED = {
+    "name": "b",
+    "skip_reason": "Dependency not found on PyPI and could not be audited: b (1)",
+}
 VULNERABLE = {"name": "c", "version": "1", "vulns": [{"id": "PYSEC-1", "fix_versions": ["2"]}]}
 
 
@@ -49,7 +64,12 @@ VULNERABLE = {"name": "c", "version": "1", "vulns": [{"id": "PYSEC-1", "fix_vers
     ("packages", "code", "code_if_it_must", "last"),
     [
         ([CLEAN], 0, 0, "audited: no known vulnerability in 1 packages"),
-        ([CLEAN, SKIPPED], 0, 2, "NOT AUDITED for known vulnerabilities: 1 of 2 packages are unknown to the service"),
+        (
+            [CLEAN, SKIPPED],
+            0,
+            2,
+            "NOT AUDITED for known vulnerabilities: 1 of 2 packages are unknown to the service",
+        ),
         ([CLEAN, SKIPPED, VULNERABLE], 1, 1, "VULNERABLE: 1 known in what requirements.lock names"),
         ([], 0, 2, "NOT AUDITED for known vulnerabilities: it named no package"),
         (None, 0, 2, "NOT AUDITED for known vulnerabilities: the service cannot be reached"),
@@ -58,28 +78,48 @@ VULNERABLE = {"name": "c", "version": "1", "vulns": [{"id": "PYSEC-1", "fix_vers
 def test_what_was_not_audited_is_never_called_audited(
     packages: object, code: int, code_if_it_must: int, last: str, tmp_path: Path
 ) -> None:
-    """pip-audit itself ends with 0 and "No known vulnerabilities found" where the service knew not one of the packages."""
-    said = "sys.exit('the service cannot be reached')" if packages is None else f"print({json.dumps({'dependencies': packages})!r})"
+    """pip-audit itself ends with 0 and "No known vulnerabilities found" where the service knew not
+    one of the packages.
+    """
+    said = (
+        "sys.exit('the service cannot be reached')"
+        if packages is None
+        else f"print({json.dumps({'dependencies': packages})!r})"
+    )
     (tmp_path / "pip_audit.py").write_text(f"import sys\n{said}\n")
     for options, expected in (((), code), (("--must",), code_if_it_must)):
         done = ended(sys.executable, CI / "audit", *options, PYTHONPATH=str(tmp_path))
         assert (done.stdout.splitlines()[-1], done.returncode) == (last, expected)
 
 
-def test_all_checks_end_where_one_is_vulnerable_and_say_in_the_last_line_what_was_not_audited(tmp_path: Path) -> None:
-    """The lines of `.ci/run` about it, with an audit that is made up: all of it cannot be run here, because it runs these tests."""
+def test_all_checks_end_where_one_is_vulnerable_and_say_in_the_last_line_what_was_not_audited(
+    tmp_path: Path,
+) -> None:
+    """The lines of `.ci/run` about it, with an audit that is made up: all of it cannot be run here,
+    because it runs these tests.
+    """
     lines = (CI / "run").read_text(encoding="utf-8").splitlines()
     about = [line for line in lines if "audited" in line]
     assert lines[-1] == about[-1]
     (tmp_path / ".ci").mkdir()
     for code, last in ((0, "all checks hold; NOT AUDITED: away"), (1, "NOT AUDITED: away")):
-        (tmp_path / ".ci" / "audit").write_text(f"print('two')\nprint('NOT AUDITED: away')\nraise SystemExit({code})\n")
+        (tmp_path / ".ci" / "audit").write_text(
+            f"print('two')\nprint('NOT AUDITED: away')\nraise SystemExit({code})\n"
+        )
         task = 'poe() { "$TOOLS/python" ".ci/$1"; }'
-        done = ended("bash", "-euo", "pipefail", "-c", "\n".join([task, *about]), cwd=tmp_path, TOOLS=str(TOOLS))
+        done = ended(
+            "bash",
+            "-euo",
+            "pipefail",
+            "-c",
+            "\n".join([task, *about]),
+            cwd=tmp_path,
+            TOOLS=str(TOOLS),
+        )
         assert (done.stdout.splitlines()[-1], done.returncode) == (last, code)
 
 
-# -- the bill of materials ----------------------------------------------------------------------------------------------------
+# -- the bill of materials -------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -102,12 +142,19 @@ def assert_names_every_locked_package_with_version_and_hashes(path: Path) -> Non
         for one in bill["components"]
     }
     assert named == LOCKED
-    assert all(one["purl"] == f"pkg:pypi/{one['name'].lower()}@{one['version']}" for one in bill["components"])
+    assert all(
+        one["purl"] == f"pkg:pypi/{one['name'].lower()}@{one['version']}"
+        for one in bill["components"]
+    )
     root = bill["metadata"]["component"]
-    assert (bill["bomFormat"], root["name"], root["version"]) == ("CycloneDX", "jbclog", jbclog.__version__)
+    assert (bill["bomFormat"], root["name"], root["version"]) == (
+        "CycloneDX",
+        "jbclog",
+        jbclog.__version__,
+    )
 
 
-# -- a release -----------------------------------------------------------------------------------------------------------------
+# -- a release -------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -121,7 +168,17 @@ def signer() -> Iterator[dict[str, str]]:
         "[user]\nname = T\nemail = t@example.org\n[safe]\ndirectory = *\n", encoding="utf-8"
     )  # a clone of another user's
     environment = {"GNUPGHOME": home, "GIT_CONFIG_GLOBAL": str(config)}
-    done = ended("gpg", "--batch", "--passphrase", "", "--quick-gen-key", "T <t@example.org>", "ed25519", "sign", **environment)
+    done = ended(
+        "gpg",
+        "--batch",
+        "--passphrase",
+        "",
+        "--quick-gen-key",
+        "T <t@example.org>",
+        "ed25519",
+        "sign",
+        **environment,
+    )
     assert done.returncode == 0, done.stderr
     yield environment
     ended("gpgconf", "--kill", "gpg-agent", GNUPGHOME=home)
@@ -145,7 +202,13 @@ def test_the_page_s_commands_make_a_release_that_its_user_can_verify_and_build_a
     name = f"jbclog-{jbclog.__version__}"
     assert made.name == f"v{jbclog.__version__}"
     assert {path.name for path in made.iterdir()} == {
-        *(f"{name}.tar.gz", f"{name}-py3-none-any.whl", f"{name}.cdx.json", "SHA256SUMS", "SHA256SUMS.asc")
+        *(
+            f"{name}.tar.gz",
+            f"{name}-py3-none-any.whl",
+            f"{name}.cdx.json",
+            "SHA256SUMS",
+            "SHA256SUMS.asc",
+        )
     }
     assert_names_every_locked_package_with_version_and_hashes(made / f"{name}.cdx.json")
     assert "not committed" not in ended("tar", "-tzf", made / f"{name}.tar.gz").stdout
@@ -158,16 +221,21 @@ def test_the_page_s_commands_make_a_release_that_its_user_can_verify_and_build_a
         (made / changed).write_bytes(whole)
 
 
-# -- the hosted workflows --------------------------------------------------------------------------------------------------------
+# -- the hosted workflows --------------------------------------------------------------------------
 
 
 def test_workflows_run_what_is_here_with_no_more_rights_than_they_need() -> None:
-    texts = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / ".github" / "workflows").glob("*.yml")}
+    texts = {
+        path.name: path.read_text(encoding="utf-8")
+        for path in (ROOT / ".github" / "workflows").glob("*.yml")
+    }
     assert {"checks.yml", "supply-chain.yml", "release.yml"} <= {*texts}
     for name, text in texts.items():
         assert "\npermissions:\n  contents: read\n" in text, name
         for used in re.findall(r"uses: (\S+)", text):
-            assert re.fullmatch(r"[\w./-]+@[0-9a-f]{40}", used), f"{name}: {used} is not pinned to a commit"
+            assert re.fullmatch(r"[\w./-]+@[0-9a-f]{40}", used), (
+                f"{name}: {used} is not pinned to a commit"
+            )
         for script in re.findall(r"\.ci/[\w.]+", text):
             assert (ROOT / script).exists(), f"{name}: {script}"
     assert "poe audit --must" in texts["supply-chain.yml"]

@@ -1,4 +1,6 @@
-"""The units and schedules in profiles/: their commands exist, and nothing in the unit of a run works against the guard."""
+"""The units and schedules in profiles/: their commands exist, and nothing in the unit of a run
+works against the guard.
+"""
 
 from __future__ import annotations
 
@@ -24,16 +26,22 @@ def test_its_commands_exist(key: str, verb: str) -> None:
 
 
 def test_the_line_that_is_recorded_is_the_one_that_is_made_safe() -> None:
-    lines = {words[words.index("--line") + 1] for words in (command("ExecStart"), command("ExecStopPost"))}
+    lines = {
+        words[words.index("--line") + 1]
+        for words in (command("ExecStart"), command("ExecStopPost"))
+    }
     assert len(lines) == 1
     assert "%i" in lines.pop()
 
 
 def test_guard_and_safe_have_time_enough_and_are_not_killed() -> None:
     service = unit()["Service"]
-    assert service["KillMode"] == "control-group"  # `mixed` kills the guard as soon as the recorder is dead
+    # `mixed` kills the guard as soon as the recorder is dead
+    assert service["KillMode"] == "control-group"
     assert "SendSIGKILL" not in service
-    assert float(service["TimeoutStopSec"]) > max(TAKEN_OVER_S, TERM_S + KILLED_S + GUARD_S + DONE_S)
+    assert float(service["TimeoutStopSec"]) > max(
+        TAKEN_OVER_S, TERM_S + KILLED_S + GUARD_S + DONE_S
+    )
 
 
 def test_nothing_begins_to_heat_by_itself() -> None:
@@ -42,25 +50,35 @@ def test_nothing_begins_to_heat_by_itself() -> None:
 
 
 def test_what_it_says_to_type_is_its_own_name() -> None:
-    assert f"profiles/systemd/{UNIT.name}" in UNIT.read_text(encoding="utf-8").partition("[Unit]")[0]
+    assert (
+        f"profiles/systemd/{UNIT.name}" in UNIT.read_text(encoding="utf-8").partition("[Unit]")[0]
+    )
 
 
 def test_systemd_itself_has_nothing_against_it(tmp_path: Path) -> None:
     program = Path("/bin/true").resolve()  # in the place of one that is not installed
     copy = tmp_path / UNIT.name.replace("@", "@bench")
-    copy.write_text(UNIT.read_text(encoding="utf-8").replace(command("ExecStart")[0], str(program)), encoding="utf-8")
+    copy.write_text(
+        UNIT.read_text(encoding="utf-8").replace(command("ExecStart")[0], str(program)),
+        encoding="utf-8",
+    )
     done = analyzed("verify", "--man=no", copy)
     assert [line for line in done.stderr.splitlines() if UNIT.stem in line] == []
 
 
-# -- what it may do: tests/serial/test_hardened.py runs it so ---------------------------------------------------------------
+# -- what it may do: tests/serial/test_hardened.py runs it so --------------------------------------
 
 
 def test_systemd_finds_it_closed(tmp_path: Path) -> None:
     copy = tmp_path / UNIT.name.replace("@", "@bench")
     copy.write_text(UNIT.read_text(encoding="utf-8"), encoding="utf-8")
     assert exposed(copy) is None
-    copy.write_text(copy.read_text(encoding="utf-8").replace("NoNewPrivileges=yes\nCapabilityBoundingSet=\n", ""), encoding="utf-8")
+    copy.write_text(
+        copy.read_text(encoding="utf-8").replace(
+            "NoNewPrivileges=yes\nCapabilityBoundingSet=\n", ""
+        ),
+        encoding="utf-8",
+    )
     assert exposed(copy) is not None  # the threshold is one
 
 
@@ -68,13 +86,15 @@ def test_serial_ports_and_its_own_folder_are_left_to_it() -> None:
     service = unit()["Service"]
     assert "PrivateDevices" not in service
     assert service["SupplementaryGroups"] == "dialout"
-    assert {f"DeviceAllow=char-{kind} rw" for kind in ("ttyUSB", "ttyACM", "ttyS")} <= {*UNIT.read_text().splitlines()}
+    assert {f"DeviceAllow=char-{kind} rw" for kind in ("ttyUSB", "ttyACM", "ttyS")} <= {
+        *UNIT.read_text().splitlines()
+    }
     state = Path("/var/lib", service["StateDirectory"])  # which systemd makes, and keeps writable
     places = (command("ExecStart")[-1], service["Environment"].partition("XDG_STATE_HOME=")[2])
     assert all(Path(place).is_relative_to(state) for place in places)
 
 
-# -- the audit from a timer ---------------------------------------------------------------------------------------------------
+# -- the audit from a timer ------------------------------------------------------------------------
 
 PROFILES = UNIT.parents[1]
 CRON = PROFILES / "cron" / "jbclog-audit"
@@ -89,7 +109,8 @@ def cron_words() -> list[str]:
 
 
 def task_text(name: str) -> str:
-    (found,) = ElementTree.fromstring(TASK.read_text(encoding="utf-8")).iter(SPACE + name)  # our own file
+    # our own file
+    (found,) = ElementTree.fromstring(TASK.read_text(encoding="utf-8")).iter(SPACE + name)
     return found.text or ""
 
 
@@ -119,7 +140,10 @@ def test_the_page_shows_the_line_of_the_cron_file() -> None:
 def test_systemd_accepts_the_audit_and_its_timer(tmp_path: Path) -> None:
     program = Path("/bin/true").resolve()
     service, timer = tmp_path / AUDIT.name, tmp_path / TIMER.name
-    service.write_text(AUDIT.read_text(encoding="utf-8").replace(command("ExecStart", AUDIT)[0], str(program)), encoding="utf-8")
+    service.write_text(
+        AUDIT.read_text(encoding="utf-8").replace(command("ExecStart", AUDIT)[0], str(program)),
+        encoding="utf-8",
+    )
     timer.write_text(TIMER.read_text(encoding="utf-8"), encoding="utf-8")
     done = analyzed("verify", "--man=no", service, timer)
     assert [line for line in done.stderr.splitlines() if AUDIT.stem in line] == []
@@ -128,10 +152,21 @@ def test_systemd_accepts_the_audit_and_its_timer(tmp_path: Path) -> None:
 
 
 def test_the_audit_may_do_no_more_than_a_run_and_writes_into_one_folder() -> None:
-    closed = {line for line in AUDIT.read_text(encoding="utf-8").splitlines() if re.match(r"(?!ProtectHome)[A-Z]\w+=", line)}
-    closed = {line for line in closed if line.startswith(("Protect", "Restrict", "System", "Capab", "Device", "NoNew", "Lock"))}
+    closed = {
+        line
+        for line in AUDIT.read_text(encoding="utf-8").splitlines()
+        if re.match(r"(?!ProtectHome)[A-Z]\w+=", line)
+    }
+    closed = {
+        line
+        for line in closed
+        if line.startswith(("Protect", "Restrict", "System", "Capab", "Device", "NoNew", "Lock"))
+    }
     assert closed <= {*UNIT.read_text(encoding="utf-8").splitlines()}
     assert len(closed) > 15
     words = shlex.split(unit(AUDIT)["Service"]["ExecStart"])
     state = Path("/var/lib", unit(AUDIT)["Service"]["StateDirectory"])
-    assert all(Path(words[words.index(option) + 1]).is_relative_to(state) for option in ("--ledger", "--html", "--runs"))
+    assert all(
+        Path(words[words.index(option) + 1]).is_relative_to(state)
+        for option in ("--ledger", "--html", "--runs")
+    )

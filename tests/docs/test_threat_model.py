@@ -18,13 +18,23 @@ def test_a_test_that_it_names_is_there(name: str) -> None:
 
 
 def test_each_row_says_what_stands_against_it_with_a_test_or_what_does_not() -> None:
-    rows = [line.strip("|").split("|") for line in PAGE.splitlines() if line.startswith("|") and not line.startswith("|---")]
-    threats = [[cell.strip() for cell in row] for row in rows if len(row) == 3 and row[1].strip() != "stands against it"]
+    rows = [
+        line.strip("|").split("|")
+        for line in PAGE.splitlines()
+        if line.startswith("|") and not line.startswith("|---")
+    ]
+    threats = [
+        [cell.strip() for cell in row]
+        for row in rows
+        if len(row) == 3 and row[1].strip() != "stands against it"
+    ]
     assert len(threats) > 30
     assert [row[0] for row in threats if not (re.search(r"test_\w+\.py", row[1]) or row[2])] == []
 
 
-@pytest.mark.parametrize("page", ["SECURITY.md", "docs/explanation/threat-model.md", "docs/how-to/releasing.md"])
+@pytest.mark.parametrize(
+    "page", ["SECURITY.md", "docs/explanation/threat-model.md", "docs/how-to/releasing.md"]
+)
 def test_its_links_lead_somewhere(page: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
     for link in re.findall(r"\]\(([^)#\s]+)", text):

@@ -1,4 +1,6 @@
-"""What must not stand in the project: paths of somebody's machine, hosts of package registries, leftovers."""
+"""What must not stand in the project: paths of somebody's machine, hosts of package registries,
+leftovers.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +12,15 @@ from support.readers.repository import TEXTS
 from support.readers.texts import ROOT
 
 FORBIDDEN = {
-    "a path of somebody's machine": re.compile(r"(?<![\w.:/~$}-])/(?:home|root|Users|work|mnt|srv|workspace)/\w"),
-    "the host of a package registry": re.compile(r"py" r"pi\.|python" r"hosted|--(?:extra-)?index" r"-url|--find" r"-links"),
-    "something that is not finished": re.compile(r"\b(?:TO" r"DO|FIX" r"ME|XX" r"X)\b|NotImplemented" r"Error"),
+    "a path of somebody's machine": re.compile(
+        r"(?<![\w.:/~$}-])/(?:home|root|Users|work|mnt|srv|workspace)/\w"
+    ),
+    "the host of a package registry": re.compile(
+        r"py" r"pi\.|python" r"hosted|--(?:extra-)?index" r"-url|--find" r"-links"
+    ),
+    "something that is not finished": re.compile(
+        r"\b(?:TO" r"DO|FIX" r"ME|XX" r"X)\b|NotImplemented" r"Error"
+    ),
 }
 
 

@@ -1,4 +1,6 @@
-"""Libraries that make a disk or memory fail (`failing_disk.c`, `failing_alloc.c`), made once for the tests that need them."""
+"""Libraries that make a disk or memory fail (`failing_disk.c`, `failing_alloc.c`), made once for
+the tests that need them.
+"""
 
 from __future__ import annotations
 

@@ -24,7 +24,9 @@ PROCESSES, NAMES = 40, 16
 
 
 def in_a_process(act: Callable[[], str], waiting: int, begin: int) -> int:
-    """A child that waits until `begin` is closed, and puts what `act` gives into the pipe whose end this is."""
+    """A child that waits until `begin` is closed, and puts what `act` gives into the pipe whose end
+    this is.
+    """
     reading, writing = os.pipe()
     if os.fork():
         os.close(writing)
@@ -37,9 +39,13 @@ def in_a_process(act: Callable[[], str], waiting: int, begin: int) -> int:
         os._exit(0)
 
 
-def test_forty_processes_that_want_one_of_sixteen_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_forty_processes_that_want_one_of_sixteen_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Sixteen get a folder of their own, all others a refusal, and nobody another's."""
-    monkeypatch.setattr(folders.secrets, "choice", lambda _letters: secrets.SystemRandom().choice("ab"))
+    monkeypatch.setattr(
+        folders.secrets, "choice", lambda _letters: secrets.SystemRandom().choice("ab")
+    )
 
     def act() -> str:
         try:
@@ -64,9 +70,15 @@ def test_forty_processes_that_want_one_of_sixteen_names(tmp_path: Path, monkeypa
     assert all("no free name" in text for text in told if text not in made)
 
 
-@pytest.mark.parametrize("rounds", [12, pytest.param(150, marks=[pytest.mark.campaign, pytest.mark.timeout(600)])])
-def test_readers_see_every_row_once_while_the_run_is_written_and_sealed(tmp_path: Path, rounds: int) -> None:
-    """What was committed is there, whole and in order, whichever moment of a sealing a reader meets."""
+@pytest.mark.parametrize(
+    "rounds", [12, pytest.param(150, marks=[pytest.mark.campaign, pytest.mark.timeout(600)])]
+)
+def test_readers_see_every_row_once_while_the_run_is_written_and_sealed(
+    tmp_path: Path, rounds: int
+) -> None:
+    """What was committed is there, whole and in order, whichever moment of a sealing a reader
+    meets.
+    """
     store = few_rows.begun(tmp_path)
     committed, is_over, wrong, looks = 0, threading.Event(), list[str](), 0
 

@@ -1,7 +1,8 @@
-"""Any file of a run altered: `check` names it, nothing shows a wrong value, and the next run in the same place begins.
+"""Any file of a run altered: `check` names it, nothing shows a wrong value, and the next run in the
+same place begins.
 
-docs/reference/faults.md, F-29, F-30 and F-44. Sealed runs and runs that a crash left open, file by file; what is printed is
-the table's line.
+docs/reference/faults.md, F-29, F-30 and F-44. Sealed runs and runs that a crash left open, file by
+file; what is printed is the table's line.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def report(sealed: Path) -> dict[str, bytes]:
     return report_files(sealed)
 
 
-# -- what is shown ------------------------------------------------------------------------------------------------------------
+# -- what is shown ---------------------------------------------------------------------------------
 
 
 def shown(folder: Path) -> Shown:
@@ -103,7 +104,11 @@ def is_wrong(found: Shown, whole: Shown) -> bool:
 
 
 def _same(one: pd.DataFrame | str, other: pd.DataFrame | str) -> bool:
-    return one.equals(other) if isinstance(one, pd.DataFrame) and isinstance(other, pd.DataFrame) else one == other
+    return (
+        one.equals(other)
+        if isinstance(one, pd.DataFrame) and isinstance(other, pd.DataFrame)
+        else one == other
+    )
 
 
 def named(folder: Path, name: str) -> bool:
@@ -128,7 +133,7 @@ def report_is_wrong(folder: Path, whole: dict[str, bytes]) -> bool:
         return False
 
 
-# -- a sealed run --------------------------------------------------------------------------------------------------------------
+# -- a sealed run ----------------------------------------------------------------------------------
 
 
 def alterations(data: bytes, long: bool) -> Iterator[Altered]:
@@ -141,7 +146,9 @@ def alterations(data: bytes, long: bool) -> Iterator[Altered]:
     yield from pieces_moved(data, 16 * stride if long else len(data))
 
 
-def walk(sealed: Path, whole: Shown, report: dict[str, bytes], home: Path, name: str, long: bool) -> Count:
+def walk(
+    sealed: Path, whole: Shown, report: dict[str, bytes], home: Path, name: str, long: bool
+) -> Count:
     """Alter one file of a sealed run in every way, and look at everything."""
     trial = home / "runs" / sealed.name
     shutil.copytree(sealed, trial)
@@ -151,7 +158,9 @@ def walk(sealed: Path, whole: Shown, report: dict[str, bytes], home: Path, name:
             continue
         path.write_bytes(one.data)
         found = shown(trial)
-        wrong = is_wrong(found, whole) or (number % 40 == 2 and (long or name not in UNSHOWN) and report_is_wrong(trial, report))
+        wrong = is_wrong(found, whole) or (
+            number % 40 == 2 and (long or name not in UNSHOWN) and report_is_wrong(trial, report)
+        )
         assert named(trial, name), one.how
         assert not wrong, one.how
         count.add(lost=len(found) < len(whole), wrong=wrong)
@@ -163,7 +172,13 @@ def walk(sealed: Path, whole: Shown, report: dict[str, bytes], home: Path, name:
 
 
 UNSHOWN = ("line.toml", "recipes/tht.toml", "wire/dde-1.tsv.gz")  # not in a report
-FILES = (*(f"{table}/part-0000.parquet" for table in TABLES), NAME, "wire/dde-1.tsv.gz", "line.toml", "recipes/tht.toml")
+FILES = (
+    *(f"{table}/part-0000.parquet" for table in TABLES),
+    NAME,
+    "wire/dde-1.tsv.gz",
+    "line.toml",
+    "recipes/tht.toml",
+)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -177,7 +192,12 @@ def test_a_file_of_a_sealed_run_altered_in_places(
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_of_a_sealed_run_altered_everywhere(
-    sealed: Path, whole: Shown, report: dict[str, bytes], tmp_path: Path, name: str, counted: Callable[..., None]
+    sealed: Path,
+    whole: Shown,
+    report: dict[str, bytes],
+    tmp_path: Path,
+    name: str,
+    counted: Callable[..., None],
 ) -> None:
     count = walk(sealed, whole, report, tmp_path, name, long=True)
     assert count.wrong == 0
@@ -185,7 +205,9 @@ def test_a_file_of_a_sealed_run_altered_everywhere(
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_a_file_of_a_sealed_run_that_is_gone(sealed: Path, whole: Shown, tmp_path: Path, name: str) -> None:
+def test_a_file_of_a_sealed_run_that_is_gone(
+    sealed: Path, whole: Shown, tmp_path: Path, name: str
+) -> None:
     trial = tmp_path / sealed.name
     shutil.copytree(sealed, trial)
     (trial / name).unlink()
@@ -194,17 +216,34 @@ def test_a_file_of_a_sealed_run_that_is_gone(sealed: Path, whole: Shown, tmp_pat
     assert_next_run_begins(tmp_path)
 
 
-def test_recover_says_of_a_sealed_run_that_it_cannot_rebuild_it(sealed: Path, tmp_path: Path) -> None:
+def test_recover_says_of_a_sealed_run_that_it_cannot_rebuild_it(
+    sealed: Path, tmp_path: Path
+) -> None:
     trial = tmp_path / sealed.name
     shutil.copytree(sealed, trial)
     (trial / "samples" / "part-0000.parquet").write_bytes(b"")
     done = recover(trial)
     assert done.outcome is Outcome.WHOLE
-    assert "But samples/part-0000.parquet was changed after it was sealed. No live store is left to rebuild it from" in done.text
+    assert (
+        "But samples/part-0000.parquet was changed after it was sealed. No live store is left to"
+        " rebuild it from" in done.text
+    )
     assert recover(sealed).text == f"{sealed.name}: already finished; nothing was changed."
 
 
-@pytest.mark.parametrize("data", [b"", b"{", b"[" * 100_000, b"null", b'{"run": 5}', b"\xff\xfe", b'{"schema": 2}', b"\0" * 4096])
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"{",
+        b"[" * 100_000,
+        b"null",
+        b'{"run": 5}',
+        b"\xff\xfe",
+        b'{"schema": 2}',
+        b"\0" * 4096,
+    ],
+)
 def test_a_manifest_that_is_none_stops_nothing(sealed: Path, tmp_path: Path, data: bytes) -> None:
     trial = tmp_path / sealed.name
     shutil.copytree(sealed, trial)
@@ -235,7 +274,7 @@ def test_a_ledger_that_was_altered_is_named(sealed: Path, tmp_path: Path) -> Non
     print(count.told())
 
 
-# -- a run that a crash left open ------------------------------------------------------------------------------------------------
+# -- a run that a crash left open ------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -256,7 +295,10 @@ def open_trial(half_sealed: Path, home: Path, name: str, one: Altered) -> Path:
 
 def rebuilt(half_sealed: Path, home: Path, name: str, long: bool) -> Count:
     """A part altered, then recovered: the rows come from the live store, exactly as they were."""
-    data, count = (half_sealed / name).read_bytes(), Count(f"half sealed run, {name} altered, then recovered")
+    data, count = (
+        (half_sealed / name).read_bytes(),
+        Count(f"half sealed run, {name} altered, then recovered"),
+    )
     stride = max(len(data) // (60 if long else 2), 1)
     ways = (
         percents_cut_off(data, 1 if long else 50),
@@ -276,8 +318,12 @@ def rebuilt(half_sealed: Path, home: Path, name: str, long: bool) -> Count:
 
 
 @pytest.mark.parametrize("place", ["cut", "footer", "gone"])
-def test_a_part_damaged_between_sealing_and_the_removal_of_the_live_store(half_sealed: Path, tmp_path: Path, place: str) -> None:
-    """A power loss at the very end: the manifest says sealed, the live store is there, a part never came to the disk."""
+def test_a_part_damaged_between_sealing_and_the_removal_of_the_live_store(
+    half_sealed: Path, tmp_path: Path, place: str
+) -> None:
+    """A power loss at the very end: the manifest says sealed, the live store is there, a part never
+    came to the disk.
+    """
     trial = tmp_path / half_sealed.name
     shutil.copytree(half_sealed, trial)
     live = {path: path.read_bytes() for path in trial.glob("live*")}
@@ -302,7 +348,9 @@ PARTS = [f"{table}/part-0000.parquet" for table in ("samples", "events")]
 
 
 @pytest.mark.parametrize("name", PARTS)
-def test_a_damaged_part_is_rebuilt_from_the_live_store(half_sealed: Path, tmp_path: Path, name: str) -> None:
+def test_a_damaged_part_is_rebuilt_from_the_live_store(
+    half_sealed: Path, tmp_path: Path, name: str
+) -> None:
     assert rebuilt(half_sealed, tmp_path, name, long=False).lost == 0
 
 

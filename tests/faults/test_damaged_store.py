@@ -1,4 +1,5 @@
-"""A live store with bytes altered, anywhere: never a crash, never a wrong row, never a loss without a word.
+"""A live store with bytes altered, anywhere: never a crash, never a wrong row, never a loss without
+a word.
 
 docs/reference/faults.md, F-29: torn tail, bit rot in the middle, a block of zeros.
 """
@@ -44,8 +45,12 @@ def in_the_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def in_the_pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run whose rows are all in the pages of the database, which have no check sums of their own."""
-    return few_rows.abandoned(tmp_path_factory.mktemp("runs"), commits=3, rows=ROWS // 3, in_pages=True)
+    """A run whose rows are all in the pages of the database, which have no check sums of their
+    own.
+    """
+    return few_rows.abandoned(
+        tmp_path_factory.mktemp("runs"), commits=3, rows=ROWS // 3, in_pages=True
+    )
 
 
 def altered(folder: Path, home: Path, name: str, alteration: Alteration, place: int) -> Path:
@@ -70,7 +75,8 @@ def assert_nothing_is_wrong_silently(folder: Path) -> None:
     if missing:
         assert lost.seconds_at_most is None or lost.seconds_at_most >= missing / (ROWS // 3), lost
     findings = [str(finding) for finding in check(folder)]
-    assert all(text.startswith("events/: event") for text in findings), findings  # a lost batch of events breaks the chain
+    # a lost batch of events breaks the chain
+    assert all(text.startswith("events/: event") for text in findings), findings
     shutil.rmtree(folder.parent)
 
 
@@ -93,11 +99,15 @@ def test_the_pages_altered_at_some_places(in_the_pages: Path, tmp_path: Path) ->
 
 def test_the_first_bytes_of_the_pages(in_the_pages: Path, tmp_path: Path) -> None:
     for place in range(0, 110, 15):
-        assert_nothing_is_wrong_silently(altered(in_the_pages, tmp_path, "live.sqlite", flip, place))
+        assert_nothing_is_wrong_silently(
+            altered(in_the_pages, tmp_path, "live.sqlite", flip, place)
+        )
 
 
 def test_a_complaint_that_quotes_what_is_no_text(in_the_pages: Path, tmp_path: Path) -> None:
-    """SQLite quotes the damaged words of the schema; where they are no UTF-8, Python raises another error than for all else."""
+    """SQLite quotes the damaged words of the schema; where they are no UTF-8, Python raises another
+    error than for all else.
+    """
 
     def quoted(data: bytearray, _: int) -> None:
         place = data.index(b"notenote")
@@ -109,7 +119,9 @@ def test_a_complaint_that_quotes_what_is_no_text(in_the_pages: Path, tmp_path: P
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("remainder", range(4))
-def test_the_log_altered_everywhere(in_the_log: Path, tmp_path: Path, remainder: int, counted: Callable[..., None]) -> None:
+def test_the_log_altered_everywhere(
+    in_the_log: Path, tmp_path: Path, remainder: int, counted: Callable[..., None]
+) -> None:
     places = walk(in_the_log, tmp_path, "live.sqlite-wal", remainder, 44)
     counted(alterations=places * len(ALTERATIONS), wrong_rows=0)
 
@@ -117,6 +129,8 @@ def test_the_log_altered_everywhere(in_the_log: Path, tmp_path: Path, remainder:
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("remainder", range(4))
-def test_the_pages_altered_everywhere(in_the_pages: Path, tmp_path: Path, remainder: int, counted: Callable[..., None]) -> None:
+def test_the_pages_altered_everywhere(
+    in_the_pages: Path, tmp_path: Path, remainder: int, counted: Callable[..., None]
+) -> None:
     places = walk(in_the_pages, tmp_path, "live.sqlite", remainder, 16)
     counted(alterations=places * len(ALTERATIONS), wrong_rows=0)

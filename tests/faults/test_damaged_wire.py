@@ -1,6 +1,8 @@
-"""A wire's file with anything in it altered: damage costs the blocks it touches, is named, and no byte of it is taken for right.
+"""A wire's file with anything in it altered: damage costs the blocks it touches, is named, and no
+byte of it is taken for right.
 
-docs/reference/faults.md, F-29, for the wires: torn tail, bit rot in the middle, zeros, foreign and newer files.
+docs/reference/faults.md, F-29, for the wires: torn tail, bit rot in the middle, zeros, foreign and
+newer files.
 """
 
 from __future__ import annotations
@@ -40,7 +42,15 @@ from jbclog.record.capture_file import Block, blocks
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.record.sealed_files import losses
-from support.faults.altered_files import Altered, Count, bits_flipped, bytes_replaced, cut_off, pieces_moved, sectors_zeroed
+from support.faults.altered_files import (
+    Altered,
+    Count,
+    bits_flipped,
+    bytes_replaced,
+    cut_off,
+    pieces_moved,
+    sectors_zeroed,
+)
 from support.links.small_wire import BLOCKS, HEAD, ROWS, answer, write_wire
 from support.virtual.captured_run import recorded, relived
 from support.virtual.virtual_run import line_text
@@ -63,7 +73,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "dde-1.tsv.gz"
 
 
-# -- what holds, whatever was done -------------------------------------------------------------------------------------------
+# -- what holds, whatever was done -----------------------------------------------------------------
 
 
 def is_in_order(found: list[CaptureRow]) -> bool:
@@ -93,7 +103,10 @@ def assert_holes_say_where(found: list[CaptureRow | Hole]) -> None:
     there = [row for row in found if not isinstance(row, Hole)]
     for row in ROWS:
         if row not in there and gaps:
-            assert any((one.after_s or 0) <= row.at_s <= (one.before_s or 1e9) for one in gaps) or row.at_s > there[-1].at_s
+            assert (
+                any((one.after_s or 0) <= row.at_s <= (one.before_s or 1e9) for one in gaps)
+                or row.at_s > there[-1].at_s
+            )
 
 
 def head_of(path: Path) -> Head | None:
@@ -104,14 +117,18 @@ def head_of(path: Path) -> Head | None:
 
 
 def look(path: Path, one: Altered, count: Count) -> list[CaptureRow]:
-    """The rows that are left; nothing wrong among them, nothing missing without a word, no error but what a record's are."""
+    """The rows that are left; nothing wrong among them, nothing missing without a word, no error
+    but what a record's are.
+    """
     path.write_bytes(one.data)
     found = list(rows_and_holes(path))
     rows = list(read_rows(path))
     assert rows == [row for row in found if not isinstance(row, Hole)]
     assert is_in_order(rows), one.how
     assert_holes_say_where(found)
-    assert all(said == answer(int(asked[8:-1])) for asked, said in pairs(read_exchanges(path))), one.how
+    assert all(said == answer(int(asked[8:-1])) for asked, said in pairs(read_exchanges(path))), (
+        one.how
+    )
     assert list(read_to_hole(path)) == rows[: len(list(read_to_hole(path)))]
     told = list(losses(path))
     if rows != ROWS:
@@ -129,7 +146,8 @@ def lost_blocks(path: Path) -> int:
 def flip(path: Path, whole: bytes, stride: int) -> Count:
     count = Count("one bit of a wire's file flipped")
     for one in bits_flipped(whole, stride):
-        is_whole = look(path, one, count) == ROWS  # so it is where a bit of deflate's own padding was flipped
+        # so it is where a bit of deflate's own padding was flipped
+        is_whole = look(path, one, count) == ROWS
         assert lost_blocks(path) == len(holes(path)) == len(list(losses(path))) <= 1, one.how
         assert is_whole or lost_blocks(path) == 1
         assert read_head(path) == HEAD
@@ -139,7 +157,12 @@ def flip(path: Path, whole: bytes, stride: int) -> Count:
 
 def walk(path: Path, whole: bytes, stride: int) -> Count:
     count = Count("a wire's file altered otherwise")
-    ways = cut_off(whole, stride), bytes_replaced(whole, stride), sectors_zeroed(whole, stride), pieces_moved(whole, stride)
+    ways = (
+        cut_off(whole, stride),
+        bytes_replaced(whole, stride),
+        sectors_zeroed(whole, stride),
+        pieces_moved(whole, stride),
+    )
     for way in ways:
         for one in way:
             look(path, one, count)
@@ -149,7 +172,7 @@ def walk(path: Path, whole: bytes, stride: int) -> Count:
     return count
 
 
-# -- the campaign, and a slice of it -------------------------------------------------------------------------------------------
+# -- the campaign, and a slice of it ---------------------------------------------------------------
 
 
 def test_flipped_bits(path: Path, whole: bytes) -> None:
@@ -172,12 +195,14 @@ def test_every_byte_altered_and_every_length(path: Path, whole: bytes) -> None:
     assert walk(path, whole, 1).wrong == 0
 
 
-# -- what a hole says --------------------------------------------------------------------------------------------------------
+# -- what a hole says ------------------------------------------------------------------------------
 
 
 def block_of(whole: bytes, number: int) -> tuple[int, int]:
     """Where a block of the file begins and ends."""
-    starts = [place for place in range(len(whole)) if whole.startswith(capture_file.FIXED, place)] + [len(whole)]
+    starts = [
+        place for place in range(len(whole)) if whole.startswith(capture_file.FIXED, place)
+    ] + [len(whole)]
     return starts[number], starts[number + 1]
 
 
@@ -185,9 +210,10 @@ def test_a_damaged_block_is_named_with_its_bytes_lines_and_times(path: Path, who
     start, end = block_of(whole, 3)
     path.write_bytes(whole[: start + 60] + b"\0\0" + whole[start + 62 :])
     (told,) = losses(path)
-    assert told == (
-        f"bytes {start} to {end - 1}, lines 12 to 17: damaged; nothing is known from 0.549 s of the run (2026-09-21T14:13:20Z) "
-        "to 0.579 s of the run (2026-09-21T14:13:20Z)"
+    assert (
+        told
+        == f"bytes {start} to {end - 1}, lines 12 to 17: damaged; nothing is known from 0.549 s of"
+        " the run (2026-09-21T14:13:20Z) to 0.579 s of the run (2026-09-21T14:13:20Z)"
     )
     assert list(read_rows(path)) == ROWS[:7] + ROWS[13:]
 
@@ -208,7 +234,9 @@ def test_a_block_that_stands_there_twice_is_taken_once(path: Path, whole: bytes)
 
 
 def test_a_block_of_another_recording_is_known_for_one(path: Path, whole: bytes) -> None:
-    other = capture_file.packed("8124.0\tsent\t00\n", 3, 12, capture_file.zlib.crc32(b"another head"))
+    other = capture_file.packed(
+        "8124.0\tsent\t00\n", 3, 12, capture_file.zlib.crc32(b"another head")
+    )
     start, end = block_of(whole, 3)
     path.write_bytes(whole[:start] + other + whole[end:])
     (told,) = losses(path)
@@ -221,7 +249,9 @@ def test_the_head_stands_in_more_than_one_place(path: Path, whole: bytes) -> Non
     path.write_bytes(bytes(start) + whole[start:])
     assert read_head(path) == HEAD
     (told,) = losses(path)
-    assert told.startswith(f"bytes 0 to {start - 1}, lines 1 to 4: damaged; nothing is known from its beginning to")
+    assert told.startswith(
+        f"bytes 0 to {start - 1}, lines 1 to 4: damaged; nothing is known from its beginning to"
+    )
 
 
 def test_what_is_no_text_costs_its_block(path: Path, whole: bytes) -> None:
@@ -235,12 +265,18 @@ def test_what_is_no_text_costs_its_block(path: Path, whole: bytes) -> None:
     assert "damaged" in next(losses(path)) or "missing" in next(losses(path))
 
 
-# -- other files ----------------------------------------------------------------------------------------------------------------
+# -- other files -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     "data",
-    [b"\0" * 5000, b"at_s\twhat\tdata\n", gzip.compress(b"\xff\xfe\n"), gzip.compress(b"\0" * 10**6), b"\x1f\x8b\x08\x08"],
+    [
+        b"\0" * 5000,
+        b"at_s\twhat\tdata\n",
+        gzip.compress(b"\xff\xfe\n"),
+        gzip.compress(b"\0" * 10**6),
+        b"\x1f\x8b\x08\x08",
+    ],
     ids=["zeros", "plain", "no_text", "gzipped_zeros", "head_of_gzip"],
 )
 def test_foreign_files(path: Path, data: bytes) -> None:
@@ -263,7 +299,9 @@ def test_foreign_files(path: Path, data: bytes) -> None:
         (b'{"station"', b"[" * 100_000 + b'{"station"', "is no wire record"),
     ],
 )
-def test_heads_that_are_not_believed(path: Path, whole: bytes, old: bytes, new: bytes, said: str) -> None:
+def test_heads_that_are_not_believed(
+    path: Path, whole: bytes, old: bytes, new: bytes, said: str
+) -> None:
     path.write_bytes(SINGLE_OF_0_1(gzip.decompress(whole).replace(old, new)))
     with pytest.raises(RecordError, match=said):
         read_head(path)
@@ -271,13 +309,23 @@ def test_heads_that_are_not_believed(path: Path, whole: bytes, old: bytes, new: 
 
 def test_a_newer_file_that_is_packed_otherwise_says_its_format(path: Path, whole: bytes) -> None:
     """What does not hold here may hold there: it is no damage that is told, but the format."""
-    path.write_bytes(SINGLE_OF_0_1(gzip.decompress(whole).replace(b'"format": 3', b'"format": 4'))[:-8] + b"other check sums")
+    path.write_bytes(
+        SINGLE_OF_0_1(gzip.decompress(whole).replace(b'"format": 3', b'"format": 4'))[:-8]
+        + b"other check sums"
+    )
     with pytest.raises(RecordError, match="written in format 4; this jbclog knows 3"):
         read_head(path)
 
 
 @pytest.mark.parametrize(
-    "line", ["nan\tsent\t00", "1.0\ttold\task -5 1.0", "1e999\topened\tx", "1.0\tsent\tzz", "\ud800"[:0] + "x"]
+    "line",
+    [
+        "nan\tsent\t00",
+        "1.0\ttold\task -5 1.0",
+        "1e999\topened\tx",
+        "1.0\tsent\tzz",
+        "\ud800"[:0] + "x",
+    ],
 )
 def test_lines_that_are_none_are_named(path: Path, whole: bytes, line: str) -> None:
     path.write_bytes(SINGLE_OF_0_1(gzip.decompress(whole) + line.encode() + b"\n"))
@@ -286,7 +334,9 @@ def test_lines_that_are_none_are_named(path: Path, whole: bytes, line: str) -> N
     assert any("line 27" in told for told in losses(path))
 
 
-def test_format_1_is_read_where_its_check_sum_holds_and_not_at_all_otherwise(path: Path, whole: bytes) -> None:
+def test_format_1_is_read_where_its_check_sum_holds_and_not_at_all_otherwise(
+    path: Path, whole: bytes
+) -> None:
     old = SINGLE_OF_0_1(gzip.decompress(whole).replace(b'"format": 2', b'"format": 1'))
     path.write_bytes(old)
     assert list(read_rows(path)) == ROWS
@@ -301,7 +351,7 @@ def test_format_1_is_read_where_its_check_sum_holds_and_not_at_all_otherwise(pat
     print(count.told())
 
 
-# -- lived through again ------------------------------------------------------------------------------------------------------
+# -- lived through again ---------------------------------------------------------------------------
 
 
 def test_a_run_is_lived_through_up_to_the_hole(tmp_path: Path) -> None:
@@ -323,7 +373,7 @@ def test_a_run_is_lived_through_up_to_the_hole(tmp_path: Path) -> None:
     shutil.rmtree(tmp_path / "run")
 
 
-# -- replay says so before it starts -----------------------------------------------------------------------------------------
+# -- replay says so before it starts ---------------------------------------------------------------
 
 
 @pytest.fixture
@@ -331,7 +381,9 @@ def run(tmp_path: Path) -> Path:
     """A sealed run with its wire, as far as a replay looks at it."""
     folder = tmp_path / "run"
     recorded(folder, line_text(), duration_s=5)
-    files = [sealed_file(folder, file, None) for file in sorted(folder.rglob("*")) if file.is_file()]
+    files = [
+        sealed_file(folder, file, None) for file in sorted(folder.rglob("*")) if file.is_file()
+    ]
     write_manifest(folder, Manifest(folder.name, state="sealed", wire=WHOLE, files=files))
     return folder
 
@@ -344,7 +396,9 @@ def test_a_recording_as_it_was_made_raises_no_doubt(run: Path) -> None:
 def test_what_was_changed_since_is_named(run: Path, name: str) -> None:
     """Also where all of its own check sums hold."""
     data = (run / name).read_bytes()
-    (run / name).write_bytes(gzip.compress(gzip.decompress(data)) if name.endswith(".gz") else data + b"\n")
+    (run / name).write_bytes(
+        gzip.compress(gzip.decompress(data)) if name.endswith(".gz") else data + b"\n"
+    )
     assert open_recording(run).doubts == [f"{name}: was changed: its SHA-256 is not the manifest's"]
 
 

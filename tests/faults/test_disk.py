@@ -1,6 +1,8 @@
-"""A disk that does not take any more: acknowledged rows stay, the recorder is told, the run can still be sealed.
+"""A disk that does not take any more: acknowledged rows stay, the recorder is told, the run can
+still be sealed.
 
-docs/reference/faults.md, F-23 to F-25. The limit is the system's own (RLIMIT_FSIZE), in a process of its own.
+docs/reference/faults.md, F-23 to F-25. The limit is the system's own (RLIMIT_FSIZE), in a process
+of its own.
 """
 
 from __future__ import annotations
@@ -52,19 +54,33 @@ print(json.dumps([str(store.folder), acknowledged, [str(error) for error in told
 """
 
 
-def recorded(out: Path, *, rows: int, limit: int = 0, reserve: int = 65536, give_up: bool = True) -> tuple[Path, int, list[str]]:
-    """A recorder in a process of its own; its folder, the rows that were acknowledged, what it was told of failures."""
-    program = RECORDER.format(out=str(out), rows=rows, limit=limit, reserve=reserve, give_up=give_up)
+def recorded(
+    out: Path, *, rows: int, limit: int = 0, reserve: int = 65536, give_up: bool = True
+) -> tuple[Path, int, list[str]]:
+    """A recorder in a process of its own; its folder, the rows that were acknowledged, what it was
+    told of failures.
+    """
+    program = RECORDER.format(
+        out=str(out), rows=rows, limit=limit, reserve=reserve, give_up=give_up
+    )
     places = os.pathsep.join([str(SUPPORT.parent), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"PYTHONPATH": places}
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, env=environment)
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment,
+    )
     assert done.returncode == 0, done.stderr
     folder, acknowledged, told = json.loads(done.stdout)
     return Path(folder), acknowledged, told
 
 
 def test_files_that_may_not_grow_are_followed_by_new_ones(tmp_path: Path) -> None:
-    """A limit on a file's size is an input/output error to SQLite: the store goes on in a new file, nothing is lost."""
+    """A limit on a file's size is an input/output error to SQLite: the store goes on in a new file,
+    nothing is lost.
+    """
     folder, acknowledged, told = recorded(tmp_path, rows=30_000, limit=300_000)
     assert acknowledged == 30_000
     assert told == []
@@ -74,7 +90,9 @@ def test_files_that_may_not_grow_are_followed_by_new_ones(tmp_path: Path) -> Non
     assert check(folder) == []
 
 
-def test_where_not_even_a_new_file_can_be_made_the_recorder_is_told_and_what_was_acknowledged_stays(tmp_path: Path) -> None:
+def test_where_not_even_a_new_file_can_be_made_the_recorder_is_told_and_what_was_acknowledged_stays(
+    tmp_path: Path,
+) -> None:
     folder, acknowledged, told = recorded(tmp_path, rows=30_000, limit=20_000)
     assert len(told) == 1
     assert "the record is not whole" in told[0]
@@ -86,9 +104,13 @@ def test_where_not_even_a_new_file_can_be_made_the_recorder_is_told_and_what_was
 @pytest.mark.campaign
 @pytest.mark.parametrize("give_up", [True, False], ids=["ends", "goes-on"])
 def test_a_full_disk(tmp_path: Path, give_up: bool, counted: Callable[..., None]) -> None:
-    """A real one of 3 MB, of which the reserve holds half: acknowledged rows are there, and there is room to seal them."""
+    """A real one of 3 MB, of which the reserve holds half: acknowledged rows are there, and there
+    is room to seal them.
+    """
     with small_disk(tmp_path / "disk", "3m") as disk:
-        folder, acknowledged, told = recorded(disk, rows=200_000, reserve=1_500_000, give_up=give_up)
+        folder, acknowledged, told = recorded(
+            disk, rows=200_000, reserve=1_500_000, give_up=give_up
+        )
         assert len(told) == 1
         assert "full" in told[0]
         assert 1000 < acknowledged < 200_000

@@ -1,6 +1,8 @@
-"""Real disks under real runs: full, read-only, taken away. The tools go to their safe state, and what is kept is whole.
+"""Real disks under real runs: full, read-only, taken away. The tools go to their safe state, and
+what is kept is whole.
 
-docs/reference/faults.md, F-23 and F-24. The stations live on, and it is their word that counts for what was sent to them.
+docs/reference/faults.md, F-23 and F-24. The stations live on, and it is their word that counts for
+what was sent to them.
 """
 
 from __future__ import annotations
@@ -45,7 +47,9 @@ def sampling(line: ServedLine, out: Path) -> Iterator[subprocess.Popen[str]]:
     """A run with all tools at work and rows in its record."""
     run = begun(line, out)
     try:
-        assert until(lambda: line.at_work() == TOOLS and is_sampling(out)), run.communicate(timeout=5)
+        assert until(lambda: line.at_work() == TOOLS and is_sampling(out)), run.communicate(
+            timeout=5
+        )
         yield run
     finally:
         run.kill()
@@ -93,7 +97,9 @@ def test_a_disk_that_is_filled_while_the_run_goes_on(line: ServedLine, tmp_path:
         filler.unlink()
         recover(folder)
         assert line.log is not None
-        assert violations(folder, heard_in(line.log, begin), ended=Ended(run.returncode, said)) == []
+        assert (
+            violations(folder, heard_in(line.log, begin), ended=Ended(run.returncode, said)) == []
+        )
         manifest = read_manifest(folder)
         assert manifest.exit_status in ("failed", "lost")
         assert "record.failed" in said_in(folder) or manifest.lost is not None
@@ -102,22 +108,50 @@ def test_a_disk_that_is_filled_while_the_run_goes_on(line: ServedLine, tmp_path:
         assert (read_manifest(again).state, check(again)) == ("sealed", [])
 
 
-MOST_OPERATIONS = 150  # of each process of a short run: the recorder, its guard, the child that seals
+# of each process of a short run: the recorder, its guard, the child that seals
+MOST_OPERATIONS = 150
 
 
-def failing(line: ServedLine, out: Path, library: Path, nth: int, error: int, again: int) -> list[str]:
-    """Record on a disk whose operation `nth` fails, in each process of the run; what does not hold afterwards."""
+def failing(
+    line: ServedLine, out: Path, library: Path, nth: int, error: int, again: int
+) -> list[str]:
+    """Record on a disk whose operation `nth` fails, in each process of the run; what does not hold
+    afterwards.
+    """
     assert line.log is not None
     begin, began, before = begin_of(line), time.monotonic(), folders(out)
-    settings = {"LD_PRELOAD": library, "FAILING_FOLDER": out, "FAILING_NTH": nth, "FAILING_ERROR": error, "FAILING_AGAIN": again}
-    command = [sys.executable, "-c", "from jbclog.cli import main; main()", "run", line.recipe, "--line", line.path]
+    settings = {
+        "LD_PRELOAD": library,
+        "FAILING_FOLDER": out,
+        "FAILING_NTH": nth,
+        "FAILING_ERROR": error,
+        "FAILING_AGAIN": again,
+    }
+    command = [
+        sys.executable,
+        "-c",
+        "from jbclog.cli import main; main()",
+        "run",
+        line.recipe,
+        "--line",
+        line.path,
+    ]
     command += ["--out", out, "-d", "2s", "--wire"]
     environment = os.environ | {name: str(value) for name, value in settings.items()}
-    run = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, env=environment, timeout=60)
+    run = subprocess.run(
+        list(map(str, command)),
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment,
+        timeout=60,
+    )
     wrong = [] if line.at_work() == 0 else [f"unsafe: {line.at_work()} tools were left at work"]
     for folder in folders(out) - before:
         recover(folder)
-        wrong += violations(folder, heard_in(line.log, begin), ended=Ended(run.returncode, run.stderr))
+        wrong += violations(
+            folder, heard_in(line.log, begin), ended=Ended(run.returncode, run.stderr)
+        )
     if run.returncode not in (0, 1, 3, 4) or (run.returncode == 3 and line.orders(began)):
         wrong.append(f"exit code {run.returncode}: {run.stderr}")
     return wrong
@@ -132,10 +166,15 @@ def test_anything_fails_under_a_real_run(
     rng, found, out = random.Random(SEED + part), [], tmp_path / "runs"
     out.mkdir()
     for trial in range(25):
-        nth, error, again = rng.randint(1, MOST_OPERATIONS), rng.choice([errno.EIO, errno.ENOSPC]), rng.randint(0, 1)
+        nth, error, again = (
+            rng.randint(1, MOST_OPERATIONS),
+            rng.choice([errno.EIO, errno.ENOSPC]),
+            rng.randint(0, 1),
+        )
         wrong = failing(line, out, failing_library, nth, error, again)
         print(
-            f"seed {SEED + part}, trial {trial}: operation {nth}, {errno.errorcode[error]}, again {again}:",
+            f"seed {SEED + part}, trial {trial}: operation {nth}, {errno.errorcode[error]}, again"
+            f" {again}:",
             *(wrong or ["nothing wrong"]),
         )
         found += wrong
@@ -146,7 +185,11 @@ def test_anything_fails_under_a_real_run(
 def said_in(folder: Path) -> list[str]:
     import pyarrow.parquet as pq
 
-    return [kind for path in (folder / "events").glob("part-*") for kind in pq.read_table(path)["kind"].to_pylist()]
+    return [
+        kind
+        for path in (folder / "events").glob("part-*")
+        for kind in pq.read_table(path)["kind"].to_pylist()
+    ]
 
 
 def test_a_folder_that_is_removed_while_the_run_goes_on(line: ServedLine, tmp_path: Path) -> None:

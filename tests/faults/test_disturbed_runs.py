@@ -1,7 +1,8 @@
-"""Whole runs on a line that disturbs answers in every way that the injector knows: nothing wrong is recorded.
+"""Whole runs on a line that disturbs answers in every way that the injector knows: nothing wrong is
+recorded.
 
-The answers come in their own time (`Injector.forged` stays empty), or as copies so soon that the same is not asked again
-yet; what more an unlucky copy can do is in `test_wrong_answers.py`.
+The answers come in their own time (`Injector.forged` stays empty), or as copies so soon that the
+same is not asked again yet; what more an unlucky copy can do is in `test_wrong_answers.py`.
 """
 
 from __future__ import annotations
@@ -20,14 +21,19 @@ from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 SECONDS = 12
 QUESTIONS, STARTED = 2000, 180  # that a run asks at the most; after so many it samples
 TWO_SETTINGS = RECIPE + "\n[port.2.temperature]\nselect_c = 330\n"
-SOON_S = 0.005  # behind the answer; the same question is asked a whole tick later, or not before another
+# behind the answer; the same question is asked a whole tick later, or not before another
+SOON_S = 0.005
 AT_HAND_S = (0.0, 0.02, 0.0999, 0.1001, 0.11)
 
 
 def _plan(random: Random) -> dict[int, Deed]:
     often, first = random.choice([0.005, 0.02, 0.1, 0.3]), random.choice([0, *3 * [STARTED]])
     kinds = random.sample(KINDS, random.randint(1, len(KINDS)))
-    return {number: _deed(random, random.choice(kinds)) for number in range(first, QUESTIONS) if random.random() < often}
+    return {
+        number: _deed(random, random.choice(kinds))
+        for number in range(first, QUESTIONS)
+        if random.random() < often
+    }
 
 
 def _deed(random: Random, kind: str) -> Deed:
@@ -40,7 +46,12 @@ def _deed(random: Random, kind: str) -> Deed:
 def disturbed(number: int) -> tuple[VirtualRun, Counter[str]]:
     random = Random(number)
     sim = f"noise_c = 3.0\nseed = {number}\n"
-    run = prepare(line_text(sim), TWO_SETTINGS, duration_s=SECONDS, rate=random.choice([None, None, 3, "fit", "max"]))
+    run = prepare(
+        line_text(sim),
+        TWO_SETTINGS,
+        duration_s=SECONDS,
+        rate=random.choice([None, None, 3, "fit", "max"]),
+    )
     must_end_within(run, 10 * SECONDS)
     (tap,) = run.taps.values()
     injector = Injector(tap.receive, _plan(random))
@@ -64,4 +75,10 @@ def test_many_disturbed_runs(block: int, counted: Callable[..., None]) -> None:
         assert_sane(run)
         assert wrong_values(run) == [], number
         assert_memory_is_bounded()
-        counted(runs=1, questions=len(run.heard), disturbed_answers=did.total(), rows=len(run.memory.samples), wrong_values=0)
+        counted(
+            runs=1,
+            questions=len(run.heard),
+            disturbed_answers=did.total(),
+            rows=len(run.memory.samples),
+            wrong_values=0,
+        )

@@ -1,4 +1,6 @@
-"""Exports onto a disk that is full, and by a process that is killed: nothing half is left in the place of an export."""
+"""Exports onto a disk that is full, and by a process that is killed: nothing half is left in the
+place of an export.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("to", ["csv", "xlsx", "mf4", "qdas"])
-def test_a_full_disk_leaves_the_old_export_and_nothing_of_the_new_one(run: Path, tmp_path: Path, to: str) -> None:
+def test_a_full_disk_leaves_the_old_export_and_nothing_of_the_new_one(
+    run: Path, tmp_path: Path, to: str
+) -> None:
     with small_disk(tmp_path / "disk", "64k") as disk:
         out = disk / "out"
         if to in ("csv", "qdas"):
@@ -51,7 +55,9 @@ def test_a_full_disk_leaves_the_old_export_and_nothing_of_the_new_one(run: Path,
 def test_a_killed_export_leaves_the_old_one_as_it_was(tmp_path: Path) -> None:
     out = tmp_path / "run.xlsx"
     out.write_text("the old one")
-    with subprocess.Popen([sys.executable, "-c", WAITING, str(out)], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", WAITING, str(out)], stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "written\n"
         process.send_signal(signal.SIGKILL)

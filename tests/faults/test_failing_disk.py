@@ -1,10 +1,12 @@
-"""A disk that fails at any one thing that the record asks of it, once or for good: nothing wrong, nothing lost without a word.
+"""A disk that fails at any one thing that the record asks of it, once or for good: nothing wrong,
+nothing lost without a word.
 
-docs/reference/faults.md, F-23 to F-25. The failing is done below the program, where SQLite and Arrow ask the system
-(`failing_disk.c`), under
-runs on a virtual clock and under recoveries (`failing_run.py`). After each: the tools were told to stand, rows are as they were
-handed over, acknowledged ones are all there, missing ones are admitted, the folder recovers once and for all, I1 to I9 hold, and
-the next run beside it starts. Real disks that are full, read-only or gone are in `test_disk_run.py`.
+docs/reference/faults.md, F-23 to F-25. The failing is done below the program, where SQLite and
+Arrow ask the system (`failing_disk.c`), under
+runs on a virtual clock and under recoveries (`failing_run.py`). After each: the tools were told to
+stand, rows are as they were handed over, acknowledged ones are all there, missing ones are
+admitted, the folder recovers once and for all, I1 to I9 hold, and the next run beside it starts.
+Real disks that are full, read-only or gone are in `test_disk_run.py`.
 """
 
 from __future__ import annotations
@@ -27,12 +29,18 @@ FAULTS = [("EIO", 0), ("EIO", 1), ("ENOSPC", 0), ("ENOSPC", 1)]
 NAMES = ["one-error", "errors-from-then-on", "no-room-once", "no-room-from-then-on"]
 
 
-def outcomes(library: Path, home: Path, scenario: str, fault: tuple[str, int], first: int, stride: int) -> list[dict[str, object]]:
+def outcomes(
+    library: Path, home: Path, scenario: str, fault: tuple[str, int], first: int, stride: int
+) -> list[dict[str, object]]:
     """What came of operations FIRST, FIRST + STRIDE ... that failed."""
-    places = os.pathsep.join([*(path for path in sys.path if path), os.environ.get("PYTHONPATH", "")])
+    places = os.pathsep.join(
+        [*(path for path in sys.path if path), os.environ.get("PYTHONPATH", "")]
+    )
     command = [*program("faults.failing_run"), scenario, home, *fault, first, stride]
     environment = {**os.environ, "LD_PRELOAD": str(library), "PYTHONPATH": places}
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False, env=environment)
+    done = subprocess.run(
+        list(map(str, command)), capture_output=True, text=True, check=False, env=environment
+    )
     assert done.returncode == 0, done.stderr
     return [json.loads(line) for line in done.stdout.splitlines()]
 
@@ -45,12 +53,19 @@ def assert_nothing_is_wrong(found: list[dict[str, object]]) -> int:
 
 
 @pytest.mark.parametrize(
-    ("scenario", "fault", "stride"), [("run", FAULTS[1], 140), ("recover", FAULTS[0], 100)], ids=["run", "recover"]
+    ("scenario", "fault", "stride"),
+    [("run", FAULTS[1], 140), ("recover", FAULTS[0], 100)],
+    ids=["run", "recover"],
 )
-def test_some_things_fail(failing_library: Path, tmp_path: Path, scenario: str, fault: tuple[str, int], stride: int) -> None:
+def test_some_things_fail(
+    failing_library: Path, tmp_path: Path, scenario: str, fault: tuple[str, int], stride: int
+) -> None:
     first = 1 + SEED % stride
     print(f"from operation {first} on each {stride}th")
-    assert assert_nothing_is_wrong(outcomes(failing_library, tmp_path, scenario, fault, first, stride)) >= 2
+    assert (
+        assert_nothing_is_wrong(outcomes(failing_library, tmp_path, scenario, fault, first, stride))
+        >= 2
+    )
 
 
 @pytest.mark.campaign
@@ -59,8 +74,15 @@ def test_some_things_fail(failing_library: Path, tmp_path: Path, scenario: str, 
 @pytest.mark.parametrize("fault", FAULTS, ids=NAMES)
 @pytest.mark.parametrize("scenario", sorted(failing_run.SCENARIOS))
 def test_each_thing_fails(
-    failing_library: Path, tmp_path: Path, scenario: str, fault: tuple[str, int], part: int, counted: Callable[..., None]
+    failing_library: Path,
+    tmp_path: Path,
+    scenario: str,
+    fault: tuple[str, int],
+    part: int,
+    counted: Callable[..., None],
 ) -> None:
-    failures = assert_nothing_is_wrong(outcomes(failing_library, tmp_path, scenario, fault, 1 + part, 4))
+    failures = assert_nothing_is_wrong(
+        outcomes(failing_library, tmp_path, scenario, fault, 1 + part, 4)
+    )
     assert failures >= 20
     counted(**{f"{scenario} {fault[0]} {'for good' if fault[1] else 'once'}": failures})

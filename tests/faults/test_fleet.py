@@ -1,5 +1,5 @@
-"""Runs of a store on a real Dask scheduler with real workers: the same answers, also when a worker is
-killed; a clear error when more than that is wrong."""
+"""Runs of a store on a real Dask scheduler with real workers: the same answers, also when a worker
+is killed; a clear error when more than that is wrong."""
 
 from __future__ import annotations
 
@@ -25,7 +25,18 @@ from jbclog.app.publish.folder import publish_all
 from jbclog.app.publish.publisher import Publisher
 from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
-from support.faults.dask_cluster import TLS, Cluster, certificates, cluster, divided, ends_always, killed_at, length, rows_of, slow
+from support.faults.dask_cluster import (
+    TLS,
+    Cluster,
+    certificates,
+    cluster,
+    divided,
+    ends_always,
+    killed_at,
+    length,
+    rows_of,
+    slow,
+)
 from support.readers.texts import ROOT
 from support.records.many_runs import many_runs
 
@@ -66,8 +77,13 @@ def test_a_trend_is_the_same(place: Place, fleet: Cluster) -> None:
 def test_statistics_are_the_same_to_the_last_digit(place: Place, fleet: Cluster) -> None:
     runs = jbclog.open_runs(place.url)
     assert isinstance(runs, StoredRuns)
-    for what in (("samples", "power_permille", ["run", "port"]), ("joints", "recovery_s", ["station"])):
-        pd.testing.assert_frame_equal(runs.on(fleet.address).statistics(*what), runs.statistics(*what), check_exact=True)
+    for what in (
+        ("samples", "power_permille", ["run", "port"]),
+        ("joints", "recovery_s", ["station"]),
+    ):
+        pd.testing.assert_frame_equal(
+            runs.on(fleet.address).statistics(*what), runs.statistics(*what), check_exact=True
+        )
 
 
 def test_a_function_of_the_user_is_called_by_workers_for_runs_of_stores_and_folders(
@@ -88,17 +104,29 @@ def test_a_function_of_the_user_is_called_by_workers_for_runs_of_stores_and_fold
 def test_the_script_of_the_page_runs(place: Place, fleet: Cluster, tmp_path: Path) -> None:
     page = (ROOT / "docs" / "how-to" / "many-computers.md").read_text(encoding="utf-8")
     script = page.split("```python\n")[1].split("```")[0]
-    for old, new in (("/data/plant", place.url), ("tcp://10.0.0.5:8786", fleet.address), ("2026-11-01", "2026-09-01")):
+    for old, new in (
+        ("/data/plant", place.url),
+        ("tcp://10.0.0.5:8786", fleet.address),
+        ("2026-11-01", "2026-09-01"),
+    ):
         assert old in script
         script = script.replace(old, new)
     (tmp_path / "script.py").write_text(f"{script}    print(len(stations), len(tips))\n")
-    done = subprocess.run([sys.executable, tmp_path / "script.py"], capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(
+        [sys.executable, tmp_path / "script.py"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
     assert (done.returncode, done.stderr) == (0, "")
     assert len(done.stdout.splitlines()) == RUNS + 1
     assert done.stdout.endswith("\n1 1\n")
 
 
-def test_a_run_that_cannot_be_read_is_named_and_an_error_of_the_function_is_raised(fleet: Cluster, tmp_path: Path) -> None:
+def test_a_run_that_cannot_be_read_is_named_and_an_error_of_the_function_is_raised(
+    fleet: Cluster, tmp_path: Path
+) -> None:
     many_runs(tmp_path / "runs", [0.1, 0.2])
     bad, good = sorted((tmp_path / "runs").iterdir())
     for part in bad.rglob("*.parquet"):
@@ -110,7 +138,9 @@ def test_a_run_that_cannot_be_read_is_named_and_an_error_of_the_function_is_rais
         list(runs.map(divided, scheduler=fleet.address))
 
 
-def test_a_worker_that_is_killed_in_the_middle_changes_no_answer(fleet: Cluster, tmp_path: Path) -> None:
+def test_a_worker_that_is_killed_in_the_middle_changes_no_answer(
+    fleet: Cluster, tmp_path: Path
+) -> None:
     fleet.worker()  # in place of the one that is killed
     for name, engine in (("scheduler", Scheduler(fleet.address)), ("processes", Processes(2))):
         mark = tmp_path / name
@@ -140,12 +170,16 @@ def test_a_scheduler_that_is_gone_before_or_in_the_middle_is_an_error(
     assert said.count("\n") == 1
 
 
-def test_without_workers_from_the_start_or_from_the_middle_on_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_workers_from_the_start_or_from_the_middle_on_is_an_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("jbclog.analysis.fleet.scheduler.CONNECT_S", 1.0)
     monkeypatch.setattr("jbclog.analysis.fleet.scheduler.NO_WORKER_S", 0.5)
     monkeypatch.setattr("jbclog.analysis.fleet.scheduler.LOOK_S", 0.2)
     with cluster(tmp_path, workers=0) as one:
-        with pytest.raises(RecordError, match="the scheduler has no worker; start `dask worker tcp://"):
+        with pytest.raises(
+            RecordError, match="the scheduler has no worker; start `dask worker tcp://"
+        ):
             list(Scheduler(one.address).run(abs, [1]))
         monkeypatch.setattr("jbclog.analysis.fleet.scheduler.CONNECT_S", 30.0)
         worker = one.worker()
@@ -162,13 +196,21 @@ def test_a_worker_of_another_version_is_refused_also_one_that_joins_later(tmp_pa
         results = Scheduler(one.address).run(slow, range(200))
         assert next(results) == 0
         one.worker("--preload", "other.py")
-        with pytest.raises(RecordError, match=r"a worker has another version: it has jbclog 0\.0\.1, .*Install the same on all"):
+        with pytest.raises(
+            RecordError,
+            match=r"a worker has another version: it has jbclog 0\.0\.1, .*Install the same on all",
+        ):
             list(results)
-        with pytest.raises(RecordError, match=r"has another version \(1 in all\): jbclog 0\.0\.1, .*here is jbclog 0\.1"):
+        with pytest.raises(
+            RecordError,
+            match=r"has another version \(1 in all\): jbclog 0\.0\.1, .*here is jbclog 0\.1",
+        ):
             list(Scheduler(one.address).run(abs, [1]))
 
 
-def test_tls_works_with_certificates_and_not_without(place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tls_works_with_certificates_and_not_without(
+    place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     certificates(tmp_path)
     import dask
 
@@ -186,7 +228,17 @@ def test_tls_works_with_certificates_and_not_without(place: Place, tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    "address", ["", "8786", "host:8786", "http://host:8786", "tcp://host", "tcp://host:99999", "tcp://a@b:1", "tcp://h:1/x"]
+    "address",
+    [
+        "",
+        "8786",
+        "host:8786",
+        "http://host:8786",
+        "tcp://host",
+        "tcp://host:99999",
+        "tcp://a@b:1",
+        "tcp://h:1/x",
+    ],
 )
 def test_what_is_no_address_is_wrong_usage(place: Place, address: str) -> None:
     with pytest.raises(UsageError, match="a scheduler is tcp://HOST:PORT or tls://HOST:PORT"):

@@ -1,8 +1,10 @@
-"""Links of a real run are flooded: the others are no later for it, the run ends in time, the guard stays quiet, memory is bounded.
+"""Links of a real run are flooded: the others are no later for it, the run ends in time, the guard
+stays quiet, memory is bounded.
 
-``pytest -n0 -s -m campaign tests/faults/test_flood_campaign.py`` crosses bytes a second, shapes, rates, numbers of flooders and
-transports; the slice by default is one run. Lateness is that of the rows of the stations that are not flooded, held against the
-same run without a flood on the same machine.
+``pytest -n0 -s -m campaign tests/faults/test_flood_campaign.py`` crosses bytes a second, shapes,
+rates, numbers of flooders and transports; the slice by default is one run. Lateness is that of the
+rows of the stations that are not flooded, held against the same run without a flood on the same
+machine.
 """
 
 from __future__ import annotations
@@ -56,7 +58,10 @@ class Case:
     capture: bool = False
 
     def __str__(self) -> str:
-        return f"{self.transport}, {self.shape}, {self.bytes_per_s:g} B/s in {self.piece}, {self.rate:g} Hz, {self.flooders}"
+        return (
+            f"{self.transport}, {self.shape}, {self.bytes_per_s:g} B/s in {self.piece},"
+            f" {self.rate:g} Hz, {self.flooders}"
+        )
 
 
 class TooBusy(Exception):
@@ -115,9 +120,24 @@ def run(case: Case, folder: Path, *, flooded: bool = True) -> Outcome:
 
 
 def _recorded(folder: Path, case: Case) -> tuple[Path, float, float]:
-    """The run's folder, the moment at which its process had ended, and the most memory that it had, in MB."""
-    command = [sys.executable, "-c", "from jbclog.cli import main; main()", "run", str(folder / "recipe.toml")]
-    command += ["--line", str(folder / "sim" / "flooded.toml"), "--out", str(folder / "runs"), "-d", f"{SECONDS}s"]
+    """The run's folder, the moment at which its process had ended, and the most memory that it had,
+    in MB.
+    """
+    command = [
+        sys.executable,
+        "-c",
+        "from jbclog.cli import main; main()",
+        "run",
+        str(folder / "recipe.toml"),
+    ]
+    command += [
+        "--line",
+        str(folder / "sim" / "flooded.toml"),
+        "--out",
+        str(folder / "runs"),
+        "-d",
+        f"{SECONDS}s",
+    ]
     command += ["--rate", f"{case.rate:g}", *(["--wire"] if case.capture else [])]
     with (folder / "said").open("w") as said:
         process = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
@@ -135,11 +155,16 @@ def _outcome(case: Case, names: list[str], folder: Path, ended_s: float, peak_mb
     facts = {one.name: one for one in read_manifest(folder).stations}
     assert {facts[name].outcome for name in names[case.flooders :]} == {"completed"}, facts
     floods = events[events["kind"] == "link.flooded"]["time"]
-    before = others["late_us"][others["time"] < floods.min() - pd.Timedelta(seconds=1.5)] if len(floods) else others["late_us"]
+    before = (
+        others["late_us"][others["time"] < floods.min() - pd.Timedelta(seconds=1.5)]
+        if len(floods)
+        else others["late_us"]
+    )
     return Outcome(
         late_ms=float(others["late_us"].max()) / 1000,
         before_ms=float(before.dropna().max()) / 1000 if before.notna().any() else 0.0,
-        skipped=int((others["quality"] == "skipped").sum()) + sum(facts[name].skipped for name in names[case.flooders :]),
+        skipped=int((others["quality"] == "skipped").sum())
+        + sum(facts[name].skipped for name in names[case.flooders :]),
         over_s=ended_s - last.timestamp(),
         peak_mb=peak_mb,
         flooded=events[events["kind"] == "link.flooded"]["station"].nunique(),
@@ -157,7 +182,9 @@ def sound(transport: str, rate: float, again: int = 0) -> Outcome:
 
 
 def look_at(case: Case, folder: Path) -> tuple[Outcome, Outcome]:
-    """Run it, and once more, with the run that it is held against, where the machine made others late."""
+    """Run it, and once more, with the run that it is held against, where the machine made others
+    late.
+    """
     for again in range(4):
         (folder / str(again)).mkdir()
         try:
@@ -169,7 +196,11 @@ def look_at(case: Case, folder: Path) -> tuple[Outcome, Outcome]:
     assert found.late_ms - control.late_ms < LATER_MS, (found, control)
     assert found.skipped <= control.skipped, (found, control)
     assert found.peak_mb - control.peak_mb < MOST_MB
-    assert_bounded(found, case.flooders, is_flood=case.bytes_per_s >= A_FLOOD or case.bytes_per_s == AS_MANY_AS_TAKEN)
+    assert_bounded(
+        found,
+        case.flooders,
+        is_flood=case.bytes_per_s >= A_FLOOD or case.bytes_per_s == AS_MANY_AS_TAKEN,
+    )
     assert control.flooded == 0
     return found, control
 
@@ -178,11 +209,15 @@ def assert_bounded(found: Outcome, flooders: int, *, is_flood: bool = True) -> N
     """It ended in time, each flood was told, and nothing else was."""
     assert found.over_s < ENDS_WITHIN_S
     assert found.flooded == flooders or (found.flooded < flooders and not is_flood)
-    assert {kind for kind in found.kinds if kind.startswith(("guard.", "host.suspended", "run.failed"))} == set()
+    assert {
+        kind for kind in found.kinds if kind.startswith(("guard.", "host.suspended", "run.failed"))
+    } == set()
 
 
 def test_two_servers_without_end_delay_nobody(tmp_path: Path) -> None:
-    """The first report: others 1.4 s late, 62 s in place of 15, and the guard killed the recorder."""
+    """The first report: others 1.4 s late, 62 s in place of 15, and the guard killed the
+    recorder.
+    """
     for again in range(3):
         (tmp_path / str(again)).mkdir()
         with suppress(TooBusy):
@@ -196,7 +231,8 @@ def test_two_servers_without_end_delay_nobody(tmp_path: Path) -> None:
 
 
 SPEEDS: Final = (3_000.0, 15_000.0, AS_MANY_AS_TAKEN)
-A_FLOOD: Final = 15_000.0  # at 5 Hz answers of some 300 bytes are due each second; three thousand may be none
+# at 5 Hz answers of some 300 bytes are due each second; three thousand may be none
+A_FLOOD: Final = 15_000.0
 
 
 def cases() -> Iterator[Case]:
@@ -210,7 +246,9 @@ def cases() -> Iterator[Case]:
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
-def test_every_speed_and_shape_over_every_transport(tmp_path: Path, counted: Callable[..., None]) -> None:
+def test_every_speed_and_shape_over_every_transport(
+    tmp_path: Path, counted: Callable[..., None]
+) -> None:
     failed = []
     print(HEAD, flush=True)
     for number, case in enumerate(cases()):
@@ -226,7 +264,7 @@ def test_every_speed_and_shape_over_every_transport(tmp_path: Path, counted: Cal
 
 HEAD: Final = """\
 | transport | shape | bytes/s | piece | Hz | told as flooded | others later, ms | end behind last row, s | memory, MB |
-|---|---|---|---|---|---|---|---|---|"""
+|---|---|---|---|---|---|---|---|---|"""  # noqa: E501
 
 
 def _row(case: Case, found: Outcome, control: Outcome) -> str:
@@ -234,5 +272,14 @@ def _row(case: Case, found: Outcome, control: Outcome) -> str:
     speed = f"{case.bytes_per_s:g}" if case.bytes_per_s else "all that is taken"
     later, more = found.late_ms - control.late_ms, found.peak_mb - control.peak_mb
     told = f"{found.flooded} of {case.flooders}"
-    cells = (case.transport, case.shape, speed, case.piece, f"{case.rate:g}", told, f"{later:+.1f}", f"{found.over_s:.1f}")
+    cells = (
+        case.transport,
+        case.shape,
+        speed,
+        case.piece,
+        f"{case.rate:g}",
+        told,
+        f"{later:+.1f}",
+        f"{found.over_s:.1f}",
+    )
     return "| " + " | ".join(map(str, (*cells, f"{more:+.0f}"))) + " |"

@@ -1,4 +1,6 @@
-"""`publish --follow` outlives its store: a server that stops, a share that goes, a full disk. Nothing is lost, little said."""
+"""`publish --follow` outlives its store: a server that stops, a share that goes, a full disk.
+Nothing is lost, little said.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,11 @@ def whole(place: Place, number: int) -> None:
 def following(runs: Path, store: str, **environment: str) -> Iterator[subprocess.Popen[str]]:
     command = [*COMMAND, "publish", str(runs), store, "--follow"]
     process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=os.environ | environment | {"COLUMNS": "400"}
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env=os.environ | environment | {"COLUMNS": "400"},
     )
     try:
         yield process
@@ -67,7 +73,9 @@ def line_of(process: subprocess.Popen[str]) -> str:
 
 
 def test_a_server_that_stops_and_starts(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The command says once that it is gone, once that it is back, publishes what was sealed meanwhile, and ends by SIGTERM."""
+    """The command says once that it is gone, once that it is back, publishes what was sealed
+    meanwhile, and ends by SIGTERM.
+    """
     with serving() as server:
         for name, value in server.environment.items():
             monkeypatch.setenv(name, value)
@@ -114,7 +122,9 @@ def follower(runs: Path, tmp_path: Path) -> Iterator[Follower]:
 
 
 def test_a_share_that_goes_and_comes_back(follower: Follower, runs: Path, tmp_path: Path) -> None:
-    """It is not made anew where it is not mounted; the pause grows to a minute and is short again afterwards."""
+    """It is not made anew where it is not mounted; the pause grows to a minute and is short again
+    afterwards.
+    """
     store = tmp_path / "store"
     store.rename(tmp_path / "elsewhere")
     (tmp_path / "mount point").mkdir()
@@ -133,10 +143,14 @@ def test_a_share_that_goes_and_comes_back(follower: Follower, runs: Path, tmp_pa
     whole(place_of(store), 2)
 
 
-def test_the_folder_of_the_runs_goes_and_comes_back(follower: Follower, runs: Path, tmp_path: Path) -> None:
+def test_the_folder_of_the_runs_goes_and_comes_back(
+    follower: Follower, runs: Path, tmp_path: Path
+) -> None:
     runs.rename(tmp_path / "elsewhere")
     said = [*follower.poll(), *follower.poll()]
-    assert [str(one) for one in said] == [f"{runs} cannot be read: No such file or directory; it is tried again"]
+    assert [str(one) for one in said] == [
+        f"{runs} cannot be read: No such file or directory; it is tried again"
+    ]
     (tmp_path / "elsewhere").rename(runs)
     one_run(runs, 1)
     assert kinds(follower) == ["Trouble", "Outcome"]
@@ -174,7 +188,9 @@ def test_a_lease_that_cannot_be_renewed_ends_nothing(
     assert not Path(place.url).exists()
 
 
-def test_a_refused_run_is_tried_again_when_a_file_of_it_changes(follower: Follower, runs: Path) -> None:
+def test_a_refused_run_is_tried_again_when_a_file_of_it_changes(
+    follower: Follower, runs: Path
+) -> None:
     bad = one_run(runs, 1)
     extra = bad / "recipes" / "extra.toml"
     extra.parent.mkdir(exist_ok=True)
@@ -225,7 +241,11 @@ def test_without_follow_a_store_that_goes_ends_it_with_one_line(
 
     monkeypatch.setattr(Publisher, "publish", going)
     ended = CliRunner().invoke(app, ["publish", str(runs), str(store)])
-    assert (ended.exit_code, len(ended.stdout.splitlines()), len(ended.stderr.splitlines())) == (4, 1, 1)
+    assert (ended.exit_code, len(ended.stdout.splitlines()), len(ended.stderr.splitlines())) == (
+        4,
+        1,
+        1,
+    )
     assert ended.stderr.startswith(f"error: {store}: ")
 
 

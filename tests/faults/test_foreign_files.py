@@ -1,4 +1,6 @@
-"""Files that are not what their names say, in a run's folder: every verb answers, and one folder never blocks the others."""
+"""Files that are not what their names say, in a run's folder: every verb answers, and one folder
+never blocks the others.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,16 @@ from jbclog.record.annotations import append
 from jbclog.record.manifest import NAME
 from jbclog.record.recover import recover
 from jbclog.report.write import write_report
-from support.campaigns.foreign_matrix import OF_A_FOLDER, SPECIAL, VERBS, Ended, Pairs, put, table, words_of
+from support.campaigns.foreign_matrix import (
+    OF_A_FOLDER,
+    SPECIAL,
+    VERBS,
+    Ended,
+    Pairs,
+    put,
+    table,
+    words_of,
+)
 from support.faults.bombs import BOMBS
 from support.records import few_rows
 from support.records.small_run import make_run
@@ -23,8 +34,22 @@ from support.records.small_run import make_run
 GOOD, BAD, CRASHED = "good", "bad", "crashed"
 WIRE_NAME = "wire/a.tsv.gz"
 PATHS = (
-    *(NAME, "annotations.jsonl", "lease.json", "guard.jsonl", "guard.lock", "damage.jsonl", "line.toml", "recipes/sn100c-tht.toml"),
-    *("samples/part-0000.parquet", "events/part-0000.parquet", "settings/part-0000.parquet", "counters/part-0000.parquet"),
+    *(
+        NAME,
+        "annotations.jsonl",
+        "lease.json",
+        "guard.jsonl",
+        "guard.lock",
+        "damage.jsonl",
+        "line.toml",
+        "recipes/sn100c-tht.toml",
+    ),
+    *(
+        "samples/part-0000.parquet",
+        "events/part-0000.parquet",
+        "settings/part-0000.parquet",
+        "counters/part-0000.parquet",
+    ),
     *(
         "samples",
         "recipes",
@@ -50,12 +75,22 @@ OF_CRASHED = (
     "lease.json",
     "damage.jsonl",
 )
-VERBS_OF_CRASHED = ("recover", "runs", "check", "report", "alarms", "trend", "start of the next run")
+VERBS_OF_CRASHED = (
+    "recover",
+    "runs",
+    "check",
+    "report",
+    "alarms",
+    "trend",
+    "start of the next run",
+)
 
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of runs: a sealed one that stays as it is, one to be spoilt, and one that crashed."""
+    """A folder of runs: a sealed one that stays as it is, one to be spoilt, and one that
+    crashed.
+    """
     out = tmp_path_factory.mktemp("kept") / "runs"
     for name in (GOOD, BAD):
         made = make_run(out / name, 8.0)
@@ -79,11 +114,16 @@ class Place:
         self.runs = home / "runs"
         shutil.rmtree(home, ignore_errors=True)
         self.runs.mkdir(parents=True)
-        source = {name: next(path for path in (kept / name).iterdir() if path.is_dir()) for name in (GOOD, of)}
+        source = {
+            name: next(path for path in (kept / name).iterdir() if path.is_dir())
+            for name in (GOOD, of)
+        }
         for path in source.values():
             shutil.copytree(path, self.runs / path.name)
         self.bad, self.good = self.runs / source[of].name, self.runs / source[GOOD].name
-        (home / "line.toml").write_text('[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\n')
+        (home / "line.toml").write_text(
+            '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\n'
+        )
         self.places = {
             "run": self.bad,
             "runs": self.runs,
@@ -97,7 +137,9 @@ class Place:
 
 
 def spoilt(kept: Path, home: Path, path: str, made: Callable[[Path], None], of: str = BAD) -> Place:
-    """The folder of runs with that in the place of a file; a bomb finds the file that it stands for."""
+    """The folder of runs with that in the place of a file; a bomb finds the file that it stands
+    for.
+    """
     place = Place(kept, home, of)
     where = place.bad / path
     if made in SPECIAL.values():
@@ -109,7 +151,9 @@ def spoilt(kept: Path, home: Path, path: str, made: Callable[[Path], None], of: 
 
 
 def is_answer(place: Place, verb: str, ended: Ended) -> str | None:
-    """What is wrong with a verb's answer, None where nothing is; a folder of runs still gives the good one."""
+    """What is wrong with a verb's answer, None where nothing is; a folder of runs still gives the
+    good one.
+    """
     if ended.trouble:
         return ended.trouble
     if verb == "runs" and place.good.name not in ended.output:
@@ -125,12 +169,18 @@ def special_pairs() -> list[tuple[str, str, str]]:
 
 def bomb_pairs() -> list[tuple[str, str, str]]:
     live = [path for path in BOMBS if path.startswith(("live", "damage", "guard", "lease"))]
-    return [(path, kind, BAD) for path in BOMBS if path not in live for kind in BOMBS[path] if path not in ("joints.parquet",)] + [
-        (path, kind, CRASHED) for path in live for kind in BOMBS[path]
-    ]
+    return [
+        (path, kind, BAD)
+        for path in BOMBS
+        if path not in live
+        for kind in BOMBS[path]
+        if path not in ("joints.parquet",)
+    ] + [(path, kind, CRASHED) for path in live for kind in BOMBS[path]]
 
 
-def tried(kept: Path, home: Path, pairs: Pairs, those: list[tuple[str, str, str]]) -> tuple[dict[str, list[Ended]], list[str]]:
+def tried(
+    kept: Path, home: Path, pairs: Pairs, those: list[tuple[str, str, str]]
+) -> tuple[dict[str, list[Ended]], list[str]]:
     """All verbs for each; the answers by what stood there, and what was wrong with some."""
     results: dict[str, list[Ended]] = defaultdict(list)
     wrong = []
@@ -138,13 +188,23 @@ def tried(kept: Path, home: Path, pairs: Pairs, those: list[tuple[str, str, str]
         made = SPECIAL.get(kind) or BOMBS[path][kind]
         place = None
         for verb in VERBS if of == BAD else VERBS_OF_CRASHED:
-            if place is None or verb not in ("check", "runs", "trend", "compare", "where-used", "alarms", "start of the next run"):
+            if place is None or verb not in (
+                "check",
+                "runs",
+                "trend",
+                "compare",
+                "where-used",
+                "alarms",
+                "start of the next run",
+            ):
                 place = spoilt(kept, home, path, made, of)
             ended = place.run(pairs, verb)
             results[kind if kind in SPECIAL else f"bombs: {path}"].append(ended)
             trouble = is_answer(place, verb, ended)
             if trouble:
-                wrong.append(f"{verb}, {path} of the {of} run is {kind} ({ended.seconds:.1f} s): {trouble}")
+                wrong.append(
+                    f"{verb}, {path} of the {of} run is {kind} ({ended.seconds:.1f} s): {trouble}"
+                )
     return results, wrong
 
 
@@ -160,7 +220,11 @@ def _slice(those: list[tuple[str, str, str]], part: str | None) -> list[tuple[st
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("those", [special_pairs(), bomb_pairs()], ids=["special files", "bombs"])
 def test_every_verb_answers_whatever_lies_in_a_run(
-    kept: Path, tmp_path: Path, pairs: Pairs, those: list[tuple[str, str, str]], capsys: pytest.CaptureFixture[str]
+    kept: Path,
+    tmp_path: Path,
+    pairs: Pairs,
+    those: list[tuple[str, str, str]],
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     results, wrong = tried(kept, tmp_path, pairs, _slice(those, os.environ.get("JBCLOG_PART")))
     with capsys.disabled():
@@ -178,13 +242,17 @@ SLICE = [
 
 
 @pytest.mark.parametrize("one", SLICE, ids=lambda one: f"{one[0]} {one[1]}")
-def test_a_slice_of_that(kept: Path, tmp_path: Path, pairs: Pairs, one: tuple[str, str, str]) -> None:
+def test_a_slice_of_that(
+    kept: Path, tmp_path: Path, pairs: Pairs, one: tuple[str, str, str]
+) -> None:
     _, wrong = tried(kept, tmp_path, pairs, [one])
     assert wrong == []
 
 
 @pytest.mark.parametrize("kind", ["socket", "pipe"])
-def test_no_report_of_a_run_that_crashed_and_has_no_manifest(kept: Path, tmp_path: Path, kind: str) -> None:
+def test_no_report_of_a_run_that_crashed_and_has_no_manifest(
+    kept: Path, tmp_path: Path, kind: str
+) -> None:
     place = spoilt(kept, tmp_path, NAME, SPECIAL[kind], CRASHED)
     with pytest.raises(RecordError, match="still open"):
         write_report(place.bad)
@@ -205,4 +273,7 @@ def test_one_bad_folder_is_a_finding_in_its_place(kept: Path, tmp_path: Path, pa
         place = spoilt(kept, tmp_path, NAME, os.mkfifo)
         ended = place.run(pairs, verb)
         assert is_answer(place, verb, ended) is None, (verb, ended)
-        assert place.bad.name in ended.output or verb in SILENT or verb not in OF_A_FOLDER, (verb, ended)
+        assert place.bad.name in ended.output or verb in SILENT or verb not in OF_A_FOLDER, (
+            verb,
+            ended,
+        )

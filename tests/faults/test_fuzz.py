@@ -1,8 +1,10 @@
-"""What is read of others, fuzzed: files and streams of tests/data/fuzz, altered at random, and what holds of each reader.
+"""What is read of others, fuzzed: files and streams of tests/data/fuzz, altered at random, and what
+holds of each reader.
 
-For all: no error but the one that is named, within the time that is named, and nothing is believed that does not stand there.
-The slice tries the same cases each time; `-m campaign` tries others each time, `JBCLOG_FUZZ` (20 000) of each. A case that broke
-something goes into tests/data/fuzz/TARGET, which is tried first and unaltered.
+For all: no error but the one that is named, within the time that is named, and nothing is believed
+that does not stand there. The slice tries the same cases each time; `-m campaign` tries others each
+time, `JBCLOG_FUZZ` (20 000) of each. A case that broke something goes into tests/data/fuzz/TARGET,
+which is tried first and unaltered.
 """
 
 from __future__ import annotations
@@ -40,7 +42,16 @@ from jbclog.protocol import omega
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.frame import MOST_HELD, Frame, FrameReader
 from jbclog.record import conclude
-from jbclog.record.capture import Hole, count_rows, is_done, mend, read_exchanges, read_head, rows_and_holes, wire_path
+from jbclog.record.capture import (
+    Hole,
+    count_rows,
+    is_done,
+    mend,
+    read_exchanges,
+    read_head,
+    rows_and_holes,
+    wire_path,
+)
 from jbclog.record.capture_file import packed
 from jbclog.record.check import check
 from jbclog.record.find_runs import find
@@ -59,7 +70,9 @@ MANY = int(os.environ.get("JBCLOG_FUZZ", "20000"))
 
 @dataclass(frozen=True)
 class Target:
-    """One reader: its cases, what must hold of each, the CPU seconds that one may take, and how many the slice tries."""
+    """One reader: its cases, what must hold of each, the CPU seconds that one may take, and how
+    many the slice tries.
+    """
 
     name: str
     strategy: Callable[[], st.SearchStrategy[Any]]
@@ -82,15 +95,32 @@ class Target:
         for case in corpus(self.name) if (CORPUS / self.name).is_dir() else ():
             one(case)
         unhurried = settings(
-            max_examples=count, deadline=None, database=None, derandomize=same, suppress_health_check=list(HealthCheck)
+            max_examples=count,
+            deadline=None,
+            database=None,
+            derandomize=same,
+            suppress_health_check=list(HealthCheck),
         )
         unhurried(given(case=self.strategy())(one))()
         return done
 
 
-# -- frames: each that is given stands there with its check ------------------------------------------------------------------
+# -- frames: each that is given stands there with its check ----------------------------------------
 
-CONTROL = (b"\x02", b"\x03", b"\x02\x03", b"\x00", b"\xff", b"\x02\x02", b"A", b"N1", b"0001", b"\x02" + b"0" * 70, b"00", b"FF")
+CONTROL = (
+    b"\x02",
+    b"\x03",
+    b"\x02\x03",
+    b"\x00",
+    b"\xff",
+    b"\x02\x02",
+    b"A",
+    b"N1",
+    b"0001",
+    b"\x02" + b"0" * 70,
+    b"00",
+    b"FF",
+)
 
 
 def _stream(name: str) -> st.SearchStrategy[bytes]:
@@ -98,7 +128,9 @@ def _stream(name: str) -> st.SearchStrategy[bytes]:
 
 
 def _framed(stream: bytes, longest: int) -> Iterator[tuple[bytes, bytes]]:
-    """Every stretch from STX to ETX with nothing but printable characters between, and the two bytes behind it."""
+    """Every stretch from STX to ETX with nothing but printable characters between, and the two
+    bytes behind it.
+    """
     for start in (place for place, byte in enumerate(stream) if byte == 2):
         end = stream.find(b"\x03", start)
         content = stream[start + 1 : end]
@@ -110,7 +142,11 @@ def jbc(stream: bytes, _: Path) -> None:
     found, one = [], FrameReader()
     for start in range(0, len(stream), 7):
         found += one.feed(stream[start : start + 7])
-    right = [content for content, behind in _framed(stream, 64) if behind and reduce(xor, b"\x02" + content + b"\x03") == behind[0]]
+    right = [
+        content
+        for content, behind in _framed(stream, 64)
+        if behind and reduce(xor, b"\x02" + content + b"\x03") == behind[0]
+    ]
     for frame in (frame for frame in found if isinstance(frame, Frame)):
         assert frame.encode()[1:-2] in right
         right.remove(frame.encode()[1:-2])
@@ -122,7 +158,11 @@ def omega_frames(stream: bytes, _: Path) -> None:
     found, one = [], omega.OmegaReader()
     for start in range(0, len(stream), 7):
         found += one.feed(stream[start : start + 7])
-    right = [content for content, behind in _framed(stream, 64) if behind == b"%02X" % (sum(content) % 256)]
+    right = [
+        content
+        for content, behind in _framed(stream, 64)
+        if behind == b"%02X" % (sum(content) % 256)
+    ]
     for text in (text for text in found if isinstance(text, str)):
         assert text.encode() in right
         right.remove(text.encode())
@@ -130,17 +170,31 @@ def omega_frames(stream: bytes, _: Path) -> None:
     assert one.garbage <= len(stream)
 
 
-# -- the manifest: NoManifest, or one that says what the file says -------------------------------------------------------------
+# -- the manifest: NoManifest, or one that says what the file says ---------------------------------
 
 
 def _manifests() -> st.SearchStrategy[bytes]:
     seeds = corpus("manifest")
-    words = [b'"digest"', b"null", b"1e999", b"NaN", b"-", b"{", b"]", b'"state": "open"', b'"rules": 2', b"9" * 30, b"\\ud800"]
+    words = [
+        b'"digest"',
+        b"null",
+        b"1e999",
+        b"NaN",
+        b"-",
+        b"{",
+        b"]",
+        b'"state": "open"',
+        b'"rules": 2',
+        b"9" * 30,
+        b"\\ud800",
+    ]
     return st.one_of(cases(seeds, words), json_cases(seeds))
 
 
 def manifest(data: bytes, folder: Path) -> None:
-    """Read, listed and checked; a manifest that is not the recorder's own is never a run without a finding."""
+    """Read, listed and checked; a manifest that is not the recorder's own is never a run without a
+    finding.
+    """
     folder, again = folder / "20260921T131320Z-bench-k7qd", folder / "again"
     shutil.rmtree(again, ignore_errors=True)
     folder.mkdir(exist_ok=True)
@@ -152,7 +206,9 @@ def manifest(data: bytes, folder: Path) -> None:
     except RecordError:
         return
     assert isinstance(told.state, RunState)
-    assert all(math.isfinite(number) for number in (told.t0_mono, told.t0_utc) if number is not None)
+    assert all(
+        math.isfinite(number) for number in (told.t0_mono, told.t0_utc) if number is not None
+    )
     assert all(isinstance(text, str) for text in (*told.serials(), *told.metadata.said().values()))
     assert check(folder)  # its files are not there
     again.mkdir()
@@ -177,12 +233,14 @@ def changed_manifest(case: Any, folder: Path) -> None:
         (run / MANIFEST).write_bytes(whole)
 
 
-# -- the lease: never an error; each station of it is a line of the file, value by value --------------------------------------
+# -- the lease: never an error; each station of it is a line of the file, value by value -----------
 
 
 def _leases() -> st.SearchStrategy[bytes]:
     seeds = corpus("lease")
-    return st.one_of(cases(seeds, [b"null", b"[]", b'"url"', b"1e999", b"\n", b"\xff", b"{}"]), json_cases(seeds))
+    return st.one_of(
+        cases(seeds, [b"null", b"[]", b'"url"', b"1e999", b"\n", b"\xff", b"{}"]), json_cases(seeds)
+    )
 
 
 TYPES = {one.name: str(one.type) for one in fields_of(StationLease)}
@@ -192,7 +250,9 @@ IS = {
     "bool": lambda value: type(value) is bool,
     "int | None": lambda value: value is None or type(value) is int,
     "str | None": lambda value: value is None or type(value) is str,
-    "tuple[int, ...]": lambda value: type(value) is tuple and all(type(one) is int for one in value),
+    "tuple[int, ...]": (
+        lambda value: type(value) is tuple and all(type(one) is int for one in value)
+    ),
 }
 
 
@@ -209,14 +269,16 @@ def lease(data: bytes, folder: Path) -> None:
     for station in stations:
         told = {name: getattr(station, name) for name in TYPES}
         assert all(IS[TYPES[name]](value) for name, value in told.items()), told
-        plain = {name: list(value) if isinstance(value, tuple) else value for name, value in told.items()}
+        plain = {
+            name: list(value) if isinstance(value, tuple) else value for name, value in told.items()
+        }
         assert any(isinstance(line, dict) and line.items() <= plain.items() for line in lines), told
         assert isinstance(station.is_at("/dev/ttyUSB0"), bool)
         assert StationLease.from_json(station.to_json()) == station
     assert {station.name for station in stations} <= {*conclude.left_leases(folder)}
 
 
-# -- the serial capture: RecordError, or rows of the file in their order, the missing ones named ------------------------------
+# -- the serial capture: RecordError, or rows of the file in their order, the missing ones named ---
 
 BLOCK_WORDS = (
     b"\x1f\x8b\x08\x04",
@@ -249,7 +311,11 @@ def _looked(data: bytes, folder: Path) -> list[Any]:
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(data)
     found: list[Any] = []
-    for look in (read_head, lambda path: found.extend(rows_and_holes(path)), lambda path: [*read_exchanges(path)]):
+    for look in (
+        read_head,
+        lambda path: found.extend(rows_and_holes(path)),
+        lambda path: [*read_exchanges(path)],
+    ):
         with suppress(RecordError):
             look(path)
     assert all("\n" not in told for told in losses(path))
@@ -275,7 +341,7 @@ def capture_text(data: bytes, folder: Path) -> None:
     _looked(first + packed(text[half:], 1, 1 + text[:half].count("\n"), head), folder)
 
 
-# -- the live store: RecordError, or rows that were handed over, the missing ones named ---------------------------------------
+# -- the live store: RecordError, or rows that were handed over, the missing ones named ------------
 
 STORE_ROWS = 30
 
@@ -302,7 +368,9 @@ def _copied(folder: Path, *, in_pages: bool = True) -> Path:
 
 
 def store(case: Any, folder: Path) -> None:
-    """Bytes altered, in the file or its log. What is left is what was handed over; what is missing is told."""
+    """Bytes altered, in the file or its log. What is left is what was handed over; what is missing
+    is told.
+    """
     rng = Random(case[0])
     name = rng.choice(("live.sqlite", "live.sqlite", "live.sqlite-wal"))
     path = (run := _copied(folder, in_pages=name == "live.sqlite")) / name
@@ -311,7 +379,12 @@ def store(case: Any, folder: Path) -> None:
     try:
         with StoreReader(run) as stock:
             numbers = [number for table in TABLES for number in stock.numbers_of(table, 0)]
-            rows = [row for table in stock.tables(numbers) if "tick" in table.column_names for row in table["tick"].to_pylist()]
+            rows = [
+                row
+                for table in stock.tables(numbers)
+                if "tick" in table.column_names
+                for row in table["tick"].to_pylist()
+            ]
             damaged = [str(one) for one in stock.damage]
     except RecordError:
         return
@@ -321,11 +394,18 @@ def store(case: Any, folder: Path) -> None:
     assert sealed == sorted(set(rows))
     lost = read_manifest(run).lost
     assert lost is not None
-    assert len(sealed) == STORE_ROWS or damaged or lost.seconds_at_most is None or lost.seconds_at_most > 0
+    assert (
+        len(sealed) == STORE_ROWS
+        or damaged
+        or lost.seconds_at_most is None
+        or lost.seconds_at_most > 0
+    )
 
 
 def store_rows(case: Any, folder: Path) -> None:
-    """Rows of somebody who knows the check sums: sealed as they are, or left out; never another error, and no row twice."""
+    """Rows of somebody who knows the check sums: sealed as they are, or left out; never another
+    error, and no row twice.
+    """
     rng, run = Random(case[0]), _copied(folder)
     with closing(sqlite3.connect(run / "live.sqlite", isolation_level=None)) as database:
         for _ in range(case[1]):
@@ -336,20 +416,29 @@ def store_rows(case: Any, folder: Path) -> None:
 
 
 def _forge(database: sqlite3.Connection, rng: Random) -> None:
-    junk = rng.choice([one for one in JUNK if isinstance(one, str | int | float | None) and one != "\ud800"])
+    junk = rng.choice(
+        [one for one in JUNK if isinstance(one, str | int | float | None) and one != "\ud800"]
+    )
     if rng.random() < 0.5:
-        kind, key, text = rng.choice(database.execute("SELECT kind, key, text FROM note").fetchall())
+        kind, key, text = rng.choice(
+            database.execute("SELECT kind, key, text FROM note").fetchall()
+        )
         column = rng.choice(("kind", "key", "text"))
         new = {"kind": kind, "key": key, "text": text} | {column: str(junk)}
         if column == "text" and str(text).startswith("{"):
-            new["text"] = altered(str(text).encode(), [b"[]", b"null"], [b"1e300", b"-1", b'"', b"{}"], rng, 2).decode(
-                errors="replace"
-            )
+            new["text"] = altered(
+                str(text).encode(), [b"[]", b"null"], [b"1e300", b"-1", b'"', b"{}"], rng, 2
+            ).decode(errors="replace")
         crc = zlib.crc32(f"{new['kind']} {new['key']} {new['text']}".encode(errors="replace"))
         database.execute("DELETE FROM note WHERE kind = ? AND key = ?", (kind, key))
-        database.execute("INSERT OR REPLACE INTO note VALUES (?, ?, ?, ?)", (new["kind"], new["key"], new["text"], crc))
+        database.execute(
+            "INSERT OR REPLACE INTO note VALUES (?, ?, ?, ?)",
+            (new["kind"], new["key"], new["text"], crc),
+        )
         return
-    number, name, rows, data = rng.choice(database.execute("SELECT number, name, rows, data FROM batch").fetchall())
+    number, name, rows, data = rng.choice(
+        database.execute("SELECT number, name, rows, data FROM batch").fetchall()
+    )
     new = {"number": number, "name": name, "rows": rows, "data": data}
     column = rng.choice([*new])
     new[column] = {
@@ -358,14 +447,17 @@ def _forge(database: sqlite3.Connection, rng: Random) -> None:
         "rows": rng.choice((0, -1, 1, 2**40)),
         "data": altered(data, [data], [b"\xff" * 8, b"\0" * 8], rng, 3),
     }[column]
-    crc = zlib.crc32(new["data"], zlib.crc32(f"{new['number']} {new['name']} {new['rows']}".encode()))
+    crc = zlib.crc32(
+        new["data"], zlib.crc32(f"{new['number']} {new['name']} {new['rows']}".encode())
+    )
     database.execute("DELETE FROM batch WHERE number = ?", (number,))
     database.execute(
-        "INSERT OR REPLACE INTO batch VALUES (?, ?, ?, ?, ?)", (new["number"], new["name"], new["rows"], crc, new["data"])
+        "INSERT OR REPLACE INTO batch VALUES (?, ?, ?, ?, ?)",
+        (new["number"], new["name"], new["rows"], crc, new["data"]),
     )
 
 
-# -- line and recipe files: Problems with sentences that can be shown, or values within their limits ---------------------------
+# -- line and recipe files: Problems with sentences that can be shown, or values within their limits
 
 TOML = (
     *(
@@ -425,7 +517,13 @@ def _refused(error: Problems) -> None:
 def _numbers(value: Any) -> Iterator[float]:
     if isinstance(value, float):
         yield value
-    for one in value.values() if isinstance(value, dict) else value if isinstance(value, list | tuple) else ():
+    for one in (
+        value.values()
+        if isinstance(value, dict)
+        else value
+        if isinstance(value, list | tuple)
+        else ()
+    ):
         yield from _numbers(one)
 
 
@@ -438,12 +536,15 @@ def line(data: bytes, _: Path) -> None:
         return
     names = [station.name for station in read.stations]
     assert len({*names}) == len(names) >= 1
-    assert all(station.baudrate in BAUDRATES and station.name.isprintable() for station in read.stations)
+    assert all(
+        station.baudrate in BAUDRATES and station.name.isprintable() for station in read.stations
+    )
     assert all(math.isfinite(number) for number in _numbers(read.model_dump(exclude={"source"})))
     assert parse_line(text, Path("/etc/line.toml")) == read
 
 
-HOTTEST_C = 500  # of any tool in the manuals; hot air has its own maximum, which only the station tells
+# of any tool in the manuals; hot air has its own maximum, which only the station tells
+HOTTEST_C = 500
 
 
 def recipe(data: bytes, _: Path) -> None:
@@ -455,7 +556,9 @@ def recipe(data: bytes, _: Path) -> None:
         return
     assert all(math.isfinite(number) for number in _numbers(read.model_dump(exclude={"source"})))
     for family in (FAMILIES[name] for name in read.recipe.families):
-        asked = [one for port in (1, 2, 3, 4) for one in settings_for(read, family, port)] + station_settings_for(read, family)
+        asked = [
+            one for port in (1, 2, 3, 4) for one in settings_for(read, family, port)
+        ] + station_settings_for(read, family)
         for one in asked:
             if not one.is_share:
                 sent = one.command.quantity.encode(one.value)

@@ -1,7 +1,9 @@
-"""Recorders that are killed or frozen, for real: the guard puts every tool that they touched in its safe state.
+"""Recorders that are killed or frozen, for real: the guard puts every tool that they touched in its
+safe state.
 
-Everything is asserted from what the virtual stations took and from their physics, never from our record; that the record
-then tells the same is asserted beside it. Seeds are printed with each failure.
+Everything is asserted from what the virtual stations took and from their physics, never from our
+record; that the record then tells the same is asserted beside it. Seeds are printed with each
+failure.
 """
 
 from __future__ import annotations
@@ -47,7 +49,8 @@ from support.virtual.served_line import EXTRACTING, FOUR_TOOLS, ServedLine
 
 BLOWS = 200
 BUSY_S = 60.0
-EARLY_S = 1.2  # after the first question: settings are being written, tools put to work, the first samples taken
+# after the first question: settings are being written, tools put to work, the first samples taken
+EARLY_S = 1.2
 LATE_S = 3.0
 MISSED_S = 1.25  # in which a guard that stands still is found out
 STARTED_S = 0.75  # in which the next one is there, on a machine that has other work, too
@@ -56,7 +59,9 @@ SEED = random.randrange(1 << 32)
 
 @pytest.fixture(scope="module")
 def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
-    """Four stations, the feeder of one of them running whenever its tool works; they live through all tests here."""
+    """Four stations, the feeder of one of them running whenever its tool works; they live through
+    all tests here.
+    """
     with ServedLine(tmp_path_factory.mktemp("line")) as served:
         yield served
 
@@ -74,19 +79,27 @@ def recovered(folder: Path) -> Manifest:
     return read_manifest(folder)
 
 
-# -- told in time -----------------------------------------------------------------------------------------------------------
+# -- told in time ----------------------------------------------------------------------------------
 
 
-def struck(line: ServedLine, out: Path, number: signal.Signals, is_time: Callable[[float], bool]) -> tuple[float, bool]:
-    """Run, strike, look at the stations and at the record: how long telling took, and whether the feeder was running.
+def struck(
+    line: ServedLine, out: Path, number: signal.Signals, is_time: Callable[[float], bool]
+) -> tuple[float, bool]:
+    """Run, strike, look at the stations and at the record: how long telling took, and whether the
+    feeder was running.
 
-    `is_time` is given the seconds since the first question. A recorder that is frozen before it has written anything is left
-    alone, because nothing is hot: so a freeze is counted from the first write on.
+    `is_time` is given the seconds since the first question. A recorder that is frozen before it has
+    written anything is left alone, because nothing is hot: so a freeze is counted from the first
+    write on.
     """
     questions, began = line.questions(), time.monotonic()
     run = begun(line, out)
     try:
-        first = line.questions if number == signal.SIGKILL else lambda: questions + len(line.orders(began))
+        first = (
+            line.questions
+            if number == signal.SIGKILL
+            else lambda: questions + len(line.orders(began))
+        )
         assert until(lambda: first() > questions or run.poll() is not None, 60.0)
         assert run.poll() is None, run.communicate(timeout=5)
         asked = time.monotonic()
@@ -102,18 +115,24 @@ def struck(line: ServedLine, out: Path, number: signal.Signals, is_time: Callabl
     manifest = recovered(only_run(out))
     assert ("guard.took_over" in events(only_run(out))) == (seconds > 0)
     assert [facts.unsafe for facts in manifest.stations if facts.unsafe] == []
-    assert {state for facts in manifest.stations for state in facts.safe_state.values()} <= {"verified"}
+    assert {state for facts in manifest.stations for state in facts.safe_state.values()} <= {
+        "verified"
+    }
     assert not (only_run(out) / LEASE).exists()
     return seconds, fed
 
 
-def times(line: ServedLine, folder: Path, number: signal.Signals, seed: int, count: int, latest_s: float) -> list[float]:
+def times(
+    line: ServedLine, folder: Path, number: signal.Signals, seed: int, count: int, latest_s: float
+) -> list[float]:
     """Strike at random moments; how long telling took each time."""
     rng, told, fed = random.Random(seed), [], 0
     for trial in range(count):
         moment = latest_s * rng.random()
         print(f"seed {seed}, trial {trial}: {number.name} after {moment:.3f} s")
-        seconds, was_feeding = struck(line, folder / str(trial), number, lambda passed, at=moment: passed >= at)  # type: ignore[misc]
+        seconds, was_feeding = struck(
+            line, folder / str(trial), number, lambda passed, at=moment: passed >= at
+        )  # type: ignore[misc]
         came = f"all told after {seconds:.3f} s" if seconds else "nothing was hot yet"
         print(f"    {came}, feeder running: {was_feeding}", flush=True)
         told.append(seconds)
@@ -122,13 +141,19 @@ def times(line: ServedLine, folder: Path, number: signal.Signals, seed: int, cou
     return told
 
 
-@pytest.mark.parametrize(("number", "count"), [(signal.SIGKILL, 2), (signal.SIGSTOP, 1)], ids=["kill", "stop"])
-def test_every_tool_that_was_touched_is_told_to_stand(line: ServedLine, tmp_path: Path, number: signal.Signals, count: int) -> None:
+@pytest.mark.parametrize(
+    ("number", "count"), [(signal.SIGKILL, 2), (signal.SIGSTOP, 1)], ids=["kill", "stop"]
+)
+def test_every_tool_that_was_touched_is_told_to_stand(
+    line: ServedLine, tmp_path: Path, number: signal.Signals, count: int
+) -> None:
     assert len(times(line, tmp_path, number, SEED, count, EARLY_S)) == count
 
 
 def test_a_feeder_that_runs_is_stopped_first(line: ServedLine, tmp_path: Path) -> None:
-    seconds, fed = struck(line, tmp_path, signal.SIGKILL, lambda passed: passed > 10 or line.motor("ale-1"))
+    seconds, fed = struck(
+        line, tmp_path, signal.SIGKILL, lambda passed: passed > 10 or line.motor("ale-1")
+    )
     assert fed
     assert 0 < seconds < HUNG_S
 
@@ -139,15 +164,23 @@ def test_a_feeder_that_runs_is_stopped_first(line: ServedLine, tmp_path: Path) -
 def test_every_tool_is_told_to_stand_two_hundred_times(
     line: ServedLine, tmp_path: Path, number: signal.Signals, counted: Callable[..., None]
 ) -> None:
-    """``pytest -m campaign -n0 tests/faults/test_guard.py -k two_hundred``: some 25 minutes; the last line has the figures.
+    """``pytest -m campaign -n0 tests/faults/test_guard.py -k two_hundred``: some 25 minutes; the
+    last line has the figures.
 
-    Two hundred blows to a recorder that had put something to work; those that came earlier are counted beside them.
+    Two hundred blows to a recorder that had put something to work; those that came earlier are
+    counted beside them.
     """
     told: list[float] = []
     while (hot := sorted(seconds for seconds in told if seconds)) == [] or len(hot) < BLOWS:
-        told += times(line, tmp_path / str(len(told)), number, SEED + len(told), BLOWS - len(hot), LATE_S)
+        told += times(
+            line, tmp_path / str(len(told)), number, SEED + len(told), BLOWS - len(hot), LATE_S
+        )
     found = {"blows while hot": len(hot), "blows before": len(told) - len(hot), "left hot": 0}
-    found |= {"ms to the last tool, median": ms(hot, 0.5), "99 %": ms(hot, 0.99), "worst": ms(hot, 1.0)}
+    found |= {
+        "ms to the last tool, median": ms(hot, 0.5),
+        "99 %": ms(hot, 0.99),
+        "worst": ms(hot, 1.0),
+    }
     counted(**{f"{number.name} {name}": figure for name, figure in found.items()})
 
 
@@ -155,7 +188,9 @@ def ms(sorted_s: list[float], share: float) -> int:
     return round(1000 * sorted_s[min(int(len(sorted_s) * share), len(sorted_s) - 1)])
 
 
-def test_four_tools_that_accept_the_extractor_state_and_heat_on_are_told_to_stand(tmp_path: Path) -> None:
+def test_four_tools_that_accept_the_extractor_state_and_heat_on_are_told_to_stand(
+    tmp_path: Path,
+) -> None:
     """All are ordered, watched together, and told within three seconds of the first order."""
     (tmp_path / "line").mkdir()
     with ServedLine(tmp_path / "line", FOUR_TOOLS, EXTRACTING) as line:
@@ -168,16 +203,25 @@ def test_four_tools_that_accept_the_extractor_state_and_heat_on_are_told_to_stan
             run.kill()
         folder = only_run(tmp_path / "runs")
         assert until(lambda: not (folder / LEASE).exists())
-        by_port = {port: [order.value for order in line.orders(blow.at) if order.port == port] for port in (1, 2, 3, 4)}
+        by_port = {
+            port: [order.value for order in line.orders(blow.at) if order.port == port]
+            for port in (1, 2, 3, 4)
+        }
         orders = line.orders(blow.at)
-    orders = [order for order in orders if order.value in (EXTRACTOR, STAND)]  # the recorder's last may still be on its way
-    assert {port: values[-2:] for port, values in by_port.items()} == {port: [EXTRACTOR, STAND] for port in (1, 2, 3, 4)}
+    # the recorder's last may still be on its way
+    orders = [order for order in orders if order.value in (EXTRACTOR, STAND)]
+    assert {port: values[-2:] for port, values in by_port.items()} == {
+        port: [EXTRACTOR, STAND] for port in (1, 2, 3, 4)
+    }
     assert orders[-1].at - orders[0].at < ALLOWED_S
     assert orders[-1].at - blow.at < TOLD_S
     recovered(folder)
     texts = list(open_run(folder).events().query("kind == 'safety.safe_state'")["text"])
     assert len(texts) == 4
-    assert all(text.endswith("as read back: stand; extractor was read back, but the tool did not cool.") for text in texts)
+    assert all(
+        text.endswith("as read back: stand; extractor was read back, but the tool did not cool.")
+        for text in texts
+    )
 
 
 HOT_AIR = """
@@ -214,7 +258,13 @@ def test_a_part_that_hangs_on_hot_air_is_not_let_go_unless_the_recipe_says_so(
     with ServedLine(tmp_path / "line", HOT_AIR, f'{BLOWING}safe_suction = "{policy}"\n') as line:
         run = begun(line, tmp_path / "runs")
         try:
-            assert until(lambda: line.orders() and (tmp_path / "runs").exists() and (only_run(tmp_path / "runs") / LEASE).exists())
+            assert until(
+                lambda: (
+                    line.orders()
+                    and (tmp_path / "runs").exists()
+                    and (only_run(tmp_path / "runs") / LEASE).exists()
+                )
+            )
             time.sleep(1.0)
             blow = Blow.strike(run, signal.SIGKILL)
             ended(run)
@@ -224,10 +274,12 @@ def test_a_part_that_hangs_on_hot_air_is_not_let_go_unless_the_recipe_says_so(
         assert [order.value for order in line.orders(blow.at)] == [word]
 
 
-# -- not where nothing happened ------------------------------------------------------------------------------------------------
+# -- not where nothing happened --------------------------------------------------------------------
 
 
-def assert_left_alone(line: ServedLine, run: subprocess.Popen[str], out: Path, since: float) -> None:
+def assert_left_alone(
+    line: ServedLine, run: subprocess.Popen[str], out: Path, since: float
+) -> None:
     """No take-over so far, and none until the run has been ended in good order."""
     assert [order for order in line.orders(since) if order.is_safe] == []
     run.terminate()
@@ -243,7 +295,9 @@ def assert_left_alone(line: ServedLine, run: subprocess.Popen[str], out: Path, s
 def busy() -> Iterator[None]:
     """Four processes for each processor that this one may use, which want it all the time."""
     count = 4 * len(os.sched_getaffinity(0))
-    spinning = [subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(count)]
+    spinning = [
+        subprocess.Popen([sys.executable, "-S", "-c", "while True: pass"]) for _ in range(count)
+    ]
     try:
         yield
     finally:
@@ -257,13 +311,17 @@ def busy() -> Iterator[None]:
 def test_a_machine_with_four_times_the_work_and_a_stalling_disk_is_no_reason(
     line: ServedLine, tmp_path: Path, counted: Callable[..., None]
 ) -> None:
-    """Both together, for a minute; `test_watch.py` has a hundred hours of jitter on a virtual clock."""
+    """Both together, for a minute; `test_watch.py` has a hundred hours of jitter on a virtual
+    clock.
+    """
     with slow_run(line, tmp_path, BUSY_S) as run:
         now = time.monotonic()
         with busy():
             time.sleep(BUSY_S)
         assert_left_alone(line, run, tmp_path, now)
-    counted(seconds_of_fourfold_load_and_stalls=round(BUSY_S), false_take_overs=0, false_replacements=0)
+    counted(
+        seconds_of_fourfold_load_and_stalls=round(BUSY_S), false_take_overs=0, false_replacements=0
+    )
 
 
 @pytest.fixture
@@ -276,10 +334,25 @@ def _on_one_processor() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("_on_one_processor")
-def test_neither_a_busy_machine_nor_a_terminal_that_is_held_is_a_reason(line: ServedLine, tmp_path: Path) -> None:
+def test_neither_a_busy_machine_nor_a_terminal_that_is_held_is_a_reason(
+    line: ServedLine, tmp_path: Path
+) -> None:
     reading, stderr = full_pipe()
-    command = [sys.executable, "-c", "from jbclog.cli import main; main()", "run", line.recipe, "--line", line.path]
-    run = subprocess.Popen([*map(str, command), "--out", str(tmp_path)], stdout=subprocess.PIPE, stderr=stderr, text=True)
+    command = [
+        sys.executable,
+        "-c",
+        "from jbclog.cli import main; main()",
+        "run",
+        line.recipe,
+        "--line",
+        line.path,
+    ]
+    run = subprocess.Popen(
+        [*map(str, command), "--out", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=stderr,
+        text=True,
+    )
     os.close(stderr)
     try:
         assert until(lambda: line.at_work() == TOOLS)
@@ -320,9 +393,22 @@ def test_a_disk_that_stalls_is_no_reason(line: ServedLine, tmp_path: Path) -> No
 
 @contextmanager
 def slow_run(line: ServedLine, out: Path, seconds: float) -> Iterator[subprocess.Popen[str]]:
-    """A run that has put all tools to work, on a disk that takes 1.5 s for each sync for so long."""
-    command = [*program("faults.slow_disk"), seconds, "run", line.recipe, "--line", line.path, "--out", out]
-    run = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    """A run that has put all tools to work, on a disk that takes 1.5 s for each sync for so
+    long.
+    """
+    command = [
+        *program("faults.slow_disk"),
+        seconds,
+        "run",
+        line.recipe,
+        "--line",
+        line.path,
+        "--out",
+        out,
+    ]
+    run = subprocess.Popen(
+        list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     try:
         assert until(lambda: line.at_work() == TOOLS)
         yield run
@@ -330,10 +416,12 @@ def slow_run(line: ServedLine, out: Path, seconds: float) -> Iterator[subprocess
         run.kill()
 
 
-# -- the guard itself ----------------------------------------------------------------------------------------------------------
+# -- the guard itself ------------------------------------------------------------------------------
 
 
-def test_a_guard_that_is_killed_is_replaced_and_the_next_one_saves_as_well(line: ServedLine, tmp_path: Path) -> None:
+def test_a_guard_that_is_killed_is_replaced_and_the_next_one_saves_as_well(
+    line: ServedLine, tmp_path: Path
+) -> None:
     began = time.monotonic()
     with running(line, tmp_path) as run:
         folder, first = only_run(tmp_path), guard_that_is_there(run.pid)
@@ -349,8 +437,12 @@ def test_a_guard_that_is_killed_is_replaced_and_the_next_one_saves_as_well(line:
     assert {"guard.lost", "guard.took_over"} <= set(events(folder))
 
 
-def test_a_guard_that_is_stopped_is_replaced_within_five_quarters_of_a_second(line: ServedLine, tmp_path: Path) -> None:
-    """The one that stood still is killed, so that it does nothing when it is let go on; the next one saves as well."""
+def test_a_guard_that_is_stopped_is_replaced_within_five_quarters_of_a_second(
+    line: ServedLine, tmp_path: Path
+) -> None:
+    """The one that stood still is killed, so that it does nothing when it is let go on; the next
+    one saves as well.
+    """
     began = time.monotonic()
     with running(line, tmp_path) as run:
         first = guard_that_is_there(run.pid)
@@ -366,48 +458,109 @@ def test_a_guard_that_is_stopped_is_replaced_within_five_quarters_of_a_second(li
 
 
 def test_where_no_guard_can_be_started_nothing_is(line: ServedLine, tmp_path: Path) -> None:
-    code = "import shutil, types; from jbclog.cli import main; from jbclog.guard import supervisor; "
+    code = (
+        "import shutil, types; from jbclog.cli import main; from jbclog.guard import supervisor; "
+    )
     code += "supervisor.sys = types.SimpleNamespace(executable=shutil.which('false')); main()"
-    command, before = [sys.executable, "-c", code, "run", line.recipe, "--line", line.path, "--out", tmp_path], line.questions()
-    ended = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200, check=False)
+    command, before = (
+        [
+            sys.executable,
+            "-c",
+            code,
+            "run",
+            line.recipe,
+            "--line",
+            line.path,
+            "--out",
+            tmp_path,
+        ],
+        line.questions(),
+    )
+    ended = subprocess.run(
+        list(map(str, command)), capture_output=True, text=True, timeout=200, check=False
+    )
     assert (ended.returncode, line.questions()) == (3, before)
     assert {facts.outcome for facts in read_manifest(only_run(tmp_path)).stations} == {"refused"}
-    assert "the guard did not start; its reason stands above. --no-guard runs without one" in ended.stderr
+    assert (
+        "the guard did not start; its reason stands above. --no-guard runs without one"
+        in ended.stderr
+    )
 
 
-def test_a_fault_of_the_program_leaves_nothing_hot_and_its_record_whole(line: ServedLine, tmp_path: Path) -> None:
-    command = [*program("faults.broken_session"), "ale-1", "run", line.recipe, "--line", line.path, "--out", tmp_path]
+def test_a_fault_of_the_program_leaves_nothing_hot_and_its_record_whole(
+    line: ServedLine, tmp_path: Path
+) -> None:
+    command = [
+        *program("faults.broken_session"),
+        "ale-1",
+        "run",
+        line.recipe,
+        "--line",
+        line.path,
+        "--out",
+        tmp_path,
+    ]
     now = time.monotonic()
-    run = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200, check=False)
+    run = subprocess.run(
+        list(map(str, command)), capture_output=True, text=True, timeout=200, check=False
+    )
     assert (line.at_work(), line.motor("ale-1")) == (0, False)
-    safe = dict.fromkeys(order.name for order in line.orders(now) if order.station == "ale-1" and order.is_safe)
-    assert list(safe) == ["stop_feeding", "status"]  # on a busy machine one of them may be ordered again
+    safe = dict.fromkeys(
+        order.name for order in line.orders(now) if order.station == "ale-1" and order.is_safe
+    )
+    # on a busy machine one of them may be ordered again
+    assert list(safe) == ["stop_feeding", "status"]
     assert run.returncode == 4, run.stderr
     folder = only_run(tmp_path)
     assert check(folder) == []
-    assert [kind for kind in events(folder) if kind in ("run.failed", "guard.took_over")] == ["run.failed", "guard.took_over"]
+    assert [kind for kind in events(folder) if kind in ("run.failed", "guard.took_over")] == [
+        "run.failed",
+        "guard.took_over",
+    ]
     (ale,) = (facts for facts in read_manifest(folder).stations if facts.name == "ale-1")
     assert ale.safe_state == {1: "verified"}
     assert not (folder / LEASE).exists()
 
 
-def test_the_first_process_of_a_container_says_that_its_guard_ends_with_it(line: ServedLine, tmp_path: Path) -> None:
+def test_the_first_process_of_a_container_says_that_its_guard_ends_with_it(
+    line: ServedLine, tmp_path: Path
+) -> None:
     apart = ["unshare", "--pid", "--fork", "--mount-proc"]
-    if shutil.which("unshare") is None or subprocess.run([*apart, "true"], capture_output=True, check=False).returncode:
+    if (
+        shutil.which("unshare") is None
+        or subprocess.run([*apart, "true"], capture_output=True, check=False).returncode
+    ):
         pytest.skip("unshare (as root) is needed for processes that are numbered anew")
-    command = [*apart, sys.executable, "-c", "from jbclog.cli import main; main()", "run", line.recipe, "--line", line.path]
+    command = [
+        *apart,
+        sys.executable,
+        "-c",
+        "from jbclog.cli import main; main()",
+        "run",
+        line.recipe,
+        "--line",
+        line.path,
+    ]
     subprocess.run(
-        [*map(str, command), "--out", str(tmp_path), "-d", "1s", "-s", "ucr-1"], capture_output=True, timeout=200, check=False
+        [*map(str, command), "--out", str(tmp_path), "-d", "1s", "-s", "ucr-1"],
+        capture_output=True,
+        timeout=200,
+        check=False,
     )
-    assert [kind for kind in events(only_run(tmp_path)) if kind.startswith("guard.")] == ["guard.weak"]
+    assert [kind for kind in events(only_run(tmp_path)) if kind.startswith("guard.")] == [
+        "guard.weak"
+    ]
 
 
-def test_without_a_guard_the_record_says_so_and_nobody_comes(line: ServedLine, tmp_path: Path) -> None:
+def test_without_a_guard_the_record_says_so_and_nobody_comes(
+    line: ServedLine, tmp_path: Path
+) -> None:
     with running(line, tmp_path, "--no-guard") as run:
         assert guard_of(run.pid) is None
         now = time.monotonic()
         run.terminate()
         ended(run)
-    assert {order.station for order in line.orders(now) if order.is_stand} == set(line.stations)  # the run itself does it
+    # the run itself does it
+    assert {order.station for order in line.orders(now) if order.is_stand} == set(line.stations)
     assert read_manifest(only_run(tmp_path)).guard == "none"
     assert "guard.none" in events(only_run(tmp_path))

@@ -1,6 +1,8 @@
-"""What a host does to a recorder: clocks, sleep, signals, terminals, locales, a second recorder. Real processes and terminals.
+"""What a host does to a recorder: clocks, sleep, signals, terminals, locales, a second recorder.
+Real processes and terminals.
 
-What the stations took is asserted from their own logs. The long form (marker ``campaign``) prints how often each was tried.
+What the stations took is asserted from their own logs. The long form (marker ``campaign``) prints
+how often each was tried.
 """
 
 from __future__ import annotations
@@ -42,15 +44,19 @@ SOON_S = 60.0  # other tests have the processors, too
 ENDS_S = 30.0
 HOUR = 3600.0
 NIGHT = 7200.0
-FALL_BACK = 1792889999.0  # 2026-10-25 00:59:59 UTC; in Madrid the clock goes from 3 back to 2 o'clock at 01:00 UTC
+# 2026-10-25 00:59:59 UTC; in Madrid the clock goes from 3 back to 2 o'clock at 01:00 UTC
+FALL_BACK = 1792889999.0
 SEED = random.randrange(1 << 32)
-SLICE_SEED = 28  # of the slices that run by default: the same signals at the same moments every time
+# of the slices that run by default: the same signals at the same moments every time
+SLICE_SEED = 28
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @pytest.fixture(scope="module")
 def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
-    """Four stations, the feeder of one of them running whenever its tool works; they live through all tests here."""
+    """Four stations, the feeder of one of them running whenever its tool works; they live through
+    all tests here.
+    """
     slow = RECIPE.replace("rate_hz = 5", f"rate_hz = {RATE_HZ}")
     with ServedLine(tmp_path_factory.mktemp("line"), recipe=slow, logs=True) as served:
         yield served
@@ -112,12 +118,20 @@ class Run:
 
     def is_at_its_end(self) -> bool:
         """Whether all of its tools have been told to rest, after work."""
-        last = {(order.station, order.port): order.is_stand for order in self.orders() if order.port}
+        last = {
+            (order.station, order.port): order.is_stand for order in self.orders() if order.port
+        }
         return len({station for station, _ in last}) == len(self.stations) and all(last.values())
 
     def hot(self) -> list[str]:
-        """Tools and feeders that are still at work, and tools whose last order was another than their safe state."""
-        found = [f"{name}: the feeder runs" for name in self.stations if name == "ale-1" and self.line.motor(name)]
+        """Tools and feeders that are still at work, and tools whose last order was another than
+        their safe state.
+        """
+        found = [
+            f"{name}: the feeder runs"
+            for name in self.stations
+            if name == "ale-1" and self.line.motor(name)
+        ]
         last = {(order.station, order.port): order for order in self.orders()}
         touched = {order.station for order in last.values()}
         for station, port in ((station, port) for station, port in last if port):
@@ -128,7 +142,9 @@ class Run:
 
 def _is_at_work(line: ServedLine, name: str) -> bool:
     ports = line.stations[name].plant.ports.values()
-    return any(port.tool and port.doing.state == WORKING and not port.doing.extractor for port in ports)
+    return any(
+        port.tool and port.doing.state == WORKING and not port.doing.extractor for port in ports
+    )
 
 
 def _as_from_a_terminal() -> None:
@@ -146,13 +162,34 @@ class Start:
         self.runs: list[Run] = []
 
     def __call__(
-        self, *stations: str, program: list[str] = PROGRAM, more: tuple[str, ...] = (), duration: str = "3h", **popen: object
+        self,
+        *stations: str,
+        program: list[str] = PROGRAM,
+        more: tuple[str, ...] = (),
+        duration: str = "3h",
+        **popen: object,
     ) -> Run:
         out = self.folder / f"run-{len(self.runs)}"
         chosen = [word for name in stations for word in ("-s", name)]
-        command = [*program, "run", self._line.recipe, "--line", self._line.path, "--out", out, "-d", duration, *chosen, *more]
+        command = [
+            *program,
+            "run",
+            self._line.recipe,
+            "--line",
+            self._line.path,
+            "--out",
+            out,
+            "-d",
+            duration,
+            *chosen,
+            *more,
+        ]
         popen.setdefault("preexec_fn", _as_from_a_terminal)
-        streams: dict[str, object] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL}
+        streams: dict[str, object] = {
+            "stdout": subprocess.DEVNULL,
+            "stderr": subprocess.PIPE,
+            "stdin": subprocess.DEVNULL,
+        }
         begin = self._line.log.stat().st_size if self._line.log else 0
         process = subprocess.Popen(list(map(str, command)), text=True, **(streams | popen))  # type: ignore[call-overload]  # of Popen
         self.runs.append(Run(self._line, out, stations, process, begin))
@@ -171,7 +208,7 @@ def start(line: ServedLine, tmp_path: Path) -> Iterator[Start]:
     starting.end_all()
 
 
-# -- clocks (docs/reference/faults.md, F-20, F-21, F-22) ------------------------------------------------------------------------
+# -- clocks (docs/reference/faults.md, F-20, F-21, F-22) -------------------------------------------
 
 
 @dataclass
@@ -187,13 +224,17 @@ class Clocks:
 @pytest.fixture(scope="module")
 def clocks(line: ServedLine, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Clocks]:
     starting = Start(line, tmp_path_factory.mktemp("clocks"))
-    madrid = {"PATH": os.environ["PATH"], "PYTHONPATH": os.environ.get("PYTHONPATH", "")} | german(starting.folder)
+    madrid = {"PATH": os.environ["PATH"], "PYTHONPATH": os.environ.get("PYTHONPATH", "")} | german(
+        starting.folder
+    )
     stepped = starting("dde-1", program=[*ODD, f"step={HOUR},step={-2 * HOUR}"])
     slept = starting("dde-2", program=[*ODD, f"sleep={NIGHT}"])
     stopped = starting("ucr-1", more=("--no-guard",))
     summer = starting("ale-1", program=[*ODD, f"at={FALL_BACK}"], env=madrid)
     try:
-        assert until(lambda: all(run.samples() for run in starting.runs), SOON_S), [run.process.poll() for run in starting.runs]
+        assert until(lambda: all(run.samples() for run in starting.runs), SOON_S), [
+            run.process.poll() for run in starting.runs
+        ]
         stopped.process.send_signal(signal.SIGSTOP)
         at = time.monotonic()
         stepped.process.send_signal(signal.SIGUSR1)
@@ -224,7 +265,9 @@ def test_all_end_in_good_order_and_leave_nothing_hot(clocks: Clocks) -> None:
 def test_a_stepped_clock_is_two_events_and_moves_no_tick(clocks: Clocks) -> None:
     events = clocks.stepped.events("clock.step")
     assert [round(value) for value in events["value"]] == [HOUR, -2 * HOUR]
-    assert all("The host's clock was stepped by" in text and " to " in text for text in events["text"])
+    assert all(
+        "The host's clock was stepped by" in text and " to " in text for text in events["text"]
+    )
     samples = pd.read_parquet(clocks.stepped.folder / "samples")
     assert set(samples.groupby("port")["tick"].diff().dropna()) == {1}
     assert samples["late_us"].min() >= 0
@@ -239,8 +282,11 @@ def test_a_machine_that_slept_is_one_event_no_step_of_the_clock_and_no_rows(cloc
     assert len(clocks.slept.events("clock.step")) == 0
     (facts,) = clocks.slept.manifest.stations
     assert facts.skipped == pytest.approx(NIGHT * RATE_HZ, abs=25)
-    assert len(_far_from_grid(clocks.slept)) <= 2, "more than the two ports of the tick that was under way"
-    assert [text for text in clocks.slept.wrong() if not text.startswith("I4")] == []  # the station's clock knew of no night
+    assert len(_far_from_grid(clocks.slept)) <= 2, (
+        "more than the two ports of the tick that was under way"
+    )
+    # the station's clock knew of no night
+    assert [text for text in clocks.slept.wrong() if not text.startswith("I4")] == []
 
 
 def _far_from_grid(run: Run) -> list[int]:
@@ -272,7 +318,7 @@ def test_an_hour_that_comes_twice_in_madrid_comes_once_in_the_record(clocks: Clo
     assert run.wrong() == []
 
 
-# -- signals (docs/reference/faults.md, F-28) -----------------------------------------------------------------------------------
+# -- signals (docs/reference/faults.md, F-28) ------------------------------------------------------
 
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 143}
 KILLED = tuple(-number for number in ENDING)
@@ -282,7 +328,9 @@ STATES: dict[str, Callable[[Run], bool]] = {
     "beginning": lambda run: run.out.is_dir(),
     "identifying": lambda run: run.has_asked(),
     "applying": lambda run: bool(run.orders()),
-    "at work": lambda run: any(order.name == "status" and not order.is_stand for order in run.orders()),
+    "at work": lambda run: any(
+        order.name == "status" and not order.is_stand for order in run.orders()
+    ),
     "sampling": Run.samples,
     "making safe": lambda run: any(order.is_stand for order in run.orders()[-2:]),
     "sealing": lambda run: run.is_at_its_end(),
@@ -315,7 +363,10 @@ def strike(start: Start, seed: int, states: Iterable[str]) -> None:
     rng = random.Random(seed)
     print(f"seed {seed}")
     met = Counter((state, struck(start, rng, state)) for state in states)
-    print(f"{sum(met.values())} runs got one to three signals; (state, exit code): {dict(met)}; lost 0, wrong 0, hot 0")
+    print(
+        f"{sum(met.values())} runs got one to three signals; (state, exit code): {dict(met)}; lost"
+        " 0, wrong 0, hot 0"
+    )
 
 
 @pytest.mark.parametrize("state", ["applying"])
@@ -326,16 +377,26 @@ def test_a_signal_ends_a_run_in_good_order(start: Start, state: str) -> None:
 @pytest.mark.campaign
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("state", STATES)
-def test_signals_in_each_state_twenty_five_times(start: Start, state: str, counted: Callable[..., None]) -> None:
+def test_signals_in_each_state_twenty_five_times(
+    start: Start, state: str, counted: Callable[..., None]
+) -> None:
     strike(start, SEED, [state] * 25)
     counted(runs_ended_by_signals=25, lost=0, wrong=0, left_hot=0)
 
 
-def test_a_signal_while_what_an_older_run_left_is_dealt_with_is_not_forgotten(start: Start, tmp_path: Path) -> None:
+def test_a_signal_while_what_an_older_run_left_is_dealt_with_is_not_forgotten(
+    start: Start, tmp_path: Path
+) -> None:
     """That can take seconds, before this run's record is begun."""
     there = tmp_path / "there"
-    slow = f"import time, pathlib, jbclog.app.run.runner as c; old = c.settle; there = pathlib.Path({str(there)!r}); "
-    slow += "c.settle = lambda *a: there.touch() or time.sleep(1.0) or old(*a); from jbclog.cli import main; main()"
+    slow = (
+        "import time, pathlib, jbclog.app.run.runner as c; old = c.settle; there ="
+        f" pathlib.Path({str(there)!r}); "
+    )
+    slow += (
+        "c.settle = lambda *a: there.touch() or time.sleep(1.0) or old(*a); from jbclog.cli import"
+        " main; main()"
+    )
     run = start("dde-1", program=[sys.executable, "-c", slow])
     assert until(there.exists, SOON_S)
     assert run.end(signal.SIGTERM) == 143, run.said
@@ -359,9 +420,16 @@ def test_a_run_that_was_started_with_nohup_outlives_its_terminal(start: Start) -
 
 
 def recovered_under(folder: Path, numbers: list[signal.Signals], moments: list[float]) -> int:
-    """`recover` on a run that was cut off, ended by these signals; then again, to its end. Gives the first one's exit code."""
+    """`recover` on a run that was cut off, ended by these signals; then again, to its end. Gives
+    the first one's exit code.
+    """
     run = few_rows.abandoned(folder, commits=6, rows=2000)
-    process = subprocess.Popen([*PROGRAM, "recover", str(folder)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [*PROGRAM, "recover", str(folder)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     for number, moment in zip(numbers, moments, strict=True):
         time.sleep(moment)
         process.send_signal(number)
@@ -381,14 +449,22 @@ def test_a_signal_while_recovering_loses_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.timeout(900)
-def test_signals_while_recovering_a_hundred_times(tmp_path: Path, counted: Callable[..., None]) -> None:
+def test_signals_while_recovering_a_hundred_times(
+    tmp_path: Path, counted: Callable[..., None]
+) -> None:
     rng = random.Random(SEED)
-    codes = Counter(recovered_under(tmp_path / str(i), [rng.choice(ENDING)], [1.5 * rng.random()]) for i in range(100))
-    print(f"seed {SEED}: 100 times recover was ended by a signal: exit codes {dict(codes)}; lost 0, wrong 0")
+    codes = Counter(
+        recovered_under(tmp_path / str(i), [rng.choice(ENDING)], [1.5 * rng.random()])
+        for i in range(100)
+    )
+    print(
+        f"seed {SEED}: 100 times recover was ended by a signal: exit codes {dict(codes)}; lost 0,"
+        " wrong 0"
+    )
     counted(recoveries_ended_by_signals=100, lost=0, wrong=0)
 
 
-# -- who does not read (docs/reference/faults.md, F-46) -------------------------------------------------------------------------
+# -- who does not read (docs/reference/faults.md, F-46) --------------------------------------------
 
 
 def stuck_pipe() -> tuple[int, int]:
@@ -426,7 +502,9 @@ def unread(line: ServedLine, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     os.close(slave)
     os.close(writing)
     try:
-        assert until(lambda: all(run.samples() for run in starting.runs), SOON_S), [run.process.poll() for run in starting.runs]
+        assert until(lambda: all(run.samples() for run in starting.runs), SOON_S), [
+            run.process.poll() for run in starting.runs
+        ]
         os.write(terminal, b"\x13")
         for stream in (gone.process.stdout, gone.process.stderr):
             assert stream is not None
@@ -479,15 +557,24 @@ def test_safe_does_not_wait_for_a_reader_either(start: Start) -> None:
     assert run.end(None) == 143
 
 
-# -- locales, homes (docs/reference/faults.md, F-46) ----------------------------------------------------------------------------
+# -- locales, homes (docs/reference/faults.md, F-46) -----------------------------------------------
 
 
 def german(folder: Path) -> dict[str, str]:
-    """An environment with commas in numbers, where the system can make one; an odd zone, and no home to write to."""
+    """An environment with commas in numbers, where the system can make one; an odd zone, and no
+    home to write to.
+    """
     made = folder / "de_DE.UTF-8"
     if shutil.which("localedef"):
-        subprocess.run(["localedef", "-i", "de_DE", "-f", "UTF-8", made], capture_output=True, check=False)
-    return {"LC_ALL": "de_DE.UTF-8" if made.exists() else "C", "LOCPATH": str(folder), "TZ": "Europe/Madrid", "HOME": "/proc"}
+        subprocess.run(
+            ["localedef", "-i", "de_DE", "-f", "UTF-8", made], capture_output=True, check=False
+        )
+    return {
+        "LC_ALL": "de_DE.UTF-8" if made.exists() else "C",
+        "LOCPATH": str(folder),
+        "TZ": "Europe/Madrid",
+        "HOME": "/proc",
+    }
 
 
 @pytest.mark.campaign
@@ -499,7 +586,12 @@ def test_neither_locale_nor_zone_nor_home_changes_a_digit(clocks: Clocks, tmp_pa
         shutil.copytree(clocks.summer.folder, copy)
         search = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "PATH": os.environ["PATH"]}
         report = subprocess.run(
-            [*PROGRAM, "report", str(copy)], env=environment | search, capture_output=True, text=True, check=False, timeout=SOON_S
+            [*PROGRAM, "report", str(copy)],
+            env=environment | search,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=SOON_S,
         )
         assert report.returncode == 0, report.stderr
         pages.append((copy / "report.json").read_text() + (copy / "report.html").read_text())
@@ -507,7 +599,7 @@ def test_neither_locale_nor_zone_nor_home_changes_a_digit(clocks: Clocks, tmp_pa
     assert "2026-10-25" in pages[0]
 
 
-# -- two recorders (docs/reference/faults.md, F-31) -----------------------------------------------------------------------------
+# -- two recorders (docs/reference/faults.md, F-31) ------------------------------------------------
 
 
 def race(start: Start, apart_s: float) -> str:
@@ -533,19 +625,32 @@ def test_of_two_recorders_that_start_together_one_says_who_has_the_port(start: S
 def test_two_recorders_fifty_times(start: Start, counted: Callable[..., None]) -> None:
     rng = random.Random(SEED)
     won = Counter(race(start, rng.random()) for _ in range(50))
-    print(f"seed {SEED}: 50 pairs of recorders on one port; who recorded: {dict(won)}; lost 0, wrong 0, both 0, none 0")
+    print(
+        f"seed {SEED}: 50 pairs of recorders on one port; who recorded: {dict(won)}; lost 0, wrong"
+        " 0, both 0, none 0"
+    )
     counted(pairs_of_recorders=50, lost=0, wrong=0)
 
 
 @pytest.mark.campaign
-def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothing_into_the_record(start: Start) -> None:
+def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothing_into_the_record(
+    start: Start,
+) -> None:
     """It reads what was meant for the run: answers are lost, none is made up."""
-    soon = "import jbclog.app.run.runner as c; c.LOOK_AT_PORTS_EVERY_S = 0.5; from jbclog.cli import main; main()"
+    soon = (
+        "import jbclog.app.run.runner as c; c.LOOK_AT_PORTS_EVERY_S = 0.5; from jbclog.cli import"
+        " main; main()"
+    )
     run = start("ucr-1", program=[sys.executable, "-c", soon])
     assert until(run.samples, SOON_S)
     device = os.open(run.line.url("ucr-1"), os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
     thief = subprocess.Popen(
-        [sys.executable, "-c", "import os, time\nwhile True:\n try: os.read(0, 3)\n except OSError: time.sleep(0.01)"], stdin=device
+        [
+            sys.executable,
+            "-c",
+            "import os, time\nwhile True:\n try: os.read(0, 3)\n except OSError: time.sleep(0.01)",
+        ],
+        stdin=device,
     )
     os.close(device)
     try:
@@ -560,7 +665,7 @@ def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothi
     assert run.wrong() == []
 
 
-# -- who looks on (docs/reference/faults.md, F-47) ------------------------------------------------------------------------------
+# -- who looks on (docs/reference/faults.md, F-47) -------------------------------------------------
 
 HOOKS = ("begun", "happened", "second", "sealing", "close")
 
@@ -568,7 +673,10 @@ HOOKS = ("begun", "happened", "second", "sealing", "close")
 @pytest.mark.campaign
 def test_whatever_fails_in_showing_a_run_is_counted_and_no_fault_of_it(start: Start) -> None:
     fail = "import jbclog.cli.progress as p\ndef fail(*_): raise ValueError('a fault of its own')\n"
-    fail += "".join(f"p.Lines.{name} = fail\n" for name in HOOKS) + "from jbclog.cli import main; main()"
+    fail += (
+        "".join(f"p.Lines.{name} = fail\n" for name in HOOKS)
+        + "from jbclog.cli import main; main()"
+    )
     run = start("ucr-1", program=[sys.executable, "-c", fail], duration="1s")
     assert run.end(None) == 0, run.said
     assert run.wrong() == []
@@ -577,7 +685,9 @@ def test_whatever_fails_in_showing_a_run_is_counted_and_no_fault_of_it(start: St
 
 
 @pytest.mark.campaign
-def test_a_report_that_fails_changes_nothing_of_the_record(clocks: Clocks, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_report_that_fails_changes_nothing_of_the_record(
+    clocks: Clocks, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fail(*_: object) -> None:
         raise ValueError("a fault of its own")
 

@@ -50,7 +50,9 @@ HOSTILE = {
     "many wrong stations": '[[station]]\nname = ""\n' * 1_900,
     "many ports": "".join(f"[port.{place}.sleep]\nx = 1\n" for place in range(1_900)),
     "many families": "[recipe]\nfamilies = [" + '"x",' * ENTRIES + "]",
-    "many tags": "[metadata]\nrequired = [" + "".join(f'"tag.{place}",' for place in range(ENTRIES)) + "]",
+    "many tags": (
+        "[metadata]\nrequired = [" + "".join(f'"tag.{place}",' for place in range(ENTRIES)) + "]"
+    ),
     "many faults": "[[station]]\n" + '[[station.sim.fault]]\nkind = "none"\n' * 1_600,
     "many headers": "".join(f"[k{place}]\n" for place in range(ENTRIES)),
     "one key many times": "a = 1\n" * ENTRIES,
@@ -109,7 +111,8 @@ def test_a_hostile_file_is_refused_quickly(name: str, reader: str) -> None:
     ("reader", "name"),
     [
         *(("recipe", "many ports"), ("recipe", "many deep headers"), ("line", "many stations")),
-        *(("line", name) for name in ("nested lists", "a string of escapes", "dotted key")),  # the same for both
+        # the same for both
+        *(("line", name) for name in ("nested lists", "a string of escapes", "dotted key")),
     ],
 )
 def test_a_hostile_file_takes_little_memory(name: str, reader: str) -> None:
@@ -128,7 +131,7 @@ def test_any_text_at_all_is_refused_with_sentences_that_are_safe_to_print(text: 
         assert all(sign == "\n" or sign.isprintable() for sign in sentences)
 
 
-# -- files that are none --------------------------------------------------------------------------------------------------
+# -- files that are none ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("load", [load_recipe, load_line])
@@ -140,7 +143,9 @@ def test_any_text_at_all_is_refused_with_sentences_that_are_safe_to_print(text: 
         ("a = 1".encode("utf-16"), "is not UTF-8 (byte 0)"),
     ],
 )
-def test_a_file_of_the_wrong_kind_is_refused(tmp_path: Path, load: Callable[[Path], object], data: bytes, sentence: str) -> None:
+def test_a_file_of_the_wrong_kind_is_refused(
+    tmp_path: Path, load: Callable[[Path], object], data: bytes, sentence: str
+) -> None:
     path = tmp_path / "x.toml"
     path.write_bytes(data)
     with pytest.raises(Problems) as found:
@@ -149,7 +154,9 @@ def test_a_file_of_the_wrong_kind_is_refused(tmp_path: Path, load: Callable[[Pat
 
 
 @pytest.mark.parametrize("load", [load_recipe, load_line])
-def test_what_is_no_file_is_refused_and_never_waited_for(tmp_path: Path, load: Callable[[Path], object]) -> None:
+def test_what_is_no_file_is_refused_and_never_waited_for(
+    tmp_path: Path, load: Callable[[Path], object]
+) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     for name, sentence in {

@@ -1,6 +1,8 @@
-"""Names and texts from files, people, stations and other people's runs (docs/reference/faults.md, F-34): shown as text, or refused.
+"""Names and texts from files, people, stations and other people's runs (docs/reference/faults.md,
+F-34): shown as text, or refused.
 
-Nothing is written outside of the run's folder, nothing on a page can act, nothing that is printed steers a terminal.
+Nothing is written outside of the run's folder, nothing on a page can act, nothing that is printed
+steers a terminal.
 """
 
 from __future__ import annotations
@@ -42,7 +44,9 @@ every_text = pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
 
 def every_text_in(*places: str) -> Callable[[Callable[[str, str], None]], Callable[[], None]]:
     """In each of these places."""
-    return each_row((f"{place}, {name}", (place, text)) for place in places for name, text in HOSTILE.items())
+    return each_row(
+        (f"{place}, {name}", (place, text)) for place in places for name, text in HOSTILE.items()
+    )
 
 
 JOINED = " ".join(HOSTILE.values())
@@ -76,10 +80,13 @@ def quoted(text: str) -> str:
 def tree(folder: Path) -> dict[str, bytes | None]:
     """Every file below a folder, so that one more or one changed shows."""
     paths = sorted(folder.rglob("*"))
-    return {str(path): path.read_bytes() if path.is_file() and not path.is_symlink() else None for path in paths}
+    return {
+        str(path): path.read_bytes() if path.is_file() and not path.is_symlink() else None
+        for path in paths
+    }
 
 
-# -- files: a name is in the list of allowed characters, or refused with a sentence that can be printed ----------------------
+# -- files: a name is in the list of allowed characters, or refused with a sentence that can be prin
 
 
 def told(read: Callable[[str, Path], object], text: str) -> str | None:
@@ -102,7 +109,8 @@ def test_names_in_a_line_file(place: str, text: str) -> None:
 @every_text_in("name", "required", "key", "family")
 def test_names_in_a_recipe(place: str, text: str) -> None:
     recipe = RECIPE.format(
-        name=quoted(text if place == "name" else "job"), required=quoted(f"tag.{text}") if place == "required" else ""
+        name=quoted(text if place == "name" else "job"),
+        required=quoted(f"tag.{text}") if place == "required" else "",
     )
     recipe = recipe.replace('"dde"', quoted(text)) if place == "family" else recipe
     recipe = f"{recipe}\n[{quoted(text)}]\nx = 1" if place == "key" else recipe
@@ -115,17 +123,23 @@ def test_names_in_a_recipe(place: str, text: str) -> None:
 @every_text
 def test_urls_of_ports(tmp_path: Path, text: str) -> None:
     """One that is taken is shown, not obeyed: `plan` sends nothing, and makes nothing."""
-    (tmp_path / "line.toml").write_text(LINE.format(line='"bench"', station='"dde-1"', url=quoted(text)))
+    (tmp_path / "line.toml").write_text(
+        LINE.format(line='"bench"', station='"dde-1"', url=quoted(text))
+    )
     (tmp_path / "job.toml").write_text(RECIPE.format(name='"job"', required=""))
     before = tree(tmp_path)
-    ended = CliRunner().invoke(app, ["plan", str(tmp_path / "job.toml"), "--line", str(tmp_path / "line.toml")])
+    ended = CliRunner().invoke(
+        app, ["plan", str(tmp_path / "job.toml"), "--line", str(tmp_path / "line.toml")]
+    )
     assert ended.exit_code in (0, 2), ended.output
     assert steers(ended.output) == []
     assert tree(tmp_path) == before
 
 
 @every_text
-def test_a_line_s_name_that_no_file_gave_makes_no_folder_elsewhere(tmp_path: Path, text: str) -> None:
+def test_a_line_s_name_that_no_file_gave_makes_no_folder_elsewhere(
+    tmp_path: Path, text: str
+) -> None:
     home = tmp_path / "a" / "b" / "runs"
     if ALLOWED_NAME.fullmatch(text):
         assert create_run(home, text, 1.79e9).parent == home
@@ -135,7 +149,7 @@ def test_a_line_s_name_that_no_file_gave_makes_no_folder_elsewhere(tmp_path: Pat
         assert not (tmp_path / "a").exists()
 
 
-# -- people ------------------------------------------------------------------------------------------------------------------
+# -- people ----------------------------------------------------------------------------------------
 
 
 OPTIONS = (
@@ -156,16 +170,28 @@ VERBS = ("check", "report", "recover", "annotate", "replay", "sim", "scan", "saf
 
 def pairs(places: Sequence[str], *, whole: bool) -> Iterator[tuple[str, str]]:
     """Every text in every place, or each text in one of them, in turn."""
-    return product(places, HOSTILE.values()) if whole else zip(cycle(places), HOSTILE.values(), strict=False)
+    return (
+        product(places, HOSTILE.values())
+        if whole
+        else zip(cycle(places), HOSTILE.values(), strict=False)
+    )
 
 
-long_too = pytest.mark.parametrize("whole", [False, pytest.param(True, marks=[pytest.mark.campaign, pytest.mark.timeout(600)])])
+long_too = pytest.mark.parametrize(
+    "whole", [False, pytest.param(True, marks=[pytest.mark.campaign, pytest.mark.timeout(600)])]
+)
 
 
 @long_too
 def test_what_is_typed_behind_an_option(tmp_path: Path, whole: bool) -> None:
     (tmp_path / "job.toml").write_text(RECIPE.format(name='"job"', required=""))
-    given = [str(tmp_path / "job.toml"), "--line", str(tmp_path / "no-such-line.toml"), "--out", str(tmp_path / "runs")]
+    given = [
+        str(tmp_path / "job.toml"),
+        "--line",
+        str(tmp_path / "no-such-line.toml"),
+        "--out",
+        str(tmp_path / "runs"),
+    ]
     for option, text in pairs(OPTIONS, whole=whole):
         ended = CliRunner().invoke(app, ["run", *given, f"{option}={text}"])
         assert ended.exit_code == 2, (option, text)
@@ -174,12 +200,16 @@ def test_what_is_typed_behind_an_option(tmp_path: Path, whole: bool) -> None:
 
 
 @long_too
-def test_names_of_files_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: bool) -> None:
+def test_names_of_files_on_the_command_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: bool
+) -> None:
     monkeypatch.chdir(tmp_path)
     for verb, text in pairs(VERBS, whole=whole):
         if "\0" in text or text in ("", ".", ".."):
             continue  # no system gives a program such an argument, or the folder is a real one
-        ended = CliRunner().invoke(app, [verb, "--line", text] if verb == "safe" else [verb, "--", text])
+        ended = CliRunner().invoke(
+            app, [verb, "--line", text] if verb == "safe" else [verb, "--", text]
+        )
         assert ended.exit_code in (1, 2, 3, 4), (verb, text)
         assert "Traceback" not in ended.output
         assert "internal error" not in ended.output, (verb, text)
@@ -202,11 +232,13 @@ def test_what_is_said_of_a_run_later(sealed: Path, tmp_path: Path) -> None:
     assert check(run) == []
 
 
-# -- a whole run in which everything that can be is hostile ------------------------------------------------------------------
+# -- a whole run in which everything that can be is hostile ----------------------------------------
 
 
 class Liar:
-    """A virtual station whose model, software and refusals are what the test wants; check bytes are right."""
+    """A virtual station whose model, software and refusals are what the test wants; check bytes are
+    right.
+    """
 
     def __init__(self, station: VirtualStation, model: str | None, software: str) -> None:
         self._station, self._model, self._software = station, model, software
@@ -220,14 +252,24 @@ class Liar:
     def _bent(self, answer: bytes) -> bytes:
         if b"ASMN" in answer and self._model is not None:
             return Frame("A", f"SMN{self._model}", 1, 0).encode()
-        return Frame("A", f"SVR{self._software}", 1, 0).encode() if b"ASVR" in answer or b"NSVR" in answer else answer
+        return (
+            Frame("A", f"SVR{self._software}", 1, 0).encode()
+            if b"ASVR" in answer or b"NSVR" in answer
+            else answer
+        )
 
 
-ON_THE_WIRE = [text for text in HOSTILE.values() if text and text.isascii() and text.isprintable() and len(text) < 60]
+ON_THE_WIRE = [
+    text
+    for text in HOSTILE.values()
+    if text and text.isascii() and text.isprintable() and len(text) < 60
+]
 """What a frame can carry (Frame refuses the rest)."""
 
 
-def hostile_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | None, software: str) -> Path:
+def hostile_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | None, software: str
+) -> Path:
     def bent(*given: object, **named: object) -> Liar:
         station = virtual_station(*given, **named)  # type: ignore[arg-type]  # handed on as it came
         assert isinstance(station, VirtualStation)
@@ -242,7 +284,9 @@ def hostile_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | No
     recipe.write_text(RECIPE.format(name='"job"', required=""))
     texts = tuple(HOSTILE.values())
     tips = tuple(f"dde-1={text}" for text in texts if text)
-    said = Metadata(JOINED, JOINED, JOINED, texts, {text: text for text in texts}, texts, texts, tips)
+    said = Metadata(
+        JOINED, JOINED, JOINED, texts, {text: text for text in texts}, texts, texts, tips
+    )
     plan = make_plan(RunOptions(home / "line.toml", recipe, duration_s=3.0, metadata=said))
     return RecordedRun(plan, tmp_path / "runs").result.folder
 
@@ -250,7 +294,16 @@ def hostile_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | No
 def shown(run: Path, *verbs: str) -> list[str]:
     """What verbs that look at runs print of this one, for people and as JSON."""
     told = []
-    for verb in verbs or ("report", "check", "check --json", "annotate", "annotate --json", "recover", "runs", "runs --json"):
+    for verb in verbs or (
+        "report",
+        "check",
+        "check --json",
+        "annotate",
+        "annotate --json",
+        "recover",
+        "runs",
+        "runs --json",
+    ):
         name, *more = verb.split()
         ended = CliRunner().invoke(app, [name, str(run), *more])
         assert "internal error" not in ended.output, ended.output
@@ -260,7 +313,9 @@ def shown(run: Path, *verbs: str) -> list[str]:
 
 
 @pytest.mark.parametrize("model", [None, pytest.param(ON_THE_WIRE[0], marks=pytest.mark.campaign)])
-def test_a_run_full_of_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | None) -> None:
+def test_a_run_full_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: str | None
+) -> None:
     software = ON_THE_WIRE[0 if model is None else ON_THE_WIRE.index(model)]
     run = hostile_run(tmp_path, monkeypatch, model, software)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["home", "runs"]
@@ -277,7 +332,7 @@ def test_there_are_texts_that_a_frame_can_carry() -> None:
     assert len(ON_THE_WIRE) > 15
 
 
-# -- somebody else's run: every text of its manifest, of its lines of JSON, of its names -------------------------------------
+# -- somebody else's run: every text of its manifest, of its lines of JSON, of its names -----------
 
 
 @pytest.fixture(scope="module")
@@ -292,16 +347,22 @@ def copied(run: Path, tmp_path: Path) -> Path:
 def replaced(value: object, texts: Iterator[str], keep: Sequence[str]) -> object:
     """Every text of a document, names of keys and what stands below those of `keep` apart."""
     if isinstance(value, dict):
-        return {key: one if key in keep else replaced(one, texts, keep) for key, one in value.items()}
+        return {
+            key: one if key in keep else replaced(one, texts, keep) for key, one in value.items()
+        }
     if isinstance(value, list):
         return [replaced(one, texts, keep) for one in value]
     return next(texts) if isinstance(value, str) else value
 
 
 def foreign_manifest(run: Path, first: int, *, keep: Sequence[str] = (), **more: object) -> str:
-    """The run's, with another hostile text in each place, beginning with one of them; its digest is right."""
+    """The run's, with another hostile text in each place, beginning with one of them; its digest is
+    right.
+    """
     texts = islice(cycle(HOSTILE.values()), first, None)
-    document = replaced(json.loads((run / NAME).read_text()), texts, ("state", "schema", "digest", *keep))
+    document = replaced(
+        json.loads((run / NAME).read_text()), texts, ("state", "schema", "digest", *keep)
+    )
     assert isinstance(document, dict)
     name = next(texts)
     document |= {"previous": {"run": name, "sha256": name, "text": name}, **more}
@@ -310,26 +371,46 @@ def foreign_manifest(run: Path, first: int, *, keep: Sequence[str] = (), **more:
     return text.removesuffix(END.decode()) + DIGEST % sha256(text.encode()).hexdigest()
 
 
-@pytest.mark.parametrize("first", [pytest.param(one, marks=pytest.mark.campaign) for one in (7, None)])
+@pytest.mark.parametrize(
+    "first", [pytest.param(one, marks=pytest.mark.campaign) for one in (7, None)]
+)
 def test_every_text_of_a_foreign_manifest(sealed: Path, tmp_path: Path, first: int | None) -> None:
     for number in range(len(HOSTILE)) if first is None else [first]:
         run = copied(sealed, tmp_path / str(number))
         (run / NAME).write_text(foreign_manifest(run, number))
         outside = tree(tmp_path)
         assert all(shown(run, "check", "annotate", "recover", "runs", "runs --json"))
-        (run / NAME).write_text(foreign_manifest(sealed, number, keep=["files", "started", "ended"]))
+        (run / NAME).write_text(
+            foreign_manifest(sealed, number, keep=["files", "started", "ended"])
+        )
         outside |= {str(run / NAME): (run / NAME).read_bytes()}
         assert all(shown(run))
         now = tree(tmp_path)
-        assert {name for name in now.keys() - outside.keys() if not Path(name).is_relative_to(run)} == set()
+        assert {
+            name for name in now.keys() - outside.keys() if not Path(name).is_relative_to(run)
+        } == set()
         assert {name: data for name, data in now.items() if name in outside} == outside
         assert Acting((run / "report.html").read_text("utf-8")).found == []
 
 
-@pytest.mark.parametrize("name", ["damage.jsonl", "guard.jsonl", "annotations.jsonl", "lease.json", "report.json"])
+@pytest.mark.parametrize(
+    "name", ["damage.jsonl", "guard.jsonl", "annotations.jsonl", "lease.json", "report.json"]
+)
 def test_lines_of_a_foreign_run_s_other_files(sealed: Path, tmp_path: Path, name: str) -> None:
     run = copied(sealed, tmp_path)
-    keys = ("place", "why", "kind", "severity", "text", "station", "name", "url", "manifest_sha256", "who", "what")
+    keys = (
+        "place",
+        "why",
+        "kind",
+        "severity",
+        "text",
+        "station",
+        "name",
+        "url",
+        "manifest_sha256",
+        "who",
+        "what",
+    )
     lines = [json.dumps(dict.fromkeys(keys, text)) for text in HOSTILE.values()]
     (run / name).write_text("\n".join([*lines, *HOSTILE.values()]))
     assert all(shown(run, "check", "annotate", "recover"))
@@ -339,25 +420,46 @@ def test_lines_of_a_foreign_run_s_other_files(sealed: Path, tmp_path: Path, name
 def test_a_foreign_run_that_is_not_finished(sealed: Path, tmp_path: Path, text: str) -> None:
     """`recover` writes, and only into the folder that it was given."""
     run = copied(sealed, tmp_path)
-    (run / NAME).write_text(foreign_manifest(run, [*HOSTILE.values()].index(text), state="open", files=[]))
-    (run / "guard.jsonl").write_text(
-        json.dumps({"time": 1, "kind": text, "severity": "info", "text": text, "station": text, "port": 1})
+    (run / NAME).write_text(
+        foreign_manifest(run, [*HOSTILE.values()].index(text), state="open", files=[])
     )
-    outside = {name: data for name, data in tree(tmp_path).items() if not Path(name).is_relative_to(run)}
+    (run / "guard.jsonl").write_text(
+        json.dumps(
+            {"time": 1, "kind": text, "severity": "info", "text": text, "station": text, "port": 1}
+        )
+    )
+    outside = {
+        name: data for name, data in tree(tmp_path).items() if not Path(name).is_relative_to(run)
+    }
     ended = CliRunner().invoke(app, ["recover", str(run)])
     assert "internal error" not in ended.output, ended.output
     assert steers(ended.output) == []
-    assert {name: data for name, data in tree(tmp_path).items() if not Path(name).is_relative_to(run)} == outside
+    assert {
+        name: data for name, data in tree(tmp_path).items() if not Path(name).is_relative_to(run)
+    } == outside
 
 
-# -- links -------------------------------------------------------------------------------------------------------------------
+# -- links -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    "name", ["annotations.jsonl", "report.html", "report.json", "figures", "manifest.json", "damage.jsonl", "damaged"]
+    "name",
+    [
+        "annotations.jsonl",
+        "report.html",
+        "report.json",
+        "figures",
+        "manifest.json",
+        "damage.jsonl",
+        "damaged",
+    ],
 )
-def test_a_link_in_a_run_s_folder_is_not_written_through(sealed: Path, tmp_path: Path, name: str) -> None:
-    """A run that was copied from elsewhere may hold a link; whatever works on the run leaves its target as it is."""
+def test_a_link_in_a_run_s_folder_is_not_written_through(
+    sealed: Path, tmp_path: Path, name: str
+) -> None:
+    """A run that was copied from elsewhere may hold a link; whatever works on the run leaves its
+    target as it is.
+    """
     run, target = copied(sealed, tmp_path), tmp_path / "target"
     if name in ("figures", "damaged"):
         target.mkdir()
@@ -377,12 +479,14 @@ def test_a_folder_for_runs_may_be_a_link_that_the_user_made(tmp_path: Path) -> N
     assert create_run(tmp_path / "runs", "bench", 1.79e9).parent == tmp_path / "runs"
 
 
-# -- structure: nothing is printed that did not go through the one place that cleans -----------------------------------------
+# -- structure: nothing is printed that did not go through the one place that cleans ---------------
 
 PRINTS = {
     "cli/output.py": "cleans",
     "cli/app.py": "the version",
-    "live/joint_counter.py": "a child's, JSON through a pipe to whoever watches, who cleans what is shown",
+    "live/joint_counter.py": (
+        "a child's, JSON through a pipe to whoever watches, who cleans what is shown"
+    ),
     "record/seal.py": "a child's, told to its parent through a pipe and printed by it",
     "sim/__main__.py": "a child's, whose sentences are cleaned where they are made",
 }
@@ -395,7 +499,9 @@ def prints(path: Path) -> bool:
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Call):
             called = ast.unparse(node.func)
-            if called in ("print", "typer.echo", "typer.secho", "click.echo") or called.endswith(("stdout.write", "stderr.write")):
+            if called in ("print", "typer.echo", "typer.secho", "click.echo") or called.endswith(
+                ("stdout.write", "stderr.write")
+            ):
                 return True
     return False
 

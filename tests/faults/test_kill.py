@@ -1,6 +1,8 @@
-"""Kills, for real, at every step that reaches the disk and at random moments: nothing acknowledged is ever lost.
+"""Kills, for real, at every step that reaches the disk and at random moments: nothing acknowledged
+is ever lost.
 
-`crash.py` in tests/support does the killing; here stands what must hold afterwards (docs/reference/faults.md, F-26, F-27, F-30).
+`crash.py` in tests/support does the killing; here stands what must hold afterwards
+(docs/reference/faults.md, F-26, F-27, F-30).
 """
 
 from __future__ import annotations
@@ -28,7 +30,9 @@ def killed(tmp_path: Path, *arguments: str) -> list[Any]:
 
 
 def assert_whole(left: dict[str, object], rows: int | None) -> None:
-    """Every acknowledged row once and in order, a chain that holds, a check without findings, a second recovery idle."""
+    """Every acknowledged row once and in order, a chain that holds, a check without findings, a
+    second recovery idle.
+    """
     assert "error" not in left, left
     numbers, events = left["numbers"], left["events"]
     assert isinstance(numbers, list)
@@ -52,8 +56,12 @@ def assert_scenario(scenario: str, outcomes: list[dict[str, object]]) -> None:
 
 
 @pytest.fixture(scope="module")
-def slices(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, bool], list[dict[str, object]]]:
-    """What was left after kills at some steps, by scenario and whether the power went, too; of one program."""
+def slices(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> dict[tuple[str, bool], list[dict[str, object]]]:
+    """What was left after kills at some steps, by scenario and whether the power went, too; of one
+    program.
+    """
     found: dict[tuple[str, bool], list[dict[str, object]]] = {}
     for line in killed(tmp_path_factory.mktemp("slices"), "slice", "3", "23"):
         if isinstance(line, list):
@@ -66,7 +74,9 @@ def slices(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, bool], l
 
 @pytest.mark.parametrize("power", [False, True], ids=["kill", "power"])
 @pytest.mark.parametrize("scenario", SCENARIOS)
-def test_killed_at_some_steps(slices: dict[tuple[str, bool], list[dict[str, object]]], scenario: str, power: bool) -> None:
+def test_killed_at_some_steps(
+    slices: dict[tuple[str, bool], list[dict[str, object]]], scenario: str, power: bool
+) -> None:
     outcomes = slices[scenario, power]
     assert len(outcomes) >= 2
     assert_scenario(scenario, outcomes)
@@ -83,7 +93,9 @@ def test_a_recorder_killed_at_random_moments(tmp_path: Path) -> None:
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("power", [False, True], ids=["kill", "power"])
 @pytest.mark.parametrize("scenario", SCENARIOS)
-def test_killed_at_every_step(tmp_path: Path, scenario: str, power: bool, counted: Callable[..., None]) -> None:
+def test_killed_at_every_step(
+    tmp_path: Path, scenario: str, power: bool, counted: Callable[..., None]
+) -> None:
     outcomes = killed(tmp_path, scenario, "1", "1", *(["--power"] if power else []))
     assert len(outcomes) >= 30
     assert_scenario(scenario, outcomes)
@@ -93,7 +105,9 @@ def test_killed_at_every_step(tmp_path: Path, scenario: str, power: bool, counte
 @pytest.mark.campaign
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", range(10))
-def test_a_recorder_killed_at_a_thousand_random_moments(tmp_path: Path, seed: int, counted: Callable[..., None]) -> None:
+def test_a_recorder_killed_at_a_thousand_random_moments(
+    tmp_path: Path, seed: int, counted: Callable[..., None]
+) -> None:
     for left in killed(tmp_path, "random", str(seed), "100"):
         assert_whole(left, None)
         counted(kills=1, acknowledged_rows_lost=0)

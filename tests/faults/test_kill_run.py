@@ -1,9 +1,11 @@
-"""`jbclog run` and `jbclog recover`, killed for real at random moments and at each step, while the stations live on.
+"""`jbclog run` and `jbclog recover`, killed for real at random moments and at each step, while the
+stations live on.
 
-After each kill: no row that was committed is gone, at most the admitted second of what the stations told, sealed equals kept row
-for row, every event that was shown is recorded, recovery twice is recovery once, every tool was told to stand within 5 s, and
-I1 to I9 hold (`invariants`). All runs of a series record into one folder, where none may stand in the way of the next. Seeds are
-printed. `test_kill.py` does the same to the store alone, thousands of times.
+After each kill: no row that was committed is gone, at most the admitted second of what the stations
+told, sealed equals kept row for row, every event that was shown is recorded, recovery twice is
+recovery once, every tool was told to stand within 5 s, and I1 to I9 hold (`invariants`). All runs
+of a series record into one folder, where none may stand in the way of the next. Seeds are printed.
+`test_kill.py` does the same to the store alone, thousands of times.
 """
 
 from __future__ import annotations
@@ -28,7 +30,15 @@ from jbclog.record.recover import recover
 from support import program
 from support.command import until
 from support.faults import crash, killed_run
-from support.faults.killed_run import Death, differences, keepsake, killed, sealed_rows, told_and_not_kept, told_late
+from support.faults.killed_run import (
+    Death,
+    differences,
+    keepsake,
+    killed,
+    sealed_rows,
+    told_and_not_kept,
+    told_late,
+)
 from support.oracles.invariants import Ended, violations
 from support.virtual.served_line import ServedLine
 from support.virtual.station_log import heard_in
@@ -61,38 +71,77 @@ class Series:
         return self.home / "runs"
 
     def command(self, *program: str) -> list[str]:
-        rest = ["run", self.line.recipe, "--line", self.line.path, "--out", self.out, "-d", f"{DURATION_S:g}s"]
+        rest = [
+            "run",
+            self.line.recipe,
+            "--line",
+            self.line.path,
+            "--out",
+            self.out,
+            "-d",
+            f"{DURATION_S:g}s",
+        ]
         return [*(program or PROGRAM), *map(str, rest)]
 
-    def kill(self, what: str, command: list[str], is_time: Callable[[float], bool], notes: Path | None = None) -> Death:
+    def kill(
+        self,
+        what: str,
+        command: list[str],
+        is_time: Callable[[float], bool],
+        notes: Path | None = None,
+    ) -> Death:
         assert self.line.log is not None
         begin = self.line.log.stat().st_size
         death = killed(command, self.out, is_time)
         if notes is not None and notes.exists():
-            death = Death(death.folder, death.began, float(notes.read_text()), death.code, death.said)
+            death = Death(
+                death.folder, death.began, float(notes.read_text()), death.code, death.said
+            )
         found = self._found(death, begin)
         self.wrong += [f"{what}: {text}" for text in found]
-        print(what, f"after {death.died - death.began:.3f} s:", *(found or ["nothing wrong"]), sep="\n    ")
+        print(
+            what,
+            f"after {death.died - death.began:.3f} s:",
+            *(found or ["nothing wrong"]),
+            sep="\n    ",
+        )
         return death
 
     def _found(self, death: Death, begin: int) -> list[str]:
         assert self.line.log is not None
         late = told_late(self.line, death)
         if death.folder is None:
-            return late if death.was_killed else [*late, f"it ended by itself, without a record: {death.said}"]
+            return (
+                late
+                if death.was_killed
+                else [*late, f"it ended by itself, without a record: {death.said}"]
+            )
         kept = keepsake(death.folder, self.home / "copies")
         recover(death.folder)
         once = crash.contents(death.folder)
         recover(death.folder)
-        again = [] if crash.contents(death.folder) == once else ["recovered twice is not recovered once"]
+        again = (
+            []
+            if crash.contents(death.folder) == once
+            else ["recovered twice is not recovered once"]
+        )
         sealed = sealed_rows(death.folder)
-        state = f"{read_manifest(death.folder).exit_status}{'' if sealed['samples'] else ', no samples'}"
+        empty = "" if sealed["samples"] else ", no samples"
+        state = f"{read_manifest(death.folder).exit_status}{empty}"
         self.looked[state] = self.looked.get(state, 0) + 1
         ended = Ended(death.code, death.said)
         died_at = death.died if death.was_killed else None
-        lost = violations(death.folder, heard_in(self.line.log, begin), ended=ended, died_at=died_at)
+        lost = violations(
+            death.folder, heard_in(self.line.log, begin), ended=ended, died_at=died_at
+        )
         shutil.rmtree(death.folder) if not (late or lost) else None
-        return [*late, *differences(kept, sealed), *again, *told_and_not_kept(death.said, sealed), *lost]
+        return [
+            *late,
+            *differences(kept, sealed),
+            *again,
+            *told_and_not_kept(death.said, sealed),
+            *lost,
+        ]
 
 
 @pytest.fixture
@@ -100,13 +149,19 @@ def series(line: ServedLine, tmp_path: Path) -> Series:
     return Series(line, tmp_path)
 
 
-def at_random(series: Series, seed: int, count: int, phases: Sequence[str] = ("start", *3 * ["questions"])) -> None:
+def at_random(
+    series: Series, seed: int, count: int, phases: Sequence[str] = ("start", *3 * ["questions"])
+) -> None:
     rng = random.Random(seed)
     for trial in range(count):
         phase = rng.choice(phases)
         moment = rng.random() * LATEST_S[phase]
         command = [*series.command(), *rng.choice([[], ["--wire"]])]
-        series.kill(f"seed {seed}, trial {trial}, {phase} + {moment:.3f} s", command, _Moment(series.line, phase, moment))
+        series.kill(
+            f"seed {seed}, trial {trial}, {phase} + {moment:.3f} s",
+            command,
+            _Moment(series.line, phase, moment),
+        )
     print(f"{count} kills: {series.looked}")
     assert series.wrong == []
 
@@ -132,12 +187,16 @@ class _Moment:
 
 
 def at_steps(series: Series, first: int, stride: int, last: int = 10_000) -> int:
-    """Kill it before its step FIRST, FIRST + STRIDE ..., until it ends by itself; how often it was killed."""
+    """Kill it before its step FIRST, FIRST + STRIDE ..., until it ends by itself; how often it was
+    killed.
+    """
     kills = 0
     for step in range(first, last, stride):
         notes = series.home / f"death-{step}"
         command = program("faults.killed_run", step, notes)
-        death = series.kill(f"step {step}", series.command(*command), lambda passed: passed > 60, notes)
+        death = series.kill(
+            f"step {step}", series.command(*command), lambda passed: passed > 60, notes
+        )
         if not death.was_killed:
             break
         kills += 1
@@ -161,7 +220,9 @@ def test_a_sealing_child_that_is_killed_loses_nothing(series: Series) -> None:
     """The recorder says so and leaves the record as it is; a recovery seals all of it."""
     assert series.line.log is not None
     begin = series.line.log.stat().st_size
-    run = subprocess.Popen(series.command(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    run = subprocess.Popen(
+        series.command(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
     try:
         assert until(lambda: _kill_child(run.pid, b"jbclog.record.seal"), 30, 0.002)
     finally:
@@ -187,8 +248,12 @@ def _kill_child(parent: int, name: bytes) -> bool:
 
 
 @pytest.fixture(scope="module")
-def cut_off(line: ServedLine, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, killed_run.Rows]:
-    """The folder of a run that was killed while it sampled, and the rows that a recovery makes of it."""
+def cut_off(
+    line: ServedLine, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, killed_run.Rows]:
+    """The folder of a run that was killed while it sampled, and the rows that a recovery makes of
+    it.
+    """
     home = tmp_path_factory.mktemp("cut-off")
     series = Series(line, home)
     death = killed([*series.command(), "--wire"], series.out, _Moment(line, "questions", 2.5))
@@ -198,8 +263,12 @@ def cut_off(line: ServedLine, tmp_path_factory: pytest.TempPathFactory) -> tuple
     return death.folder, sealed_rows(copy)
 
 
-def recover_killed(cut_off: tuple[Path, killed_run.Rows], home: Path, first: int, stride: int, last: int = 10_000) -> int:
-    """Kill `jbclog recover` before its step FIRST, FIRST + STRIDE ..., and recover again; how often it was killed."""
+def recover_killed(
+    cut_off: tuple[Path, killed_run.Rows], home: Path, first: int, stride: int, last: int = 10_000
+) -> int:
+    """Kill `jbclog recover` before its step FIRST, FIRST + STRIDE ..., and recover again; how often
+    it was killed.
+    """
     base, expected = cut_off
     kills = 0
     for step in range(first, last, stride):
@@ -212,7 +281,11 @@ def recover_killed(cut_off: tuple[Path, killed_run.Rows], home: Path, first: int
         recover(folder)
         once = crash.contents(folder)
         recover(folder)
-        assert (sealed_rows(folder), check(folder), crash.contents(folder)) == (expected, [], once), step
+        assert (sealed_rows(folder), check(folder), crash.contents(folder)) == (
+            expected,
+            [],
+            once,
+        ), step
         shutil.rmtree(folder.parent)
         if not killed_it:
             break
@@ -239,7 +312,9 @@ def test_a_recovery_killed_at_every_step(
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("part", range(6))
-def test_killed_at_three_hundred_random_moments(series: Series, part: int, counted: Callable[..., None]) -> None:
+def test_killed_at_three_hundred_random_moments(
+    series: Series, part: int, counted: Callable[..., None]
+) -> None:
     at_random(series, SEED + part, 50)
     counted(kills=50, violations=len(series.wrong))
 

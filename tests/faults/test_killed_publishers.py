@@ -1,6 +1,8 @@
-"""Two publishers of one run, each killed (SIGKILL) at one of its commits: in the end there is one copy, and it is whole.
+"""Two publishers of one run, each killed (SIGKILL) at one of its commits: in the end there is one
+copy, and it is whole.
 
-What a killed publisher left counts for nobody. `store check` removes it; then each table has the rows of the run and no other.
+What a killed publisher left counts for nobody. `store check` removes it; then each table has the
+rows of the run and no other.
 """
 
 from __future__ import annotations
@@ -39,11 +41,15 @@ def expected(run: Path) -> dict[str, int]:
 
 
 def there(place: Place) -> dict[str, int]:
-    return {name: DeltaTable(place.of(name)).to_pyarrow_dataset().count_rows() for name in (*DATA, RUNS)}
+    return {
+        name: DeltaTable(place.of(name)).to_pyarrow_dataset().count_rows() for name in (*DATA, RUNS)
+    }
 
 
 def killed(run: Path, place: Place, *deaths: tuple[int, str]) -> None:
-    """Publish with one process for each death, all at once; each is killed, or finds the run published by the other."""
+    """Publish with one process for each death, all at once; each is killed, or finds the run
+    published by the other.
+    """
     Publisher(place).__exit__()  # makes the tables: their creation is no commit of a publication
     for one in [start(run, Path(place.url), number, when) for number, when in deaths]:
         said, wrong = one.communicate(timeout=120)
@@ -52,7 +58,9 @@ def killed(run: Path, place: Place, *deaths: tuple[int, str]) -> None:
 
 
 def in_the_end(run: Path, place: Place) -> None:
-    """Whoever publishes next finds the run, or publishes it; then there is one copy, and nothing is left of others."""
+    """Whoever publishes next finds the run, or publishes it; then there is one copy, and nothing is
+    left of others.
+    """
     with Publisher(place) as last:
         assert last.publish(run).result in (Result.PUBLISHED, Result.THERE)
     (read,) = jbclog.open_runs(place.url)
@@ -69,14 +77,19 @@ def test_one_is_killed(run: Path, tmp_path: Path, trial: int, counted: Callable[
     place = place_of(tmp_path / "store")
     killed(run, place, DEATHS[trial])
     is_done = DEATHS[trial] == (COMMITS, "after")
-    assert len(jbclog.open_runs(place.url)) == is_done  # nothing of it counts before its last commit
+    # nothing of it counts before its last commit
+    assert len(jbclog.open_runs(place.url)) == is_done
     in_the_end(run, place)
     counted(publishers_killed=1)
 
 
 @pytest.mark.campaign
 def test_two_are_killed(run: Path, tmp_path: Path, counted: Callable[..., None]) -> None:
-    trials = [*product(DEATHS[::5], DEATHS[::3]), ((COMMITS, "before"),) * 2, ((COMMITS, "after"),) * 2]
+    trials = [
+        *product(DEATHS[::5], DEATHS[::3]),
+        ((COMMITS, "before"),) * 2,
+        ((COMMITS, "after"),) * 2,
+    ]
     for number, deaths in enumerate(trials):
         place = place_of(tmp_path / f"store-{number}")
         killed(run, place, *deaths)
@@ -85,7 +98,9 @@ def test_two_are_killed(run: Path, tmp_path: Path, counted: Callable[..., None])
 
 
 def test_what_is_younger_stays(run: Path, tmp_path: Path) -> None:
-    """A publisher may be slow: its rows stay for a day unless somebody asks for less; they are no run."""
+    """A publisher may be slow: its rows stay for a day unless somebody asks for less; they are no
+    run.
+    """
     place = place_of(tmp_path / "store")
     killed(run, place, (COMMITS, "before"))
     assert len(jbclog.open_runs(place.url)) == 0

@@ -1,4 +1,6 @@
-"""Serial captures that unpack to far more than a recorder's: refused in one line within their limits, counted and cut by nobody."""
+"""Serial captures that unpack to far more than a recorder's: refused in one line within their
+limits, counted and cut by nobody.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +67,9 @@ def test_lines_of_a_block_are_limited_to_what_a_recorder_may_write(tmp_path: Pat
     assert count_rows(path) == 1 + MOST_LINES + 3
 
 
-def test_what_it_unpacks_to_is_limited_by_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_it_unpacks_to_is_limited_by_its_size(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = wire_path(tmp_path, "a")
     block_file(path, [rows(100, 1000)] * 20)
     assert count_rows(path) == 2001
@@ -78,18 +82,24 @@ def test_what_it_unpacks_to_is_limited_by_its_size(tmp_path: Path, monkeypatch: 
     assert mend(path) == 0, "what exceeds a limit is not cut off"
 
 
-def test_what_fails_after_much_unpacking_counts_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_fails_after_much_unpacking_counts_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = wire_path(tmp_path, "a")
     block_file(path, [rows(1)] + [" " * 3_000_000 + "no end"] * 20)
     monkeypatch.setattr(capture_file, "FREE_BYTES", 10 << 20)
     unpacked: list[int] = []
     unpack = capture_file._unpack
-    monkeypatch.setattr(capture_file, "_unpack", lambda member: unpacked.append(1) or unpack(member))
+    monkeypatch.setattr(
+        capture_file, "_unpack", lambda member: unpacked.append(1) or unpack(member)
+    )
     assert [type(one) for one in blocks(path)] == [Block, Block, Gap]
     assert len(unpacked) == 6
 
 
-def test_a_member_that_unpacks_to_much_is_refused_on_the_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_member_that_unpacks_to_much_is_refused_on_the_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(capture_file, "FREE_BYTES", 1 << 20)
     path = wire_path(tmp_path, "a")
     path.parent.mkdir()

@@ -1,4 +1,6 @@
-"""Live stores that are larger than a recorder's: read in bounded memory or refused, never sealed as what jbclog does not read."""
+"""Live stores that are larger than a recorder's: read in bounded memory or refused, never sealed as
+what jbclog does not read.
+"""
 
 from __future__ import annotations
 
@@ -33,27 +35,41 @@ def pairs() -> Iterator[Pairs]:
     made.close()
 
 
-def test_a_batch_larger_than_any_recorder_s_is_one_finding_and_blocks_no_other_run(tmp_path: Path, pairs: Pairs) -> None:
+def test_a_batch_larger_than_any_recorder_s_is_one_finding_and_blocks_no_other_run(
+    tmp_path: Path, pairs: Pairs
+) -> None:
     bad = crashed_run(tmp_path, large_batches(2, MOST_ROWS + 1))
     make_run(tmp_path, 5.0)
-    for words in (["trend", str(tmp_path)], ["chart", str(tmp_path), "--metric", "alarms"], ["alarms", str(bad)]):
+    for words in (
+        ["trend", str(tmp_path)],
+        ["chart", str(tmp_path), "--metric", "alarms"],
+        ["alarms", str(bad)],
+    ):
         ended = pairs.run(words)
         assert ended.trouble is None, ended
-        lines = [line for line in ended.output.splitlines() if bad.name in line and "no alarms" not in line]
+        lines = [
+            line
+            for line in ended.output.splitlines()
+            if bad.name in line and "no alarms" not in line
+        ]
         assert len(lines) == 1, ended.output
         assert f"a recorder's batches have at most {MOST_ROWS}" in lines[0]
         assert "`jbclog recover`" in lines[0]
     assert "dde-1 port 1" in pairs.run(["trend", str(tmp_path)]).output
 
 
-def test_a_run_whose_tables_cannot_be_read_is_a_finding_in_its_place(tmp_path: Path, pairs: Pairs) -> None:
+def test_a_run_whose_tables_cannot_be_read_is_a_finding_in_its_place(
+    tmp_path: Path, pairs: Pairs
+) -> None:
     bad, good = make_run(tmp_path / "bad", 5.0), make_run(tmp_path / "good", 5.0)
     good, bad = good.rename(tmp_path / "good.run"), bad.rename(tmp_path / "bad.run")
     part = bad / "samples" / "part-0000.parquet"
     part.write_bytes(part.read_bytes()[:-1] + b"X")
     runs = jbclog.open_runs(tmp_path)
     assert [one.folder for one, _ in runs.metric_rows()] == [good]
-    assert [(one.folder, "part-0000.parquet" in one.why) for one in runs.unreadable] == [(bad, True)]
+    assert [(one.folder, "part-0000.parquet" in one.why) for one in runs.unreadable] == [
+        (bad, True)
+    ]
     for words in (["trend", str(tmp_path)], ["chart", str(tmp_path), "--metric", "alarms"]):
         ended = pairs.run(words)
         assert (ended.trouble, ended.output.count("part-0000.parquet")) == (None, 1), ended
@@ -75,12 +91,17 @@ def test_what_recover_seals_jbclog_reads_in_little_memory(tmp_path: Path, pairs:
 @pytest.mark.campaign
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("count", [7, 25, 100])
-def test_memory_does_not_grow_with_the_store(tmp_path: Path, pairs: Pairs, count: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_memory_does_not_grow_with_the_store(
+    tmp_path: Path, pairs: Pairs, count: int, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = crashed_run(tmp_path, large_batches(count, 230_000))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         rows = sum(len(piece) for piece in jbclog.open_run(folder).stream(columns=["tick"]))
-    ended = [pairs.run(["recover", str(tmp_path)], limited=False), pairs.run(["check", str(folder)], limited=False)]
+    ended = [
+        pairs.run(["recover", str(tmp_path)], limited=False),
+        pairs.run(["check", str(folder)], limited=False),
+    ]
     with capsys.disabled():
         print(f"\n{rows} rows:", *(f"{one.seconds:.1f} s, {one.peak_mb} MB" for one in ended))
     assert [one.trouble for one in ended] == [None, None]
@@ -108,7 +129,10 @@ def test_many_batches_become_several_parts(tmp_path: Path, monkeypatch: pytest.M
 
 
 VALUES = {
-    "a time that no calendar has": ("time", pa.array([2**62], pa.int64()).cast(pa.timestamp("us", tz="UTC"))),
+    "a time that no calendar has": (
+        "time",
+        pa.array([2**62], pa.int64()).cast(pa.timestamp("us", tz="UTC")),
+    ),
     "a number beyond all": ("tick", pa.array([2**63 - 1], pa.int64())),
     "no station": ("station", pa.nulls(1, pa.utf8())),
     "a text that is none": ("status", pa.array([b"\xff\xfe"]).view(pa.utf8())),
@@ -119,7 +143,9 @@ VALUES = {
 def test_values_that_a_part_may_not_hold_are_damage_in_the_store(tmp_path: Path, what: str) -> None:
     name, value = VALUES[what]
     rows = samples(1)
-    wrong = pa.RecordBatch.from_arrays([value if n == name else rows[n] for n in rows.schema.names], schema=rows.schema)
+    wrong = pa.RecordBatch.from_arrays(
+        [value if n == name else rows[n] for n in rows.schema.names], schema=rows.schema
+    )
     folder = crashed_run(tmp_path, [packed(1, "samples", samples(3)), packed(2, "samples", wrong)])
     assert recover(folder).outcome is Outcome.RECOVERED
     assert len(few_rows.table(folder, "samples")) == 3
@@ -139,17 +165,26 @@ def test_few_of_many_damages_are_listed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["²", "9" * 400, str(2**63), "9" * 18])
 def test_a_note_that_is_no_number_of_a_batch(tmp_path: Path, text: str) -> None:
-    folder = crashed_run(tmp_path, small_batches([1]), {(META, "last"): text, (META, "dropped"): text, (META, "sealed"): "²"})
+    folder = crashed_run(
+        tmp_path,
+        small_batches([1]),
+        {(META, "last"): text, (META, "dropped"): text, (META, "sealed"): "²"},
+    )
     assert recover_all(folder)[0].outcome is Outcome.RECOVERED
 
 
-def test_more_notes_or_batches_than_a_store_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_notes_or_batches_than_a_store_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(store, "MOST_NOTES_BYTES", 2 << 20)
     monkeypatch.setattr(store, "MOST_BATCHES", 3)
     folder = crashed_run(tmp_path, small_batches(range(1, 6)), {("facts", "b"): " " * (2 << 20)})
     with StoreReader(folder) as stock:
         assert stock.facts() == {}
-        assert any("notes (facts) cannot be read: its notes have more than 2 MiB" in str(one) for one in stock.damage)
+        assert any(
+            "notes (facts) cannot be read: its notes have more than 2 MiB" in str(one)
+            for one in stock.damage
+        )
         assert any("more than 3 batches" in str(one) for one in stock.damage)
         assert stock.numbers_of("samples", 0) == [1, 2, 3]
 
@@ -178,7 +213,9 @@ def encode_stream(values: list[object]) -> bytes:
     return bytes(int.from_bytes(made.data[:4], "little"))
 
 
-def test_a_live_store_of_many_rows_is_read_in_pieces_and_said_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_live_store_of_many_rows_is_read_in_pieces_and_said_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from jbclog.analysis import run_tables
 
     folder = crashed_run(tmp_path, large_batches(2, 40_000))
@@ -195,7 +232,9 @@ def test_a_live_store_of_many_rows_is_read_in_pieces_and_said_so(tmp_path: Path,
         jbclog.open_run(make_run(tmp_path, 5.0)).events()
 
 
-def test_a_damaged_index_is_probed_no_further_than_the_file_reaches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_damaged_index_is_probed_no_further_than_the_file_reaches(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = crashed_run(tmp_path, small_batches([1]), {(META, "last"): "9" * 18})
     tried: list[int] = []
 
@@ -205,7 +244,9 @@ def test_a_damaged_index_is_probed_no_further_than_the_file_reaches(tmp_path: Pa
 
     get = store.Segment.get
     monkeypatch.setattr(store.Segment, "index", damaged)
-    monkeypatch.setattr(store.Segment, "get", lambda self, number: tried.append(number) or get(self, number))
+    monkeypatch.setattr(
+        store.Segment, "get", lambda self, number: tried.append(number) or get(self, number)
+    )
     with StoreReader(folder) as stock:
         assert stock.numbers_of("samples", 0) == [1]
     assert len(tried) <= (folder / "live.sqlite").stat().st_size // store_reader.LEAST_BYTES

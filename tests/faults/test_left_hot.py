@@ -1,6 +1,8 @@
-"""Recorder and guard both gone, or a disk that is full: what was left hot is told, found again, and told when it is safe at last.
+"""Recorder and guard both gone, or a disk that is full: what was left hot is told, found again, and
+told when it is safe at last.
 
-Everything is asserted from what the virtual stations took, and from the records of all runs concerned.
+Everything is asserted from what the virtual stations took, and from the records of all runs
+concerned.
 """
 
 from __future__ import annotations
@@ -25,7 +27,16 @@ from jbclog.record.check import check
 from jbclog.record.guard_actions import ACTION_LOG as DIARY
 from jbclog.record.manifest import read_manifest
 from support.command import jbclog, until
-from support.faults.guarded import TOOLS, Blow, ended, events, guard_that_is_there, only_run, running, told_after
+from support.faults.guarded import (
+    TOOLS,
+    Blow,
+    ended,
+    events,
+    guard_that_is_there,
+    only_run,
+    running,
+    told_after,
+)
 from support.virtual.served_line import ServedLine
 
 HOT_C = 300
@@ -51,7 +62,11 @@ def left_hot(line: ServedLine, tmp_path: Path) -> Path:
     """The folder of a run whose recorder and guard were both killed: all tools are at work."""
     with running(line, tmp_path / "runs") as run:
         folder = only_run(tmp_path / "runs")
-        assert until(lambda: len(read_leases(folder)) == 4 and all(lease.ports for lease in read_leases(folder)))
+        assert until(
+            lambda: (
+                len(read_leases(folder)) == 4 and all(lease.ports for lease in read_leases(folder))
+            )
+        )
         assert until(lambda: was_read(folder) == TOOLS)
         os.kill(run.pid, signal.SIGSTOP)
         os.kill(guard_that_is_there(run.pid), signal.SIGKILL)
@@ -84,15 +99,37 @@ def test_it_is_in_its_own_record_and_made_safe_at_the_next_start_whatever_its_fo
     assert read_manifest(left_hot).exit_code == 5
     assert check(left_hot) == []
     now, out = time.monotonic(), tmp_path / "another"
-    again = jbclog("run", line.recipe, "--line", line.path, "--out", out, "-d", "1s", "-s", "dde-1", "-s", "ale-1", "--json")
+    again = jbclog(
+        "run",
+        line.recipe,
+        "--line",
+        line.path,
+        "--out",
+        out,
+        "-d",
+        "1s",
+        "-s",
+        "dde-1",
+        "-s",
+        "ale-1",
+        "--json",
+    )
     first = {(order.station, order.port): order for order in reversed(line.orders(now))}
     assert all(order.is_safe for order in first.values())
     assert first.keys() == {("dde-1", 1), ("dde-1", 2), ("ale-1", 0), ("ale-1", 1)}
     new = Path(json.loads(again.stdout)["run"])
     left = pd.read_parquet(new / "events").set_index("kind").loc["guard.left_over"]
-    assert left["text"] == f"Run {left_hot.name} had left tools of ale-1, dde-1 as they were: every tool is in its safe state now."
-    assert {lease.name for lease in read_leases(left_hot)} == {"dde-2", "ucr-1"}  # whose ports this run had nothing to do with
-    assert annotated(left_hot) == [("jbclog run", "guard.left_over"), ("jbclog run", "safety.safe_state")]
+    assert (
+        left["text"]
+        == f"Run {left_hot.name} had left tools of ale-1, dde-1 as they were: every tool is in its"
+        " safe state now."
+    )
+    # whose ports this run had nothing to do with
+    assert {lease.name for lease in read_leases(left_hot)} == {"dde-2", "ucr-1"}
+    assert annotated(left_hot) == [
+        ("jbclog run", "guard.left_over"),
+        ("jbclog run", "safety.safe_state"),
+    ]
     assert check(left_hot) == []  # what was sealed is not touched again
 
 
@@ -105,22 +142,29 @@ def test_safe_closes_what_was_left_and_tells_it(line: ServedLine, left_hot: Path
     assert f"the run {left_hot} left tools hot; its record now says so" in done.stderr
     assert not (left_hot / LEASE).exists()
     assert registered_runs() == []
-    assert annotated(left_hot) == [("jbclog safe", "guard.left_over"), ("jbclog safe", "safety.safe_state")]
+    assert annotated(left_hot) == [
+        ("jbclog safe", "guard.left_over"),
+        ("jbclog safe", "safety.safe_state"),
+    ]
     assert len(read(left_hot).said) == TOOLS + 1
     assert check(left_hot) == []
     assert jbclog("recover", left_hot).returncode == 0
 
 
 @pytest.mark.campaign
-def test_what_was_made_safe_before_the_record_was_recovered_is_in_its_events(line: ServedLine, left_hot: Path) -> None:
+def test_what_was_made_safe_before_the_record_was_recovered_is_in_its_events(
+    line: ServedLine, left_hot: Path
+) -> None:
     assert jbclog("safe", "--line", line.path).returncode == 0
     assert jbclog("recover", left_hot).returncode == 0
     assert events(left_hot).count("safety.safe_state") == TOOLS
     assert "safety.not_known" not in events(left_hot)
-    assert {state for facts in read_manifest(left_hot).stations for state in facts.safe_state.values()} == {"verified"}
+    assert {
+        state for facts in read_manifest(left_hot).stations for state in facts.safe_state.values()
+    } == {"verified"}
 
 
-# -- a disk that is full -----------------------------------------------------------------------------------------------------------
+# -- a disk that is full ---------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -129,7 +173,10 @@ def disk(tmp_path: Path) -> Iterator[Path]:
     place = tmp_path / "disk"
     place.mkdir()
     command = ["mount", "-t", "tmpfs", "-o", "size=48m", "jbclog-test", str(place)]
-    if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode != 0:
+    if (
+        os.geteuid() != 0
+        or subprocess.run(command, capture_output=True, check=False).returncode != 0
+    ):
         pytest.skip("needs root, to mount a small file system")
     yield place
     subprocess.run(["umount", str(place)], check=True)

@@ -1,6 +1,8 @@
-"""Runs under random faults of line and station, held against docs/reference/faults.md, I1, I2, I4, I7 and S-2.
+"""Runs under random faults of line and station, held against docs/reference/faults.md, I1, I2, I4,
+I7 and S-2.
 
-Each run has a number, which decides all of its faults. A default run tries the first of them; `-m campaign` the rest.
+Each run has a number, which decides all of its faults. A default run tries the first of them;
+`-m campaign` the rest.
 """
 
 from __future__ import annotations
@@ -12,11 +14,25 @@ import pytest
 
 from support.campaigns.slices import first
 from support.oracles.account import assert_account_holds, wrong_values
-from support.oracles.sane import assert_memory_is_bounded, assert_sane, assert_writes_are_few, must_end_within
+from support.oracles.sane import (
+    assert_memory_is_bounded,
+    assert_sane,
+    assert_writes_are_few,
+    must_end_within,
+)
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 SECONDS = 25
-COMMANDS = ("tip_temperature", "power", "status", "alarm_flags", "selected_temperature", "tool", "work_hours", "model")
+COMMANDS = (
+    "tip_temperature",
+    "power",
+    "status",
+    "alarm_flags",
+    "selected_temperature",
+    "tool",
+    "work_hours",
+    "model",
+)
 
 OTHERWISE = (
     "addresses_swapped",
@@ -37,7 +53,20 @@ def tape(random: Random) -> str:
 
 
 def _fault(random: Random) -> str:
-    kind = random.choice(["silence", "noise", "flip", "late", "nak", "dropout", "restart", "tool", "stuck", "overheat"])
+    kind = random.choice(
+        [
+            "silence",
+            "noise",
+            "flip",
+            "late",
+            "nak",
+            "dropout",
+            "restart",
+            "tool",
+            "stuck",
+            "overheat",
+        ]
+    )
     keys: dict[str, object] = {
         "kind": kind,
         "at_s": round(random.uniform(0, SECONDS), 2),
@@ -55,14 +84,21 @@ def _fault(random: Random) -> str:
         "nak": {"code": random.choice([1, 2, 3, 4, 5, 6, 99999])},
         "tool": {"code": random.choice([0, 1, 3]), "port": random.choice([1, 2])},
     }.get(kind, {})
-    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in keys.items())
+    return "\n[[station.sim.fault]]\n" + "".join(
+        f"{key} = {value!r}\n" for key, value in keys.items()
+    )
 
 
 def run_number(number: int, more: str = "", quirks: Sequence[str] = ()) -> VirtualRun:
     random = Random(number)
     recipe = RECIPE + f'on_difference = "{random.choice(["stop", "continue"])}"\n'
     sim = f"noise_c = 3.0\nseed = {number}\nquirks = {list(quirks)}\n" + tape(random) + more
-    run = prepare(line_text(sim), recipe, duration_s=SECONDS, rate=random.choice([None, None, 2, "fit", "max"]))
+    run = prepare(
+        line_text(sim),
+        recipe,
+        duration_s=SECONDS,
+        rate=random.choice([None, None, 2, "fit", "max"]),
+    )
     must_end_within(run, 10 * SECONDS)
     if random.random() < 0.3:
         run.at(random.uniform(0, SECONDS), lambda: run.driver.end("SIGTERM"))
@@ -85,8 +121,13 @@ def test_a_run_under_faults_on_a_station_that_does_everything_otherwise(number: 
 
 @pytest.mark.parametrize("number", first(4, range(20)))
 def test_flipped_pairs_of_bits_are_all_that_can_be_wrong(number: int) -> None:
-    """Two flipped bits pass the check byte once in eleven times: recorded is what was sent, and nothing else."""
-    run = run_number(1000 + number, '\n[[station.sim.fault]]\nkind = "flip"\nbits = 2\nat_s = 3\nevery = 5\nonly = "read"\n')
+    """Two flipped bits pass the check byte once in eleven times: recorded is what was sent, and
+    nothing else.
+    """
+    run = run_number(
+        1000 + number,
+        '\n[[station.sim.fault]]\nkind = "flip"\nbits = 2\nat_s = 3\nevery = 5\nonly = "read"\n',
+    )
     assert_account_holds(run)
     assert_writes_are_few(run)
     assert wrong_values(run, as_sent=True) == []

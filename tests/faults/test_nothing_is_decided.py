@@ -1,8 +1,10 @@
-"""One answer that two flipped bits have made another decides nothing: no setting, no counter, no alarm, no write, no end.
+"""One answer that two flipped bits have made another decides nothing: no setting, no counter, no
+alarm, no write, no end.
 
-Each question that a run asks, on a station of each kind of family, is answered wrongly once, with bytes that really pass for
-an answer to it; the run must then leave the same settings, counters and writes behind as one on a clean line, and tell
-nothing but that it doubted. The campaign takes every corruption there is::
+Each question that a run asks, on a station of each kind of family, is answered wrongly once, with
+bytes that really pass for an answer to it; the run must then leave the same settings, counters and
+writes behind as one on a clean line, and tell nothing but that it doubted. The campaign takes every
+corruption there is::
 
     pytest -m campaign tests/faults/test_nothing_is_decided.py
 """
@@ -13,33 +15,57 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from support.faults.altered_answers import BENCHES, asked, clean, corruptions, decided, places, spoilt
+from support.faults.altered_answers import (
+    BENCHES,
+    asked,
+    clean,
+    corruptions,
+    decided,
+    places,
+    spoilt,
+)
 from support.oracles.account import assert_account_holds
 from support.virtual.virtual_run import VirtualRun
 
 TELLING_OF_DOUBT = {"read.doubted", "read.implausible", "protocol.anomaly"}
-"""An answer with two bits of its addresses turned over is one in their other order (docs/reference/contradictions.md, B-6)."""
+"""An answer with two bits of its addresses turned over is one in their other order
+(docs/reference/contradictions.md, B-6).
+"""
 TELLING_OF_FLAGS = {"alarm.unconfirmed", "alarm.before_run"} | {
     f"alarm.{side}.{what}" for side in ("high", "low") for what in ("not_working", "ended")
 }
-"""What a flag that no temperature bears out may be told as; it is cleared by reading, so it is not asked for twice."""
+"""What a flag that no temperature bears out may be told as; it is cleared by reading, so it is not
+asked for twice.
+"""
 ALONE = {"RTA1": TELLING_OF_FLAGS}
 QUESTIONS = [(family, question) for family in BENCHES for question in asked(family)]
 
 
 def wrong(family: str, question: str, place: int, which: int) -> tuple[int, list[str]]:
-    """Live through a run with this answer spoilt: how many were (0 or 1), and what was decided by it."""
+    """Live through a run with this answer spoilt: how many were (0 or 1), and what was decided by
+    it.
+    """
     run, spoiler = spoilt(family, question, place, which)
     return spoiler.spoilt, [
-        f"{family}, {question}, asking {place}, corruption {which}: {one}" for one in _faults(run, family, question)
+        f"{family}, {question}, asking {place}, corruption {which}: {one}"
+        for one in _faults(run, family, question)
     ]
 
 
 def _faults(run: VirtualRun, family: str, question: str) -> Iterator[str]:
     usual = clean(family)[0]
     expected = decided(usual)
-    yield from (f"{what} {found} instead of {expected[what]}" for what, found in decided(run).items() if found != expected[what])
-    told = set(run.memory.kinds()) - set(usual.memory.kinds()) - TELLING_OF_DOUBT - ALONE.get(question, set())
+    yield from (
+        f"{what} {found} instead of {expected[what]}"
+        for what, found in decided(run).items()
+        if found != expected[what]
+    )
+    told = (
+        set(run.memory.kinds())
+        - set(usual.memory.kinds())
+        - TELLING_OF_DOUBT
+        - ALONE.get(question, set())
+    )
     yield from (f"{kind} was told" for kind in sorted(told))
     if run.facts.unconfirmed_alarms > (question == "RTA1"):
         yield f"{run.facts.unconfirmed_alarms} unconfirmed alarms"
@@ -55,10 +81,16 @@ def test_the_run_on_a_clean_line_is_a_whole_one(family: str) -> None:
 
 
 def some(family: str, question: str) -> list[int]:
-    """A third of the places of a question on a DDE and on an OMEGA; of the others, which ask most of it alike, one, by turns."""
+    """A third of the places of a question on a DDE and on an OMEGA; of the others, which ask most
+    of it alike, one, by turns.
+    """
     found = places(family, question)
     begin = sum(question.encode("ascii"))
-    return found[begin % min(len(found), 3) :: 3] if family in ("dde", "omega") else [found[begin % len(found)]]
+    return (
+        found[begin % min(len(found), 3) :: 3]
+        if family in ("dde", "omega")
+        else [found[begin % len(found)]]
+    )
 
 
 @pytest.mark.parametrize(("family", "question"), QUESTIONS)
@@ -89,5 +121,10 @@ def test_no_wrong_answer_decides_anything(family: str, counted: Callable[..., No
                 count, found = wrong(family, question, place, which)
                 runs += count
                 faults += found
-    counted(families=1, questions=len(asked(family)), runs_with_one_answer_spoilt=runs, decisions_by_it=len(faults))
+    counted(
+        families=1,
+        questions=len(asked(family)),
+        runs_with_one_answer_spoilt=runs,
+        decisions_by_it=len(faults),
+    )
     assert faults[:20] == []

@@ -1,7 +1,9 @@
-"""Flipped bits in OMEGA's answers: one is always seen; of two, those that change text and sum alike are not.
+"""Flipped bits in OMEGA's answers: one is always seen; of two, those that change text and sum alike
+are not.
 
-The sum is arithmetic, so a bit of a digit and the same step in the sum's last character pass together: ``a0 91`` and ``a2 93``.
-What then passes is counted here, and an error is asked for twice before it is believed (`tests/line/test_omega.py`).
+The sum is arithmetic, so a bit of a digit and the same step in the sum's last character pass
+together: ``a0 91`` and ``a2 93``. What then passes is counted here, and an error is asked for twice
+before it is believed (`tests/line/test_omega.py`).
 """
 
 from __future__ import annotations
@@ -20,12 +22,19 @@ from support.clients.corrupted import flipped
 from support.clients.omega_talk import framed
 
 COMMANDS = FAMILIES["omega"].commands
-A, B, F, G = (COMMANDS[name] for name in ("information", "temperature_control", "set_temperature_state", "mode"))
+A, B, F, G = (
+    COMMANDS[name]
+    for name in ("information", "temperature_control", "set_temperature_state", "mode")
+)
 C124 = COMMANDS["condition"].numbered(124)
 RECORD = "c" + "007C" + "1" + "00A01401E02803203C04605005A06406E07808208C096"
 ANSWERS = [
     *((A, f"a{digit}") for digit in range(4)),
-    *((command, f"{letter}{digit}") for command, letter in ((B, "b"), (F, "f")) for digit in range(2)),
+    *(
+        (command, f"{letter}{digit}")
+        for command, letter in ((B, "b"), (F, "f"))
+        for digit in range(2)
+    ),
     *((G, f"g{digit}") for digit in range(6)),
     (C124, RECORD),
 ]
@@ -33,7 +42,9 @@ LINE = LineFormat(9600)
 
 
 def taken(command: Command, wire: bytes) -> Value | None:
-    """The value that a client which has just asked takes `wire` for; None where it goes on listening or asks again."""
+    """The value that a client which has just asked takes `wire` for; None where it goes on
+    listening or asks again.
+    """
     station = OmegaStation(LINE)
     asking = station.ask(station.question(command))
     next(asking)
@@ -57,7 +68,11 @@ def test_no_single_flipped_bit_is_taken(command: Command, text: str) -> None:
 def others(command: Command, text: str) -> list[Value]:
     """What a client takes of every corruption of two bits and is not what was said."""
     said = taken(command, framed(text))
-    framed_well = (sent for sent in flipped(framed(text), 2) if any(isinstance(one, str) for one in OmegaReader().feed(sent)))
+    framed_well = (
+        sent
+        for sent in flipped(framed(text), 2)
+        if any(isinstance(one, str) for one in OmegaReader().feed(sent))
+    )
     return [value for sent in framed_well if (value := taken(command, sent)) not in (None, said)]
 
 
@@ -74,7 +89,9 @@ def others(command: Command, text: str) -> list[Value]:
         (F, "f1", ["in range"]),
     ],
 )
-def test_which_of_the_1128_corruptions_of_two_bits_pass(command: Command, text: str, passing: list[Value]) -> None:
+def test_which_of_the_1128_corruptions_of_two_bits_pass(
+    command: Command, text: str, passing: list[Value]
+) -> None:
     assert others(command, text) == passing
 
 

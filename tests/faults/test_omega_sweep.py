@@ -1,4 +1,6 @@
-"""OMEGA's answers late, twice, cut, merged, echoed, foreign, or not at all: no value is ever taken for another question's."""
+"""OMEGA's answers late, twice, cut, merged, echoed, foreign, or not at all: no value is ever taken
+for another question's.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +20,21 @@ from jbclog.transport.virtual import VirtualDriver
 from support.clients.omega_talk import framed
 
 COMMANDS = FAMILIES["omega"].commands
-ASKED = [COMMANDS[name] for name in ("information", "temperature_control", "set_temperature_state", "mode")]
+ASKED = [
+    COMMANDS[name]
+    for name in ("information", "temperature_control", "set_temperature_state", "mode")
+]
 DIGITS = {command.letters: len(command.quantity.names) for command in ASKED}  # type: ignore[attr-defined]  # digits
 KINDS = ("late", "twice", "cut", "echo", "foreign", "noise", "lost", "by itself")
 QUESTIONS = 60
 
 
 class Disturbed:
-    """A controller that says another digit each time, and a line that does something to every third answer.
+    """A controller that says another digit each time, and a line that does something to every third
+    answer.
 
-    Answers keep their order, as a wire does. `said` is the truth: what was answered to each question, by its number.
+    Answers keep their order, as a wire does. `said` is the truth: what was answered to each
+    question, by its number.
     """
 
     def __init__(self, kinds: Sequence[str], seed: int) -> None:
@@ -46,7 +53,9 @@ class Disturbed:
         answer, delay = framed(f"{letter.lower()}{digit}"), roll.uniform(0.0, 0.25)
         kind = roll.choice(self._kinds) if roll.random() < 1 / 3 else ""
         pieces = self._pieces(kind, data, answer)
-        begin = max(self._free, now + 0.01 + delay + (roll.uniform(0.2, 0.9) if kind == "late" else 0.0))
+        begin = max(
+            self._free, now + 0.01 + delay + (roll.uniform(0.2, 0.9) if kind == "late" else 0.0)
+        )
         self._free = begin + len(pieces) * 0.002
         return [(begin + place * 0.002, piece) for place, piece in enumerate(pieces)]
 
@@ -63,8 +72,12 @@ class Disturbed:
         }.get(kind, [answer])
 
 
-def asked_in_turn(station: OmegaStation, line: Disturbed, seed: int) -> Steps[list[tuple[Value, int]]]:
-    """Ask at random; each value with the digit that was answered to the last question with its letter."""
+def asked_in_turn(
+    station: OmegaStation, line: Disturbed, seed: int
+) -> Steps[list[tuple[Value, int]]]:
+    """Ask at random; each value with the digit that was answered to the last question with its
+    letter.
+    """
     roll, got = Random(seed), []
     station.unasked((yield Reopen()))
     for _ in range(QUESTIONS):

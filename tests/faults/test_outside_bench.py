@@ -1,7 +1,9 @@
-"""Starts and short runs on stations that somebody else wrote from the manuals (`outside_bench`), on bad wires and with bad ones.
+"""Starts and short runs on stations that somebody else wrote from the manuals (`outside_bench`), on
+bad wires and with bad ones.
 
-Beside `test_starts.py`: here an answer that is late keeps the station busy, so that all that is asked meanwhile is answered
-later, too; stations keep a setting for up to 0.3 s; and each has habits of its own where the manuals are silent.
+Beside `test_starts.py`: here an answer that is late keeps the station busy, so that all that is
+asked meanwhile is answered later, too; stations keep a setting for up to 0.3 s; and each has habits
+of its own where the manuals are silent.
 """
 
 from __future__ import annotations
@@ -21,7 +23,10 @@ from support.oracles.outside_runs import AIR, TIP, Outcome, eight, virtual, wron
 from support.oracles.sane import assert_memory_is_bounded
 
 FOUR = ("dde", "nae", "hde", "jtse")
-HOW_OFTEN = re.compile(r"in \d+ (try|tries|writes?)\b|only \d+ of 12 questions|silent for 10 s in step \d|not start because")
+HOW_OFTEN = re.compile(
+    r"in \d+ (try|tries|writes?)\b|only \d+ of 12 questions|silent for 10 s in step \d|not start"
+    r" because"
+)
 HEATS = re.compile(r"W(ST\d|S\d\d|PS\d000[^0]0|PS\d00000|SF1|SE1|WM1|A\d\d)")
 """Writes of step three on stations for soldering."""
 
@@ -35,7 +40,9 @@ def is_hot(one: Cable) -> bool:
     """Whether it was left in a state that heats for good."""
     if one.station.family == "jtse":
         return one.station.read("PS1", one.rows[-1].at)[-2:] == "01"  # type: ignore[index]  # it is known
-    return any(port.tool and port.units == 0 and not port.extractor for port in one.station.ports.values())
+    return any(
+        port.tool and port.units == 0 and not port.extractor for port in one.station.ports.values()
+    )
 
 
 def silent_from(one: Cable, question: str) -> None:
@@ -55,7 +62,7 @@ def assert_true(outcome: Outcome, number: object) -> None:
     assert [name for name, one in outcome.cables.items() if is_hot(one)] == [], number
 
 
-# -- bad wires ------------------------------------------------------------------------------------------------------------------
+# -- bad wires -------------------------------------------------------------------------------------
 
 
 def test_the_bench_is_sound() -> None:
@@ -80,7 +87,9 @@ def test_a_false_value_is_found() -> None:
 
 
 def test_a_station_that_is_busy_for_a_moment_starts() -> None:
-    """3 s before one answer, at one place of the start after the other; what is asked meanwhile is answered later."""
+    """3 s before one answer, at one place of the start after the other; what is asked meanwhile is
+    answered later.
+    """
     for number in (3, 14, 25, 40, 60, 75):
         one = cable("dde", 7)
         one.script = {number: "late"}
@@ -91,7 +100,8 @@ def test_a_station_that_is_busy_for_a_moment_starts() -> None:
         assert one.faults == {}
 
 
-@pytest.mark.parametrize("number", [0, 1, 141])  # in the last one a station is late again before its line has settled
+# in the last one a station is late again before its line has settled
+@pytest.mark.parametrize("number", [0, 1, 141])
 def test_no_start_is_refused_at_one_percent_of_each(number: int) -> None:
     outcome = virtual(eight(number, 0.01))
     assert outcome.not_started == {}
@@ -108,7 +118,9 @@ def test_no_value_is_wrong_at_five_percent_of_each(number: int) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("block", range(20))
-def test_two_hundred_starts_at_one_percent_of_each(block: int, counted: Callable[..., None]) -> None:
+def test_two_hundred_starts_at_one_percent_of_each(
+    block: int, counted: Callable[..., None]
+) -> None:
     for number in range(100 + 10 * block, 110 + 10 * block):
         outcome = virtual(eight(number, 0.01))
         assert outcome.not_started == {}, number
@@ -132,36 +144,59 @@ def tally(outcome: Outcome) -> dict[str, int]:
     struck = [sum(one.faults.values()) for one in outcome.cables.values()]
     asked = sum(row.what == "asked" for one in outcome.cables.values() for row in one.rows)
     refused = sum("not start because" not in reason for reason in outcome.not_started.values())
-    told = {"starts": 1, "stations": len(outcome.cables), "frames": asked, "disturbed": sum(struck), "refused": refused}
+    told = {
+        "starts": 1,
+        "stations": len(outcome.cables),
+        "frames": asked,
+        "disturbed": sum(struck),
+        "refused": refused,
+    }
     return told | {"rows": len(outcome.memory.samples), "wrong_values": 0}
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("number", range(5))
-def test_starts_by_the_command_line_on_real_ports(number: int, tmp_path: Path, counted: Callable[..., None]) -> None:
+def test_starts_by_the_command_line_on_real_ports(
+    number: int, tmp_path: Path, counted: Callable[..., None]
+) -> None:
     """The same at 1 % of each, through pseudo-terminals and the shipped command."""
     cables = eight(number, 0.01)
     (tmp_path / "tip.toml").write_text(TIP)
     (tmp_path / "air.toml").write_text(AIR)
     with Served(cables, tmp_path) as served:
         recipes = {name: f'recipe = "{"air" if name == "jtse" else "tip"}.toml"' for name in cables}
-        (tmp_path / "line.toml").write_text(line_file(served.urls, {name: name for name in cables}, more=recipes))
-        run = jbclog("run", "--line", tmp_path / "line.toml", "--out", tmp_path / "runs", "--duration", "2s")
+        (tmp_path / "line.toml").write_text(
+            line_file(served.urls, {name: name for name in cables}, more=recipes)
+        )
+        run = jbclog(
+            "run", "--line", tmp_path / "line.toml", "--out", tmp_path / "runs", "--duration", "2s"
+        )
     assert run.returncode == 0, run.stderr
     recorded = open_run(run.stdout.split()[-1])
     settings = recorded.settings()
     confirmed = settings[settings["outcome"] == "confirmed"]
     assert set(confirmed["station"]) == set(cables)
     assert [name for name, one in cables.items() if is_hot(one)] == []
-    counted(on_real_ports_starts=1, on_real_ports_frames=sum(row.what == "asked" for one in cables.values() for row in one.rows))
+    counted(
+        on_real_ports_starts=1,
+        on_real_ports_frames=sum(
+            row.what == "asked" for one in cables.values() for row in one.rows
+        ),
+    )
 
 
-@pytest.mark.parametrize(("for_s", "family"), [(0.6, "nae"), (1.0, "dde"), (1.5, "hde"), (1.0, "jtse"), (60.0, "dde")])
+@pytest.mark.parametrize(
+    ("for_s", "family"), [(0.6, "nae"), (1.0, "dde"), (1.5, "hde"), (1.0, "jtse"), (60.0, "dde")]
+)
 def test_one_that_is_late_as_the_run_ends_gets_its_chance(for_s: float, family: str) -> None:
-    """It is waited for for a few seconds, found again, and its outage counts; one that stays silent is gone."""
+    """It is waited for for a few seconds, found again, and its outage counts; one that stays silent
+    is gone.
+    """
     begun_at = virtual({family: cable(family, 1)}, duration_s=5.0).memory.samples[0][COLUMN["time"]]
     one = cable(family, 1)
-    one.silent_from = int(str(begun_at)) / 1e6 - (VirtualClock().utc() - VirtualClock().monotonic()) + 4.7
+    one.silent_from = (
+        int(str(begun_at)) / 1e6 - (VirtualClock().utc() - VirtualClock().monotonic()) + 4.7
+    )
     one.silent_until = one.silent_from + for_s
     facts = virtual({family: one}, duration_s=5.0).contexts[family].facts
     assert facts.outages == 1
@@ -191,24 +226,37 @@ def test_a_name_that_comes_from_elsewhere_refuses_with_the_address_it_came_from(
     assert "no answer to it" not in why
 
 
-def test_a_software_that_is_never_told_is_a_warning_and_not_counted_as_unknown_to_the_station() -> None:
+def test_a_software_that_is_never_answered_is_a_warning_and_not_an_unknown_command() -> None:
     one = cable("dde", 1)
     one.is_silent_to = lambda text: text == "RSVR"
     outcome = virtual({"dde": one})
     facts = outcome.contexts["dde"].facts
-    assert (facts.outcome, facts.software, facts.not_supported.count("software_version")) == ("completed", None, 0)
+    assert (facts.outcome, facts.software, facts.not_supported.count("software_version")) == (
+        "completed",
+        None,
+        0,
+    )
     assert [event.severity for event in outcome.memory.of_kind("identity.not_known")] == ["warning"]
 
 
-# -- one of several does not start ------------------------------------------------------------------------------------------------
+# -- one of several does not start -----------------------------------------------------------------
 
 BAD = {
     "silent in step one": (lambda one: silent_from(one, "RHA1"), 1),
     "silent from the first question": (lambda one: silent_from(one, "R"), 1),
-    "refuses in step two": (lambda one: setattr(one, "refuses", lambda text: 3 * text.startswith("WH12")), 2),
+    "refuses in step two": (
+        lambda one: setattr(one, "refuses", lambda text: 3 * text.startswith("WH12")),
+        2,
+    ),
     "silent in step two": (lambda one: silent_from(one, "WHA1"), 2),
-    "refuses in step three": (lambda one: setattr(one, "refuses", lambda text: 3 * text.startswith("WST1")), 3),
-    "refuses to work": (lambda one: setattr(one, "refuses", lambda text: 3 * text.startswith("WPS100000")), 3),
+    "refuses in step three": (
+        lambda one: setattr(one, "refuses", lambda text: 3 * text.startswith("WST1")),
+        3,
+    ),
+    "refuses to work": (
+        lambda one: setattr(one, "refuses", lambda text: 3 * text.startswith("WPS100000")),
+        3,
+    ),
     "silent in step three": (lambda one: silent_from(one, "WST1"), 3),
 }
 
@@ -228,11 +276,17 @@ def test_what_is_written_where_when_one_fails(how: str) -> None:
     if step == 2:
         assert [one for name in FOUR for one in orders[name] if HEATS.match(one)] == []
         assert "WD1200004" in orders["dde"]
-        assert "sleep delay of port 1 4 min (was 5 min)" in outcome.not_started["hde"]  # named, and not rolled back
+        # named, and not rolled back
+        assert "sleep delay of port 1 4 min (was 5 min)" in outcome.not_started["hde"]
         rested = [name for name in FOUR if name != "hde" or "silent" not in how]
-        assert [one for name in rested for one in orders[name] if one.startswith("WPS")] == []  # they are cold
+        # they are cold
+        assert [one for name in rested for one in orders[name] if one.startswith("WPS")] == []
     if step == 3:
-        assert [one.station.name for name, one in cables.items() if is_hot(one) and (name != "hde" or "silent" not in how)] == []
+        assert [
+            one.station.name
+            for name, one in cables.items()
+            if is_hot(one) and (name != "hde" or "silent" not in how)
+        ] == []
     others = {outcome.contexts[name].facts.outcome for name in FOUR if name != "hde"}
     assert others == {"not_started"}
     assert all("hde" in outcome.not_started[name] for name in FOUR)
@@ -269,7 +323,7 @@ def begun(outcome: Outcome) -> float:
     return min(one.taken("PS")[0].at for one in outcome.cables.values() if one.taken("PS"))
 
 
-# -- safe states, and stations that are not what they seem ------------------------------------------------------------------------
+# -- safe states, and stations that are not what they seem -----------------------------------------
 
 
 def statuses(one: Cable, port: int = 1) -> list[tuple[str, int]]:
@@ -277,16 +331,28 @@ def statuses(one: Cable, port: int = 1) -> list[tuple[str, int]]:
 
 
 @pytest.mark.parametrize("family", ["dde", "nae", "dme", "hde"])
-def test_extractor_is_believed_where_the_tool_cools_and_else_stand_follows_in_time(family: str) -> None:
-    cools, stubborn, refuses = cable(family, 1), cable(family, 2, habits=Habits(extractor_cools=False)), cable(family, 3)
+def test_extractor_is_believed_where_the_tool_cools_and_else_stand_follows_in_time(
+    family: str,
+) -> None:
+    cools, stubborn, refuses = (
+        cable(family, 1),
+        cable(family, 2, habits=Habits(extractor_cools=False)),
+        cable(family, 3),
+    )
     refuses.refuses = lambda text: 3 * (text.startswith("WPS") and text.endswith("00010"))
     recipe = TIP.replace('"soldering", ', "").replace("[run]", '[run]\nsafe_state = "extractor"')
-    virtual({"cools": cools, "stubborn": stubborn, "refuses": refuses}, duration_s=6.0, recipe=recipe)
+    virtual(
+        {"cools": cools, "stubborn": stubborn, "refuses": refuses}, duration_s=6.0, recipe=recipe
+    )
     for port in cools.station.ports:
         assert statuses(cools, port) == [("00000", 0), ("00010", 0)]
         assert statuses(stubborn, port) == [("00000", 0), ("00010", 0), ("00001", 0)]
         assert statuses(refuses, port) == [("00000", 0), ("00010", 3), ("00001", 0)]
-    orders = [write.at for write in stubborn.written if write.code.startswith("PS") and write.data != "00000"]
+    orders = [
+        write.at
+        for write in stubborn.written
+        if write.code.startswith("PS") and write.data != "00000"
+    ]
     assert orders[-1] - orders[0] < 3.0
 
 
@@ -298,10 +364,14 @@ def test_extractor_is_believed_where_the_tool_cools_and_else_stand_follows_in_ti
         (("00110", "00010"), ["00101", "00110", "00010", "00000"]),
     ],
 )
-def test_hot_air_keeps_its_suction_where_the_station_lets_it(refused: tuple[str, ...], told: list[str]) -> None:
+def test_hot_air_keeps_its_suction_where_the_station_lets_it(
+    refused: tuple[str, ...], told: list[str]
+) -> None:
     one = cable("jtse", 1)
     one.station.write("PS1", "00100", 0.0)
-    one.refuses = lambda text: 3 * text.endswith(tuple(f"WPS1{word}" for word in refused)) if refused else 0
+    one.refuses = lambda text: (
+        3 * text.endswith(tuple(f"WPS1{word}" for word in refused)) if refused else 0
+    )
     outcome = virtual({"jtse": one})
     assert [word for word, _ in statuses(one)] == told
     assert outcome.contexts["jtse"].facts.safe_state == {1: "verified"}

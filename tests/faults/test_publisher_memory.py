@@ -1,4 +1,6 @@
-"""What a publisher takes of memory does not grow with the rows of a run: a process of its own commits many, and is asked."""
+"""What a publisher takes of memory does not grow with the rows of a run: a process of its own
+commits many, and is asked.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +26,19 @@ from jbclog.app.publish.commits import append, create_tables
 run, store, groups = sys.argv[1], place_of(sys.argv[2]), int(sys.argv[3])
 create_tables(store)
 (piece,) = rows_of(open_run(Path(run)), "samples")
-rows = lambda: stamped(repeat(piece, groups), "samples", "a run", "abc-1", {"line": "bench", "month": "2026-09"})
-print(append(store, "samples", "abc-1", rows), re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
+partition = {"line": "bench", "month": "2026-09"}
+rows = lambda: stamped(repeat(piece, groups), "samples", "a run", "abc-1", partition)
+appended = append(store, "samples", "abc-1", rows)
+print(appended, re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
 """
 
 
-@pytest.mark.parametrize("groups", [30, *(pytest.param(groups, marks=pytest.mark.campaign) for groups in (90, 180))])
-def test_memory_does_not_grow_with_the_rows(tmp_path: Path, groups: int, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "groups", [30, *(pytest.param(groups, marks=pytest.mark.campaign) for groups in (90, 180))]
+)
+def test_memory_does_not_grow_with_the_rows(
+    tmp_path: Path, groups: int, capsys: pytest.CaptureFixture[str]
+) -> None:
     run = one_run(tmp_path / "runs", 0, rows=GROUP_ROWS)
     command = [sys.executable, "-c", PROGRAM, str(run), str(tmp_path / "store"), str(groups)]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)

@@ -1,4 +1,6 @@
-"""A run that is read in just the moment in which it is sealed: each row once, no error, and nothing of the reader is left."""
+"""A run that is read in just the moment in which it is sealed: each row once, no error, and nothing
+of the reader is left.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,10 @@ def closed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     few_rows.hand_over(store, range(ROWS))
     store.close()
     store.release()
-    write_manifest(store.folder, Manifest(store.folder.name, exit_status="success", exit_code=0, verdict="ACCEPT"))
+    write_manifest(
+        store.folder,
+        Manifest(store.folder.name, exit_status="success", exit_code=0, verdict="ACCEPT"),
+    )
     return store.folder
 
 
@@ -66,15 +71,24 @@ def sealing_steps(closed: Path, tmp_path_factory: pytest.TempPathFactory) -> lis
 
 
 def test_the_steps_of_sealing_are_those_that_can_be_seen(sealing_steps: list[str]) -> None:
-    """Each part, then the manifest, then the store before its log and index, which nobody opens without it."""
+    """Each part, then the manifest, then the store before its log and index, which nobody opens
+    without it.
+    """
     assert [step.split()[0] for step in sealing_steps[:5]] == ["replace"] * 5
     assert all(".part-0000.parquet" in step for step in sealing_steps[:4])
     assert "manifest.json" in sealing_steps[4]
-    assert sealing_steps[5:] == ["unlink live.sqlite", "unlink live.sqlite-shm", "unlink live.sqlite-wal", "unlink live.lock"]
+    assert sealing_steps[5:] == [
+        "unlink live.sqlite",
+        "unlink live.sqlite-shm",
+        "unlink live.sqlite-wal",
+        "unlink live.lock",
+    ]
 
 
 def sealed_meanwhile(closed: Path, home: Path, step: str, until: int | None) -> None:
-    """As far as a step of sealing (None: to its end), after which the process that seals may have died, too."""
+    """As far as a step of sealing (None: to its end), after which the process that seals may have
+    died, too.
+    """
     folder = Path(shutil.copytree(closed, home / f"{until}" / closed.name))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -88,8 +102,12 @@ def sealed_meanwhile(closed: Path, home: Path, step: str, until: int | None) -> 
 
 
 @pytest.mark.parametrize("step", READING)
-def test_it_may_be_sealed_at_a_step_of_a_reader(closed: Path, sealing_steps: list[str], tmp_path: Path, step: str) -> None:
-    """Wholly, and as far as every third step of sealing: each of them at every third step of a reader."""
+def test_it_may_be_sealed_at_a_step_of_a_reader(
+    closed: Path, sealing_steps: list[str], tmp_path: Path, step: str
+) -> None:
+    """Wholly, and as far as every third step of sealing: each of them at every third step of a
+    reader.
+    """
     for until in (*range(READING.index(step) % 3, len(sealing_steps), 3), None):
         sealed_meanwhile(closed, tmp_path, step, until)
 
@@ -105,14 +123,20 @@ def test_it_may_be_sealed_at_any_step_of_a_reader(
 
 
 @pytest.mark.parametrize("step", [step for step in READING if step != "parts"])
-def test_what_is_known_of_its_stations_is_not_lost_either(closed: Path, tmp_path: Path, step: str) -> None:
+def test_what_is_known_of_its_stations_is_not_lost_either(
+    closed: Path, tmp_path: Path, step: str
+) -> None:
     folder = Path(shutil.copytree(closed, tmp_path / closed.name))
     with meanwhile(step, Sealing(folder)):
         assert [facts.name for facts in stations_of(open_run(folder))] == ["a"]
 
 
-def test_a_reader_leaves_nothing_in_a_run_that_is_sealed_meanwhile(closed: Path, tmp_path: Path) -> None:
-    """SQLite makes a log and an index for a reader, too, and `check` would say that they are left of the time before."""
+def test_a_reader_leaves_nothing_in_a_run_that_is_sealed_meanwhile(
+    closed: Path, tmp_path: Path
+) -> None:
+    """SQLite makes a log and an index for a reader, too, and `check` would say that they are left
+    of the time before.
+    """
     folder = Path(shutil.copytree(closed, tmp_path / closed.name))
 
     def seal() -> None:
@@ -126,10 +150,16 @@ def test_a_reader_leaves_nothing_in_a_run_that_is_sealed_meanwhile(closed: Path,
     assert check(folder) == []
 
 
-@pytest.mark.parametrize("runs", [12, pytest.param(500, marks=[pytest.mark.campaign, pytest.mark.timeout(600)])])
-def test_another_process_reads_without_pause_while_runs_are_sealed(tmp_path: Path, runs: int) -> None:
+@pytest.mark.parametrize(
+    "runs", [12, pytest.param(500, marks=[pytest.mark.campaign, pytest.mark.timeout(600)])]
+)
+def test_another_process_reads_without_pause_while_runs_are_sealed(
+    tmp_path: Path, runs: int
+) -> None:
     command = [sys.executable, "-c", READER, str(tmp_path), str(ROWS)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as reader:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as reader:
         try:
             while not (tmp_path / "ready").exists() and reader.poll() is None:
                 time.sleep(0.01)

@@ -1,7 +1,9 @@
-"""I6: one station of sixteen hangs, and the others' lateness (99 %) moves by less than 1 ms against the same run, same seed.
+"""I6: one station of sixteen hangs, and the others' lateness (99 %) moves by less than 1 ms against
+the same run, same seed.
 
-``pytest -n0 -s -m campaign tests/faults/test_sixteen_stations.py`` does it with `jbclog run` on real pseudo-terminals, each way of
-hanging and the sound line; a default run on the virtual clock, where only shows what the program itself makes them wait for.
+``pytest -n0 -s -m campaign tests/faults/test_sixteen_stations.py`` does it with `jbclog run` on
+real pseudo-terminals, each way of hanging and the sound line; a default run on the virtual clock,
+where only shows what the program itself makes them wait for.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ WAYS = {
     "answers after 90 ms": fault("late", at_s=AT_S, by_s=0.09),
     "babbles": fault("noise", at_s=AT_S, bytes_count=256),
     "garbles": fault("flip", at_s=AT_S),
-    "cable in and out": "".join(fault("dropout", at_s=AT_S + second, for_s=0.4) for second in range(20)),
+    "cable in and out": "".join(
+        fault("dropout", at_s=AT_S + second, for_s=0.4) for second in range(20)
+    ),
     "restarts": fault("restart", at_s=AT_S, for_s=5.0),
 }
 GOING_ON = RECIPE + 'on_difference = "continue"\n'
@@ -39,9 +43,12 @@ GOING_ON = RECIPE + 'on_difference = "continue"\n'
 
 def sixteen(way: str = "") -> str:
     """The line; the ninth station hangs this way, if any."""
-    return line(*(WAYS[way] if way and f"dde-{number}" == HANGS else "" for number in range(1, STATIONS + 1))).replace(
-        'family = "dde"', 'family = "dde"\nports = [1]'
-    )
+    return line(
+        *(
+            WAYS[way] if way and f"dde-{number}" == HANGS else ""
+            for number in range(1, STATIONS + 1)
+        )
+    ).replace('family = "dde"', 'family = "dde"\nports = [1]')
 
 
 @cache
@@ -52,7 +59,14 @@ def virtual(way: str = "") -> VirtualRun:
 
 
 def kept(run: VirtualRun) -> Kept:
-    return Kept(run.memory.samples, [], [], [context.facts for context in run.contexts.values()], run.t0, 0.0)
+    return Kept(
+        run.memory.samples,
+        [],
+        [],
+        [context.facts for context in run.contexts.values()],
+        run.t0,
+        0.0,
+    )
 
 
 def moved_ms(sound: Kept, hung: Kept) -> dict[str, float]:
@@ -78,7 +92,7 @@ def test_the_others_record_the_same_to_the_value(way: str) -> None:
             assert hung.of(facts.name) == sound.of(facts.name)
 
 
-# -- on real pseudo-terminals -----------------------------------------------------------------------------------------------------
+# -- on real pseudo-terminals ----------------------------------------------------------------------
 
 
 def recorded(folder: Path, way: str) -> Kept:
@@ -88,28 +102,55 @@ def recorded(folder: Path, way: str) -> Kept:
     (folder / "recipe.toml").write_text(GOING_ON)
     with SimProcess(folder / "line.toml", folder / "sim") as sim:
         ended = jbclog(
-            *("run", folder / "recipe.toml", "--line", sim.line_path, "--out", folder / "runs", "-d", f"{REAL_S}s", "--rate", RATE),
+            *(
+                "run",
+                folder / "recipe.toml",
+                "--line",
+                sim.line_path,
+                "--out",
+                folder / "runs",
+                "-d",
+                f"{REAL_S}s",
+                "--rate",
+                RATE,
+            ),
             timeout=REAL_S + 60,
         )
     run = Path(ended.stdout.splitlines()[-1])
     assert check(run) == []
     kept = kept_in(run)
-    refused = [f"{facts.name}: {facts.reason}" for facts in kept.facts if facts.name != HANGS and facts.outcome != "completed"]
+    refused = [
+        f"{facts.name}: {facts.reason}"
+        for facts in kept.facts
+        if facts.name != HANGS and facts.outcome != "completed"
+    ]
     assert refused == []
-    assert len([row for row in kept.samples if row[COLUMN["late_us"]] is not None]) > 0.9 * (STATIONS - 1) * REAL_S * float(RATE)
+    assert len([row for row in kept.samples if row[COLUMN["late_us"]] is not None]) > 0.9 * (
+        STATIONS - 1
+    ) * REAL_S * float(RATE)
     return kept
 
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("way", WAYS)
-def test_one_of_sixteen_hangs_on_real_terminals(way: str, tmp_path: Path, counted: Callable[..., None]) -> None:
-    """The least of a few, of each station: what else the machine does is not what is asked. It wants one that has little to do."""
+def test_one_of_sixteen_hangs_on_real_terminals(
+    way: str, tmp_path: Path, counted: Callable[..., None]
+) -> None:
+    """The least of a few, of each station: what else the machine does is not what is asked. It
+    wants one that has little to do.
+    """
     sound = [recorded(tmp_path / f"sound-{pair}", "") for pair in range(PAIRS)]
     hung = [recorded(tmp_path / f"hung-{pair}", way) for pair in range(PAIRS)]
     others = [facts.name for facts in sound[0].facts if facts.name != HANGS]
-    best = {name: [min(lateness(one, name) for one in some) for some in (sound, hung)] for name in others}
+    best = {
+        name: [min(lateness(one, name) for one in some) for some in (sound, hung)]
+        for name in others
+    }
     moved = {name: 1000 * (with_it - without) for name, (without, with_it) in best.items()}
-    print(f"{way}: lateness without {1000 * max(one[0] for one in best.values()):.3f} ms, moved by {max(moved.values()):.3f} ms")
+    print(
+        f"{way}: lateness without {1000 * max(one[0] for one in best.values()):.3f} ms, moved by"
+        f" {max(moved.values()):.3f} ms"
+    )
     counted(pairs_of_runs=PAIRS, most_moved_us=round(1000 * max(moved.values())))
     assert max(moved.values()) < MOVED_MS

@@ -1,10 +1,12 @@
-"""A soak that anyone can run: ``pytest -m soak -n0 -s tests/faults/test_soak.py``, an hour, or ``JBCLOG_SOAK_S`` seconds.
+"""A soak that anyone can run: ``pytest -m soak -n0 -s tests/faults/test_soak.py``, an hour, or
+``JBCLOG_SOAK_S`` seconds.
 
-Sixteen stations of all families with every fault that virtual stations know, cables that come back as new terminals, links that
-are flooded, a wall clock that is stepped, a guard that is killed and stopped, another program that reads the open run. In the
-end every tick and reading is accounted for, every value is what its station said, every event about a station, the clock or the
-guard is of something that was done, memory and descriptors are flat, and nothing is hot (`soak`). A default run has some seconds
-of it on six stations.
+Sixteen stations of all families with every fault that virtual stations know, cables that come back
+as new terminals, links that are flooded, a wall clock that is stepped, a guard that is killed and
+stopped, another program that reads the open run. In the end every tick and reading is accounted
+for, every value is what its station said, every event about a station, the clock or the guard is of
+something that was done, memory and descriptors are flat, and nothing is hot (`soak`). A default run
+has some seconds of it on six stations.
 """
 
 from __future__ import annotations
@@ -50,11 +52,17 @@ def test_every_kind_of_fault_has_its_turn(tmp_path: Path) -> None:
     soak = Soak(tmp_path, 3600.0, STATIONS, 1)
     for name, history in soak.histories.items():
         kinds = set(kinds_of(soak.families[name]))
-        assert {one.kind for one in history} == (kinds - {"dropout"} | {FLOOD} if name in soak.flooded else kinds)
-        assert min(after.begin - before.end for before, after in pairwise(history)) > soak.calm_s / 2
+        assert {one.kind for one in history} == (
+            kinds - {"dropout"} | {FLOOD} if name in soak.flooded else kinds
+        )
+        assert (
+            min(after.begin - before.end for before, after in pairwise(history)) > soak.calm_s / 2
+        )
     (tmp_path / "tip.toml").write_text(RECIPES["tip"])
     names = [spec.name for part in soak.write_line() for spec in load_line(part).stations]
-    assert names == list(soak.histories), "a part with its faults is larger than a line file may be, or missing"
+    assert names == list(soak.histories), (
+        "a part with its faults is larger than a line file may be, or missing"
+    )
 
 
 @pytest.mark.soak
@@ -66,11 +74,28 @@ def test_the_whole_soak(tmp_path: Path, counted: Callable[..., None]) -> None:
     done = Counter(one.kind for history in soak.histories.values() for one in history)
     readings = sum(map(Counter.total, readings_in(kept).values()))
     counted(seconds=round(SOAK_S), stations=STATIONS, rows=len(kept.samples), readings=readings)
-    counted(faults=done.total(), floods=done[FLOOD], unplugged=soak.replugged, onto_a_new_terminal=soak.new_terminals)
-    counted(steps_of_the_clock=len(soak.steps), guards_killed_or_stopped=len(soak.guards), reads_of_the_open_run=soak.read[0])
-    counted(MB_in_the_second_quarter=round(median(look.memory_mb for look in soak.looks[quarter : 2 * quarter])))
+    counted(
+        faults=done.total(),
+        floods=done[FLOOD],
+        unplugged=soak.replugged,
+        onto_a_new_terminal=soak.new_terminals,
+    )
+    counted(
+        steps_of_the_clock=len(soak.steps),
+        guards_killed_or_stopped=len(soak.guards),
+        reads_of_the_open_run=soak.read[0],
+    )
+    counted(
+        MB_in_the_second_quarter=round(
+            median(look.memory_mb for look in soak.looks[quarter : 2 * quarter])
+        )
+    )
     counted(MB_in_the_last=round(median(look.memory_mb for look in soak.looks[-quarter:])))
-    counted(descriptors_in_the_second_quarter=max(look.descriptors for look in soak.looks[quarter : 2 * quarter]))
+    counted(
+        descriptors_in_the_second_quarter=max(
+            look.descriptors for look in soak.looks[quarter : 2 * quarter]
+        )
+    )
     counted(descriptors_in_the_last=max(look.descriptors for look in soak.looks[-quarter:]))
     wrong = soak.wrong()
     counted(wrong=len(wrong))

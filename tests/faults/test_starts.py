@@ -1,7 +1,8 @@
 """Starts of eight stations on bad wires: a lost frame refuses no run, and no value is wrong.
 
-Each frame has the same chance of each of nine accidents (`lossy_wire`). At 1 % of each, 9 % of all frames are disturbed, and no
-start may be refused; at 5 % of each, 45 %, a start may fail, and must say at which setting or reading and after how many tries.
+Each frame has the same chance of each of nine accidents (`lossy_wire`). At 1 % of each, 9 % of all
+frames are disturbed, and no start may be refused; at 5 % of each, 45 %, a start may fail, and must
+say at which setting or reading and after how many tries.
 """
 
 from __future__ import annotations
@@ -36,23 +37,43 @@ ports = [1]
 turnaround_ms = {turnaround_ms}
 settings = {{{held}}}
 """
-ASKED = {"sleep_delay": "5", "hibernation_delay": "30", "alarm_high_limit": "380", "alarm_high_delay": "0.50"}
+ASKED = {
+    "sleep_delay": "5",
+    "hibernation_delay": "30",
+    "alarm_high_limit": "380",
+    "alarm_high_delay": "0.50",
+}
 ASKED |= {"alarm_low_limit": "250", "alarm_low_delay": "2.00", "selected_temperature": "350"}
-IN_STATION = ("selected_temperature", "alarm_high_limit", "alarm_low_limit", "alarm_high_delay", "alarm_low_delay")
-HOW_OFTEN = re.compile(r"in \d+ (try|tries|writes?)\b|only \d+ of 12 questions|silent for 10 s in step \d")
+IN_STATION = (
+    "selected_temperature",
+    "alarm_high_limit",
+    "alarm_low_limit",
+    "alarm_high_delay",
+    "alarm_low_delay",
+)
+HOW_OFTEN = re.compile(
+    r"in \d+ (try|tries|writes?)\b|only \d+ of 12 questions|silent for 10 s in step \d"
+)
 
 
 def started(number: int, share: float) -> tuple[VirtualRun, list[LossyWire]]:
     """One start of eight stations, each on a wire of its own, and a second of sampling."""
     wires: list[LossyWire] = []
 
-    def behind_wire(order: StationTask, session: Steps[StationFacts], tap: object) -> tuple[Steps[StationFacts], LossyWire]:
+    def behind_wire(
+        order: StationTask, session: Steps[StationFacts], tap: object
+    ) -> tuple[Steps[StationFacts], LossyWire]:
         wires.append(LossyWire(tap, Random(f"{number} {order.name}"), share))  # type: ignore[arg-type]  # it is a tap
         return session, wires[-1]
 
     random = Random(number)
     line = '[line]\nname = "bench"\n' + "".join(
-        STATION.format(number=one, family=FAMILIES[one % 4], turnaround_ms=random.choice([0.5, 2.0, 8.0]), held=HELD)
+        STATION.format(
+            number=one,
+            family=FAMILIES[one % 4],
+            turnaround_ms=random.choice([0.5, 2.0, 8.0]),
+            held=HELD,
+        )
         for one in range(1, 1 + STATIONS)
     )
     run = prepare(line, RECIPE, duration_s=1.0, rate=2.0, pulled=behind_wire)
@@ -80,31 +101,50 @@ def _wrong(run: VirtualRun, row: SettingRow) -> Iterator[str]:
     place = port.settings if row.setting in IN_STATION else port.tools[port.tool]
     held = text_of(getattr(place, row.setting))
     if not held == row.readback == row.requested == ASKED[row.setting]:
-        yield f"{row.station}: {row.setting} is {held} and is recorded as {row.readback}, asked was {row.requested}"
+        yield (
+            f"{row.station}: {row.setting} is {held} and is recorded as {row.readback}, asked was"
+            f" {row.requested}"
+        )
 
 
 def is_working(run: VirtualRun, name: str) -> bool:
     """Whether the station itself was told to work and its record says that it read that back."""
     station = run.stations[name]
     assert isinstance(station, VirtualStation)
-    rows = [row.outcome for row in run.memory.settings if row.station == name and row.setting == "status"]
+    rows = [
+        row.outcome
+        for row in run.memory.settings
+        if row.station == name and row.setting == "status"
+    ]
     return rows[-1] == "confirmed" and station.log.written("status")[0].value == WORKING
 
 
 def refused(run: VirtualRun) -> dict[str, str]:
     """The stations that did not come to sample, with the reason."""
-    return {name: context.facts.reason for name, context in run.contexts.items() if context.facts.first_tick is None}
+    return {
+        name: context.facts.reason
+        for name, context in run.contexts.items()
+        if context.facts.first_tick is None
+    }
 
 
 def failed(run: VirtualRun) -> dict[str, str]:
-    """Those of them that failed themselves; the others were ready, and did not start because of these."""
-    return {name: why for name, why in refused(run).items() if run.contexts[name].facts.outcome != "not_started"}
+    """Those of them that failed themselves; the others were ready, and did not start because of
+    these.
+    """
+    return {
+        name: why
+        for name, why in refused(run).items()
+        if run.contexts[name].facts.outcome != "not_started"
+    }
 
 
 def tally(run: VirtualRun, wires: list[LossyWire]) -> Counter[str]:
     told = Counter[str](starts=1, stations=STATIONS, frames=sum(wire.frames for wire in wires))
     told["disturbed"] = sum(wire.did.total() for wire in wires)
-    told["written_again"] = sum(context.facts.settings_repeated for context in run.contexts.values())
+    told["written_again"] = sum(
+        context.facts.settings_repeated for context in run.contexts.values()
+    )
     told["refused"], told["runs_refused"] = len(failed(run)), bool(refused(run))
     return told
 
@@ -112,8 +152,16 @@ def tally(run: VirtualRun, wires: list[LossyWire]) -> Counter[str]:
 def assert_start_holds(run: VirtualRun, number: int) -> None:
     assert list(wrong_values(run)) == [], number
     for context in run.contexts.values():
-        again = [row for row in run.memory.settings if (row.station, row.outcome) == (context.name, "repeated")]
-        events = [event for event in run.memory.of_kind("setting.repeated") if event.station == context.name]
+        again = [
+            row
+            for row in run.memory.settings
+            if (row.station, row.outcome) == (context.name, "repeated")
+        ]
+        events = [
+            event
+            for event in run.memory.of_kind("setting.repeated")
+            if event.station == context.name
+        ]
         assert len(again) == len(events) == context.facts.settings_repeated
 
 
@@ -137,7 +185,9 @@ def test_no_value_is_wrong_at_five_percent_of_each(number: int) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("block", range(20))
-def test_two_hundred_starts_at_one_percent_of_each(block: int, counted: Callable[..., None]) -> None:
+def test_two_hundred_starts_at_one_percent_of_each(
+    block: int, counted: Callable[..., None]
+) -> None:
     for number in range(100 + 10 * block, 110 + 10 * block):
         run, wires = started(number, 0.01)
         assert refused(run) == {}, number
@@ -154,4 +204,7 @@ def test_a_hundred_starts_at_five_percent_of_each(block: int, counted: Callable[
         assert_start_holds(run, number)
         for reason in failed(run).values():
             assert HOW_OFTEN.search(reason), reason
-        counted(**{f"at_5_percent_{name}": count for name, count in tally(run, wires).items()}, at_5_percent_wrong_values=0)
+        counted(
+            **{f"at_5_percent_{name}": count for name, count in tally(run, wires).items()},
+            at_5_percent_wrong_values=0,
+        )

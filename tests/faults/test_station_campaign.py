@@ -1,11 +1,13 @@
-"""Campaign 4, the stations: what stations, and the people around them, do to a run. A row a phrase, with its F-number.
+"""Campaign 4, the stations: what stations, and the people around them, do to a run. A row a phrase,
+with its F-number.
 
 The numbers are those of docs/reference/faults.md.
 
 
-``pytest -n0 -m campaign tests/faults/test_station_campaign.py`` mixes all of it at random on lines of stations (STATIONS_RUNS runs
-from number STATIONS_FIRST on). Held against the stations' own memory: the invariants of `invariants.py`, the recipe's list of
-writes, and that nothing is written to a station that comes back, until its tools are made safe.
+``pytest -n0 -m campaign tests/faults/test_station_campaign.py`` mixes all of it at random on lines
+of stations (STATIONS_RUNS runs from number STATIONS_FIRST on). Held against the stations' own
+memory: the invariants of `invariants.py`, the recipe's list of writes, and that nothing is written
+to a station that comes back, until its tools are made safe.
 """
 
 from __future__ import annotations
@@ -30,7 +32,10 @@ from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 GOING_ON = RECIPE + 'on_difference = "continue"\n\n[sampling]\ncounters_every_s = 10\n'
 STOPPING = RECIPE + "\n[sampling]\ncounters_every_s = 10\n"
 SECONDS = 40.0
-RUNS, FIRST = int(os.environ.get("STATIONS_RUNS", "2000")), int(os.environ.get("STATIONS_FIRST", "0"))
+RUNS, FIRST = (
+    int(os.environ.get("STATIONS_RUNS", "2000")),
+    int(os.environ.get("STATIONS_FIRST", "0")),
+)
 Act = Callable[[VirtualRun], object]
 
 
@@ -44,7 +49,7 @@ def hours(number: int) -> str:
     return f"counters = {{plugged_hours = {number}}}\n"
 
 
-# -- what people and stations do -----------------------------------------------------------------------------------------------
+# -- what people and stations do -------------------------------------------------------------------
 
 
 def station(run: VirtualRun, number: int = 1) -> VirtualStation:
@@ -86,7 +91,7 @@ def count_from(name: str, value: float) -> Act:
     return change
 
 
-# -- the table -----------------------------------------------------------------------------------------------------------------
+# -- the table -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -109,7 +114,11 @@ class Row:
 
 
 def _missing(run: VirtualRun, why: str) -> int:
-    own = [row for row in run.memory.samples if row[COLUMN["station"]] == "dde-1" and row[COLUMN["port"]] == 1]
+    own = [
+        row
+        for row in run.memory.samples
+        if row[COLUMN["station"]] == "dde-1" and row[COLUMN["port"]] == 1
+    ]
     return sum(reasons_in(row).get("temperature_c") == why for row in own)
 
 
@@ -129,19 +138,31 @@ def _no_foreign_hours(run: VirtualRun) -> None:
 
 
 def _flags_are_unknown(run: VirtualRun) -> None:
-    """Not one row says that there was no alarm between the two readings on both sides of the lost answer."""
+    """Not one row says that there was no alarm between the two readings on both sides of the lost
+    answer.
+    """
     (event,) = run.memory.of_kind("alarm.unknown")
-    rows = [row for row in run.memory.samples if row[COLUMN["port"]] == 1 and "alarm_high" in reasons_in(row)]
+    rows = [
+        row
+        for row in run.memory.samples
+        if row[COLUMN["port"]] == 1 and "alarm_high" in reasons_in(row)
+    ]
     assert [reasons_in(row)["alarm_high"] for row in rows] == ["timeout"]
     assert event.earliest is not None
     assert event.time - event.earliest > 1.5e6
 
 
 def _counted(*values: float | None, counter: str = "sleep_cycles") -> Callable[[VirtualRun], None]:
-    """What was recorded of a counter of port 1, in order: as the station shows it, nothing between, nothing made up."""
+    """What was recorded of a counter of port 1, in order: as the station shows it, nothing between,
+    nothing made up.
+    """
 
     def check(run: VirtualRun) -> None:
-        rows = [one.value for one in run.memory.counters if (one.station, one.port, one.counter) == ("dde-1", 1, counter)]
+        rows = [
+            one.value
+            for one in run.memory.counters
+            if (one.station, one.port, one.counter) == ("dde-1", 1, counter)
+        ]
         assert list(dict.fromkeys(rows)) == list(values)
 
     return check
@@ -150,7 +171,14 @@ def _counted(*values: float | None, counter: str = "sleep_cycles") -> Callable[[
 CYCLES = "counters = {sleep_cycles = 100}\n"
 NOT_SEEN_TWICE = ("identity.changed", "setting.changed")
 TABLE = [
-    Row("unplugged and back", 15, line(away()), ("link.lost", "link.back"), NOT_SEEN_TWICE, also=_rows_of_the_outage),
+    Row(
+        "unplugged and back",
+        15,
+        line(away()),
+        ("link.lost", "link.back"),
+        NOT_SEEN_TWICE,
+        also=_rows_of_the_outage,
+    ),
     Row(
         "replugged, and another unit answers",
         16,
@@ -180,7 +208,12 @@ TABLE = [
         acts=((11, swap_cables), (20, swap_cables)),
         also=_no_foreign_hours,
     ),
-    Row("restart in mid-run", 13, line(fault("restart", at_s=10, for_s=3)), ("link.lost", "link.back", "setting.changed")),
+    Row(
+        "restart in mid-run",
+        13,
+        line(fault("restart", at_s=10, for_s=3)),
+        ("link.lost", "link.back", "setting.changed"),
+    ),
     Row(
         "restart in mid-run, and the recipe stops on it",
         13,
@@ -210,12 +243,27 @@ TABLE = [
         12,
         line(""),
         ("robot.off", "robot.on", "setting.changed"),
-        acts=((10, robot_mode(False)), (11, setting("selected_temperature", 300)), (13, robot_mode(True))),
+        acts=(
+            (10, robot_mode(False)),
+            (11, setting("selected_temperature", 300)),
+            (13, robot_mode(True)),
+        ),
         outcome="stopped",
         recipe=STOPPING,
     ),
-    Row("tool changed", 14, line(fault("tool", port=1, code=3, at_s=10)), ("tool.changed",), ("setting.changed",)),
-    Row("tool pulled out and put back", 14, line(fault("tool", port=1, code=0, at_s=10, for_s=5)), ("tool.changed",)),
+    Row(
+        "tool changed",
+        14,
+        line(fault("tool", port=1, code=3, at_s=10)),
+        ("tool.changed",),
+        ("setting.changed",),
+    ),
+    Row(
+        "tool pulled out and put back",
+        14,
+        line(fault("tool", port=1, code=0, at_s=10, for_s=5)),
+        ("tool.changed",),
+    ),
     Row(
         "setting changed at the panel",
         14,
@@ -225,8 +273,20 @@ TABLE = [
         outcome="stopped",
         recipe=STOPPING,
     ),
-    Row("limit changed at the panel", 14, line(""), ("setting.changed",), acts=((10, setting("alarm_high_limit", 400)),)),
-    Row("tool put to stand at the panel", 14, line(""), ("setting.changed",), acts=((10, order(1, False)),)),
+    Row(
+        "limit changed at the panel",
+        14,
+        line(""),
+        ("setting.changed",),
+        acts=((10, setting("alarm_high_limit", 400)),),
+    ),
+    Row(
+        "tool put to stand at the panel",
+        14,
+        line(""),
+        ("setting.changed",),
+        acts=((10, order(1, False)),),
+    ),
     Row(
         "alarm flag raised and gone between two reads",
         40,
@@ -235,7 +295,12 @@ TABLE = [
         ("alarm.unknown",),
     ),
     Row(
-        "alarm flag out of nothing", 40, line("joints_per_minute = 0\n"), ("alarm.unconfirmed",), ("alarm.high",), ((20.5, latch),)
+        "alarm flag out of nothing",
+        40,
+        line("joints_per_minute = 0\n"),
+        ("alarm.unconfirmed",),
+        ("alarm.high",),
+        ((20.5, latch),),
     ),
     Row(
         "the answer to the alarm flags lost",
@@ -257,9 +322,18 @@ TABLE = [
         ((15, count_from("sleep_cycles", 5000)),),
         also=_counted(100, 5000),
     ),
-    Row("a counter falls", 38, line(CYCLES), (), NOT_SEEN_TWICE, ((15, count_from("sleep_cycles", 7)),), also=_counted(100, 7)),
     Row(
-        "the hours that it is known by fall",  # another unit may be on its cable, and nobody can tell
+        "a counter falls",
+        38,
+        line(CYCLES),
+        (),
+        NOT_SEEN_TWICE,
+        ((15, count_from("sleep_cycles", 7)),),
+        also=_counted(100, 7),
+    ),
+    Row(
+        # another unit may be on its cable, and nobody can tell
+        "the hours that it is known by fall",
         17,
         line(hours(100)),
         ("link.lost", "identity.changed"),
@@ -300,7 +374,15 @@ TABLE = [
         ("read.format",),
         acts=((9, lambda run: say(run, "CT1", "00020", 10, times=1000)),),
     ),
-    Row("one hangs", 18, line(fault("silence", at_s=10), ""), ("link.lost",), ("identity.changed",), outcome="gone", unsafe=2),
+    Row(
+        "one hangs",
+        18,
+        line(fault("silence", at_s=10), ""),
+        ("link.lost",),
+        ("identity.changed",),
+        outcome="gone",
+        unsafe=2,
+    ),
 ]
 
 
@@ -321,7 +403,11 @@ def assert_tools_rest_or_are_told(run: VirtualRun) -> None:
     for name, context in run.contexts.items():
         for number in context.facts.touched:
             port = station(run, int(name[-1])).plant.ports[number]
-            rests = port.tool == 0 or port.doing.state != WORKING or (port.doing.extractor and port.character.extractor_cools)
+            rests = (
+                port.tool == 0
+                or port.doing.state != WORKING
+                or (port.doing.extractor and port.character.extractor_cools)
+            )
             told = any(f"port {number}:" in text for text in context.facts.unsafe)
             assert rests or told, (name, number)
 
@@ -339,29 +425,60 @@ def test_what_happens_to_a_station(row: Row) -> None:
     assert_tools_rest_or_are_told(run)
 
 
-@pytest.mark.parametrize("row", [row for row in TABLE if row.number in (12, 13, 15, 16, 17)], ids=str)
+@pytest.mark.parametrize(
+    "row", [row for row in TABLE if row.number in (12, 13, 15, 16, 17)], ids=str
+)
 def test_nothing_is_written_to_what_comes_back_until_it_is_made_safe(row: Row) -> None:
-    """Nothing heats by itself (docs/reference/faults.md, S-4): behind the start there are only orders to stand."""
+    """Nothing heats by itself (docs/reference/faults.md, S-4): behind the start there are only
+    orders to stand.
+    """
     run = prepared(row).go()
-    after = [one.text for tap in run.taps.values() for one in tap.heard if one.is_write and one.at > run.t0 + 9]
+    after = [
+        one.text
+        for tap in run.taps.values()
+        for one in tap.heard
+        if one.is_write and one.at > run.t0 + 9
+    ]
     assert [text for text in after if text not in ("WPS100001", "WPS200001")] == []
 
 
 def test_the_table_has_every_phrase_of_the_issue() -> None:
     said = " ".join(row.phrase for row in TABLE)
-    for phrase in ("unplugged", "swapped", "restart in mid-run", "Robot mode switched off and on", "tool changed", "at the panel"):
+    for phrase in (
+        "unplugged",
+        "swapped",
+        "restart in mid-run",
+        "Robot mode switched off and on",
+        "tool changed",
+        "at the panel",
+    ):
         assert phrase in said
-    for phrase in ("raised and gone between two reads", "alarm flags lost", "jumps", "falls", "rolls over", "hangs"):
+    for phrase in (
+        "raised and gone between two reads",
+        "alarm flags lost",
+        "jumps",
+        "falls",
+        "rolls over",
+        "hangs",
+    ):
         assert phrase in said
 
 
-# -- all of it at random -------------------------------------------------------------------------------------------------------
+# -- all of it at random ---------------------------------------------------------------------------
 
 
 def _random_fault(random: Random) -> str:
-    kind = random.choice(["dropout", "restart", "tool", "overheat", "stuck", "silence", "late", "nak"])
-    keys: dict[str, object] = {"at_s": round(random.uniform(0, SECONDS), 2), "for_s": round(random.uniform(0.01, 12), 2)}
-    keys |= {"tool": {"code": random.choice([0, 1, 3])}, "nak": {"code": random.choice([3, 4, 5, 6, 99999])}}.get(kind, {})
+    kind = random.choice(
+        ["dropout", "restart", "tool", "overheat", "stuck", "silence", "late", "nak"]
+    )
+    keys: dict[str, object] = {
+        "at_s": round(random.uniform(0, SECONDS), 2),
+        "for_s": round(random.uniform(0.01, 12), 2),
+    }
+    keys |= {
+        "tool": {"code": random.choice([0, 1, 3])},
+        "nak": {"code": random.choice([3, 4, 5, 6, 99999])},
+    }.get(kind, {})
     keys |= {"late": {"by_s": round(random.uniform(0.02, 3), 3)}}.get(kind, {})
     return fault(kind, **keys)
 
@@ -384,10 +501,17 @@ def mixed(number: int) -> VirtualRun:
     """A run of one to three stations to which this number does all sorts of things."""
     random = Random(number)
     sims = [
-        hours(random.choice([3, 100, 5000])) + "".join(_random_fault(random) for _ in range(random.randint(0, 4))) for _ in range(3)
+        hours(random.choice([3, 100, 5000]))
+        + "".join(_random_fault(random) for _ in range(random.randint(0, 4)))
+        for _ in range(3)
     ]
     recipe = random.choice([GOING_ON, GOING_ON, STOPPING])
-    run = prepare(line(*sims[: random.randint(1, 3)]), recipe, duration_s=SECONDS, rate=random.choice([None, 2, "fit"]))
+    run = prepare(
+        line(*sims[: random.randint(1, 3)]),
+        recipe,
+        duration_s=SECONDS,
+        rate=random.choice([None, 2, "fit"]),
+    )
     for _ in range(random.randint(0, 6)):
         act = _random_act(random, run)
         run.at(random.uniform(0, SECONDS), lambda act=act: act(run))  # type: ignore[misc]  # it is bound here
@@ -399,7 +523,11 @@ def mixed(number: int) -> VirtualRun:
 
 def assert_mixed(number: int) -> VirtualRun:
     run = mixed(number)
-    assert [context.facts.reason for context in run.contexts.values() if context.facts.outcome == "failed"] == [], number
+    assert [
+        context.facts.reason
+        for context in run.contexts.values()
+        if context.facts.outcome == "failed"
+    ] == [], number
     try:
         assert_it_holds(run)
     except AssertionError as error:
@@ -426,7 +554,9 @@ def test_all_of_it_at_random_for_long(counted: Callable[..., None]) -> None:
 
 @pytest.mark.parametrize("rate", [10, 0.2])
 def test_cables_swapped_so_quickly_that_no_answer_is_lost(rate: float) -> None:
-    """F-17: nothing but the plugged hours can tell, and they do: from 100 to 5000 within a minute."""
+    """F-17: nothing but the plugged hours can tell, and they do: from 100 to 5000 within a
+    minute.
+    """
     run = prepare(line(hours(100), hours(5000)), GOING_ON, duration_s=120, rate=rate)
     run.at(22.52, lambda: swap_cables(run))
     run.go()

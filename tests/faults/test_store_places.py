@@ -1,6 +1,8 @@
-"""Where a store may be: a place where one publisher could overwrite another's commit is refused, and nothing is written to it.
+"""Where a store may be: a place where one publisher could overwrite another's commit is refused,
+and nothing is written to it.
 
-S3 is a real server process. A share is a folder whose hard links fail, or overwrite (a library that is preloaded).
+S3 is a real server process. A share is a folder whose hard links fail, or overwrite (a library that
+is preloaded).
 """
 
 from __future__ import annotations
@@ -60,7 +62,9 @@ def credentials(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def refused(run: Path, store: str, code: int, capfd: pytest.CaptureFixture[str]) -> str:
-    """The one line with which `publish` ends with that code, and the libraries below it say nothing."""
+    """The one line with which `publish` ends with that code, and the libraries below it say
+    nothing.
+    """
     ended = CliRunner().invoke(app, ["publish", str(run), store])
     assert (ended.exit_code, ended.stdout, *capfd.readouterr()) == (code, "", "", "")
     (line,) = ended.stderr.splitlines()
@@ -68,7 +72,9 @@ def refused(run: Path, store: str, code: int, capfd: pytest.CaptureFixture[str])
 
 
 def test_all_of_it_in_s3(run: Path, s3: Server) -> None:
-    """Published once, read cell by cell, versioned, checked, compacted, vacuumed: by a server that speaks S3."""
+    """Published once, read cell by cell, versioned, checked, compacted, vacuumed: by a server that
+    speaks S3.
+    """
     place = place_of(URL)
     with Publisher(place) as one:
         assert one.publish(run).result is Result.PUBLISHED
@@ -77,7 +83,9 @@ def test_all_of_it_in_s3(run: Path, s3: Server) -> None:
             vacuum(place)
     (there,) = jbclog.open_runs(URL, line="bench")
     for table in DATA:
-        pd.testing.assert_frame_equal(getattr(there, table)(), getattr(jbclog.open_run(run), table)())
+        pd.testing.assert_frame_equal(
+            getattr(there, table)(), getattr(jbclog.open_run(run), table)()
+        )
     assert jbclog.open_run(f"{URL}/{run.name}").place == f"{URL}/{run.name}"
     runs = StoredRuns(place, ALL)
     assert runs.statistics(by=["run"])["n"].tolist() == [there.samples()["temperature_c"].count()]
@@ -92,20 +100,32 @@ def test_all_of_it_in_s3(run: Path, s3: Server) -> None:
 def test_publishing_from_two_hosts_is_one_run(run: Path, s3: Server, tmp_path: Path) -> None:
     url = f"s3://{BUCKET}/two"
     processes = [
-        subprocess.Popen([*COMMAND, "publish", str(run), url], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        subprocess.Popen(
+            [*COMMAND, "publish", str(run), url],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
         for _ in ("one host", "another")
     ]
     said = [process.communicate(timeout=120)[0].strip() for process in processes]
-    assert sorted(text.partition(": ")[2] for text in said) == ["already there (version 1)", "published (version 1)"]
+    assert sorted(text.partition(": ")[2] for text in said) == [
+        "already there (version 1)",
+        "published (version 1)",
+    ]
     assert check(place_of(url), timedelta(0)).leftovers == []
     assert len(jbclog.open_runs(url)[0].samples()) == len(jbclog.open_run(run).samples())
 
 
 @pytest.mark.parametrize("how", ["ignore", "refuse"])
-def test_s3_without_conditional_writes_is_refused(run: Path, monkeypatch: pytest.MonkeyPatch, how: str) -> None:
+def test_s3_without_conditional_writes_is_refused(
+    run: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
     with serving(how) as server:
         credentials(server, monkeypatch)
-        with pytest.raises((UsageError, RecordError), match=r"conditional writes|If-None-Match") as refused:
+        with pytest.raises(
+            (UsageError, RecordError), match=r"conditional writes|If-None-Match"
+        ) as refused:
             expect_safe(place_of(f"s3://{BUCKET}/x"))
         assert str(refused.value).count("\n") == 0
         assert server.names() == []
@@ -117,7 +137,9 @@ def test_the_unsafe_option_of_the_library_is_refused(monkeypatch: pytest.MonkeyP
         place_of("s3://bucket/x")
 
 
-@pytest.mark.parametrize("url", ["gs://bucket/x", "abfss://x@y/z", "http://host/x", f"s3://{KEY}:{SECRET}@bucket/x"])
+@pytest.mark.parametrize(
+    "url", ["gs://bucket/x", "abfss://x@y/z", "http://host/x", f"s3://{KEY}:{SECRET}@bucket/x"]
+)
 def test_other_urls_are_refused_without_their_secrets(url: str) -> None:
     with pytest.raises(UsageError) as refused:
         place_of(url)
@@ -129,7 +151,8 @@ def test_missing_and_wrong_credentials_are_one_line_without_them(
 ) -> None:
     monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
     monkeypatch.setenv("HOME", str(tmp_path))
-    with serving(INITIAL_NO_AUTH_ACTION_COUNT="1") as server:  # it lets in who makes the bucket, and asks from then on
+    # it lets in who makes the bucket, and asks from then on
+    with serving(INITIAL_NO_AUTH_ACTION_COUNT="1") as server:
         credentials(server, monkeypatch)
         for gone in ([], ["AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"]):
             for name in gone:
@@ -142,17 +165,34 @@ def test_missing_and_wrong_credentials_are_one_line_without_them(
             assert "Traceback" not in line
 
 
-def test_a_server_that_is_gone_is_one_line(run: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_server_that_is_gone_is_one_line(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     credentials(Server(1), monkeypatch)
     assert "Connection refused" in refused(run, "s3://bucket/x", 4, capfd)
 
 
-@pytest.mark.parametrize(("how", "said"), [("none", "no hard links"), ("overwrite", "take the name of a finished file")])
-def test_a_share_without_atomic_names_is_refused(run: Path, tmp_path_factory: pytest.TempPathFactory, how: str, said: str) -> None:
+@pytest.mark.parametrize(
+    ("how", "said"), [("none", "no hard links"), ("overwrite", "take the name of a finished file")]
+)
+def test_a_share_without_atomic_names_is_refused(
+    run: Path, tmp_path_factory: pytest.TempPathFactory, how: str, said: str
+) -> None:
     share = tmp_path_factory.mktemp("share")
-    environment = {"LD_PRELOAD": str(made("odd_share", tmp_path_factory)), "ODD_SHARE": str(share), "ODD_LINKS": how}
+    environment = {
+        "LD_PRELOAD": str(made("odd_share", tmp_path_factory)),
+        "ODD_SHARE": str(share),
+        "ODD_LINKS": how,
+    }
     command = [*COMMAND, "publish", str(run), str(share / "store")]
-    ended = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, timeout=120, check=False)
+    ended = subprocess.run(
+        command,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
     assert (ended.returncode, ended.stdout) == (2, "")
     (line,) = ended.stderr.splitlines()
     assert said in line

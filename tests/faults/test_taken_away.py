@@ -1,6 +1,8 @@
-"""What the system gives a recorder is taken from it in mid-run: descriptors, the size of files, memory. Its record has gaps then.
+"""What the system gives a recorder is taken from it in mid-run: descriptors, the size of files,
+memory. Its record has gaps then.
 
-The limits are those of the real process (`prlimit`); the tools are looked at in the virtual stations themselves.
+The limits are those of the real process (`prlimit`); the tools are looked at in the virtual
+stations themselves.
 """
 
 from __future__ import annotations
@@ -64,20 +66,26 @@ def test_a_recorder_from_which_it_is_taken_makes_its_tools_safe_and_ends_with_4(
     assert line.at_work() == 0
     assert run.returncode in codes, notes
     assert "Traceback" not in notes
-    assert f"{TOOLS} tools are in their safe state, as read back" in "\n".join(notes.splitlines()[-2:])
+    assert f"{TOOLS} tools are in their safe state, as read back" in "\n".join(
+        notes.splitlines()[-2:]
+    )
     folder = only_run(tmp_path)
     if run.returncode:
         recover(folder)
     assert check(folder) == []
 
 
-def test_a_guard_from_which_memory_is_taken_makes_tools_safe_and_ends(line: ServedLine, tmp_path: Path) -> None:
+def test_a_guard_from_which_memory_is_taken_makes_tools_safe_and_ends(
+    line: ServedLine, tmp_path: Path
+) -> None:
     """No more memory is mapped for it, and then its recorder dies."""
     run = begun(line, tmp_path)
     try:
         assert until(lambda: line.at_work() == TOOLS), run.communicate(timeout=5)
         guard = guard_that_is_there(run.pid)
-        resource.prlimit(guard, resource.RLIMIT_AS, (1 << 20, resource.prlimit(guard, resource.RLIMIT_AS)[1]))
+        resource.prlimit(
+            guard, resource.RLIMIT_AS, (1 << 20, resource.prlimit(guard, resource.RLIMIT_AS)[1])
+        )
         time.sleep(0.5)
         assert guard_of(run.pid) == guard
     finally:

@@ -1,7 +1,8 @@
-"""A sealed run that somebody changes: `check` finds it and names the file. A whole forgery is found from outside.
+"""A sealed run that somebody changes: `check` finds it and names the file. A whole forgery is found
+from outside.
 
-Each change is made to a whole run with annotations, then undone. The campaign turns over every byte of every file and takes
-some minutes; the default run turns over some of them in each file.
+Each change is made to a whole run with annotations, then undone. The campaign turns over every byte
+of every file and takes some minutes; the default run turns over some of them in each file.
 """
 
 from __future__ import annotations
@@ -32,7 +33,14 @@ from jbclog.record.check import check, uncovered
 from jbclog.record.conclude import files_of
 from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import ledger_of
-from jbclog.record.manifest import DIGEST, END, OF_0_1, manifest_sha256, read_manifest, write_manifest
+from jbclog.record.manifest import (
+    DIGEST,
+    END,
+    OF_0_1,
+    manifest_sha256,
+    read_manifest,
+    write_manifest,
+)
 from jbclog.record.parts import part_paths
 from jbclog.report.verify import verified, verify_report
 from jbclog.report.write import write_report
@@ -89,15 +97,19 @@ def name_of(path: Path, folder: Path) -> str:
     return path.relative_to(folder).as_posix()
 
 
-# -- bytes ------------------------------------------------------------------------------------------------------------------
+# -- bytes -----------------------------------------------------------------------------------------
 
 
-def turned_over(folder: Path, places: Callable[[int], Iterator[int]], those: list[Path] | None = None) -> Iterator[str]:
+def turned_over(
+    folder: Path, places: Callable[[int], Iterator[int]], those: list[Path] | None = None
+) -> Iterator[str]:
     """Each byte that was changed and not found, as file and place; of all files or of `those`."""
     for path in files(folder) if those is None else those:
         data = path.read_bytes()
         for place in places(len(data)):
-            path.write_bytes(data[:place] + bytes([data[place] ^ (1 << place % 8)]) + data[place + 1 :])
+            path.write_bytes(
+                data[:place] + bytes([data[place] ^ (1 << place % 8)]) + data[place + 1 :]
+            )
             if name_of(path, folder) not in named(folder):
                 yield f"{name_of(path, folder)}, byte {place}"
         path.write_bytes(data)
@@ -111,7 +123,9 @@ def test_bytes_that_are_turned_over_are_found_and_their_file_is_named(run: Path)
     assert check(run) == []
 
 
-def test_bytes_of_a_report_that_are_turned_over_are_found_and_their_file_is_named(whole: Path, reported: Path) -> None:
+def test_bytes_of_a_report_that_are_turned_over_are_found_and_their_file_is_named(
+    whole: Path, reported: Path
+) -> None:
     of_report = [path for path in files(reported) if not (whole / name_of(path, reported)).exists()]
     assert len(of_report) > 10
     assert list(turned_over(reported, lambda size: iter((size // 2,)), of_report)) == []
@@ -123,7 +137,9 @@ def test_bytes_of_a_report_that_are_turned_over_are_found_and_their_file_is_name
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
-def test_every_97th_byte_of_a_report_and_of_every_file_beside_it(reported: Path, counted: Callable[..., None]) -> None:
+def test_every_97th_byte_of_a_report_and_of_every_file_beside_it(
+    reported: Path, counted: Callable[..., None]
+) -> None:
     count = sum(len(range(0, path.stat().st_size, 97)) for path in files(reported))
     assert list(turned_over(reported, lambda size: iter(range(0, size, 97)))) == []
     counted(bytes_turned_over=count, unnoticed=0)
@@ -175,8 +191,22 @@ def test_each_file_replaced_by_a_link_to_a_copy_of_it(run: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     "name",
     [
-        *("samples/part-0001.parquet", "samples/.hidden", "samples/more/part-0000.parquet", "recipes/other.toml", "note.txt"),
-        *("damaged/x", "guard.jsonl", "events.csv", "wire/dde-1.tsv", "figures/x/y.svg", "figures/run.exe", "lease.json.tmp"),
+        *(
+            "samples/part-0001.parquet",
+            "samples/.hidden",
+            "samples/more/part-0000.parquet",
+            "recipes/other.toml",
+            "note.txt",
+        ),
+        *(
+            "damaged/x",
+            "guard.jsonl",
+            "events.csv",
+            "wire/dde-1.tsv",
+            "figures/x/y.svg",
+            "figures/run.exe",
+            "lease.json.tmp",
+        ),
     ],
 )
 def test_a_file_that_was_added(run: Path, name: str) -> None:
@@ -193,7 +223,7 @@ def test_two_files_that_changed_places(run: Path) -> None:
     assert {name_of(one, run), name_of(two, run)} <= named(run)
 
 
-# -- rows, in files whose hashes the manifest no longer has -----------------------------------------------------------------------
+# -- rows, in files whose hashes the manifest no longer has ----------------------------------------
 
 
 def rewritten(folder: Path, table: str, change: Callable[[pa.Table], pa.Table]) -> None:
@@ -201,7 +231,9 @@ def rewritten(folder: Path, table: str, change: Callable[[pa.Table], pa.Table]) 
     metadata = pq.read_metadata(path).metadata
     with pq.ParquetFile(path) as file:
         changed = change(file.read())
-    pq.write_table(changed.replace_schema_metadata({**(changed.schema.metadata or {}), **metadata}), path)
+    pq.write_table(
+        changed.replace_schema_metadata({**(changed.schema.metadata or {}), **metadata}), path
+    )
 
 
 def taken(*rows: int) -> Callable[[pa.Table], pa.Table]:
@@ -230,15 +262,19 @@ def test_events_whose_file_the_manifest_was_made_to_agree_with(run: Path, change
     assert "events/" in named(run)
 
 
-# -- written anew as a whole, hashes and digest included: nothing inside can show it ----------------------------------------------
+# -- written anew as a whole, hashes and digest included: nothing inside can show it ---------------
 
 
 def forged(folder: Path) -> None:
-    """Hotter tips, no alarm, the chain of events anew, ledger, hashes and digest made to agree, the verdict too."""
+    """Hotter tips, no alarm, the chain of events anew, ledger, hashes and digest made to agree, the
+    verdict too.
+    """
 
     def cooler(rows: pa.Table) -> pa.Table:
         place = rows.schema.get_field_index("temperature_c")
-        return rows.set_column(place, rows.schema.field(place), pc.min_element_wise(rows["temperature_c"], 350))
+        return rows.set_column(
+            place, rows.schema.field(place), pc.min_element_wise(rows["temperature_c"], 350)
+        )
 
     def without_errors(rows: pa.Table) -> pa.Table:
         kept = plain_events(rows.filter(pc.not_equal(rows["severity"], "critical"))).to_pylist()
@@ -249,7 +285,11 @@ def forged(folder: Path) -> None:
         assert list(breaks(folder.name, kept)) == []
         times = ("time", "earliest")
         return pa.Table.from_pylist(
-            [{name: _stamp(value) if name in times else value for name, value in row.items()} for row in kept], rows.schema
+            [
+                {name: _stamp(value) if name in times else value for name, value in row.items()}
+                for row in kept
+            ],
+            rows.schema,
         )
 
     rewritten(folder, "samples", cooler)
@@ -257,12 +297,21 @@ def forged(folder: Path) -> None:
     manifest = read_manifest(folder)
     write_manifest(
         folder,
-        replace(manifest, verdict="ACCEPT", ledger=ledger_of(folder, manifest.stations), files=list(files_of(folder))),
+        replace(
+            manifest,
+            verdict="ACCEPT",
+            ledger=ledger_of(folder, manifest.stations),
+            files=list(files_of(folder)),
+        ),
     )
 
 
 def _stamp(micros: object) -> object:
-    return None if micros is None else pa.scalar(micros, pa.int64()).cast(pa.timestamp("us", tz="UTC")).as_py()
+    return (
+        None
+        if micros is None
+        else pa.scalar(micros, pa.int64()).cast(pa.timestamp("us", tz="UTC")).as_py()
+    )
 
 
 @pytest.fixture
@@ -297,19 +346,25 @@ def test_the_report_beside_it_finds_it(bare: Path) -> None:
 def test_an_annotation_finds_it(run: Path) -> None:
     forged(run)
     (finding,) = check(run)
-    assert str(finding).startswith("annotations.jsonl: line 1 does not carry the hash of the manifest")
+    assert str(finding).startswith(
+        "annotations.jsonl: line 1 does not carry the hash of the manifest"
+    )
 
 
 def test_the_next_run_finds_it_and_is_found_itself(bare: Path) -> None:
     behind = bare.parent / bare.name.replace(bare.name[:8], "20991231")
     shutil.copytree(bare, behind)
-    manifest = replace(read_manifest(behind), run=behind.name, previous=previous_run(bare.parent, "bench"))
+    manifest = replace(
+        read_manifest(behind), run=behind.name, previous=previous_run(bare.parent, "bench")
+    )
     assert manifest.previous is not None
     manifest.previous = replace(manifest.previous, run=bare.name, sha256=manifest_sha256(bare))
     write_manifest(behind, manifest)
     forged(bare)
     assert any(f"was changed after {behind.name} began" in str(finding) for finding in check(bare))
-    assert any(f"previous: {bare.name} is not what it was" in str(finding) for finding in check(behind))
+    assert any(
+        f"previous: {bare.name} is not what it was" in str(finding) for finding in check(behind)
+    )
 
 
 def test_what_was_said_last_can_be_taken_away_unless_its_head_was_noted(run: Path) -> None:
@@ -319,7 +374,7 @@ def test_what_was_said_last_can_be_taken_away_unless_its_head_was_noted(run: Pat
     assert check(run) == []
 
 
-# -- what a report wrote -------------------------------------------------------------------------------------------------
+# -- what a report wrote ---------------------------------------------------------------------------
 
 OF_REPORT = ("report.html", "report.pdf", "joints.parquet", "tables/rules.csv")
 
@@ -370,7 +425,11 @@ def test_a_report_made_twice_is_vouched_for_once_and_names_what_was_said_before(
     made = {path: path.read_bytes() for path in files(bare)}
     write_report(bare)
     assert {path: path.read_bytes() for path in files(bare)} == made
-    assert read_annotations(bare).head == head == json.loads((bare / "report.json").read_bytes())["annotations_head"]
+    assert (
+        read_annotations(bare).head
+        == head
+        == json.loads((bare / "report.json").read_bytes())["annotations_head"]
+    )
     assert len(read_annotations(bare).said) == 1
     assert verify_report(bare) == []
 
@@ -405,7 +464,9 @@ def test_a_report_that_was_changed_whose_line_was_taken_away(reported: Path) -> 
     assert str(finding).startswith("report.json: verdict: ACCEPT, the manifest says ")
 
 
-def test_a_page_that_was_changed_after_the_list_of_written_files_was_removed(reported: Path) -> None:
+def test_a_page_that_was_changed_after_the_list_of_written_files_was_removed(
+    reported: Path,
+) -> None:
     altered(reported, lambda facts: facts.pop("written"))
     (reported / "report.html").write_text("ACCEPT")
     assert named(reported) == {"report.json"}
@@ -413,14 +474,22 @@ def test_a_page_that_was_changed_after_the_list_of_written_files_was_removed(rep
     altered(reported, lambda facts: facts.pop("vouched_in"))
     assert named(reported) == set()
     on_list = {file for file, _ in uncovered(reported, None)}
-    assert {"report.json", "report.html", "report.pdf", "joints.parquet", "tables/rules.csv"} <= on_list
+    assert {
+        "report.json",
+        "report.html",
+        "report.pdf",
+        "joints.parquet",
+        "tables/rules.csv",
+    } <= on_list
 
 
 def test_what_was_said_before_the_report_is_taken_away_with_its_line(reported: Path) -> None:
     (reported / "annotations.jsonl").unlink()
     altered(reported, lambda facts: facts.pop("vouched_in"))
     (finding,) = check(reported)
-    assert str(finding).startswith("annotations.jsonl: lacks the line that was last when report.json was made")
+    assert str(finding).startswith(
+        "annotations.jsonl: lacks the line that was last when report.json was made"
+    )
 
 
 def test_a_report_that_was_taken_away(reported: Path) -> None:
@@ -428,7 +497,9 @@ def test_a_report_that_was_taken_away(reported: Path) -> None:
     assert "report.json" in named(reported)
 
 
-@pytest.mark.parametrize("name", ["report.pdf", "annotations.jsonl", "guard.lock", "lease.json", "figures/x.svg"])
+@pytest.mark.parametrize(
+    "name", ["report.pdf", "annotations.jsonl", "guard.lock", "lease.json", "figures/x.svg"]
+)
 def test_a_folder_under_the_name_of_a_file(bare: Path, name: str) -> None:
     (bare / name).mkdir(parents=True)
     (bare / name / "x").write_text("x")
@@ -453,17 +524,25 @@ def test_a_guard_s_lock_is_an_empty_file_or_not_there(run: Path, tmp_path: Path)
     assert named(run) == {"guard.lock"}
 
 
-# -- an older record than it was ------------------------------------------------------------------------------------------
+# -- an older record than it was -------------------------------------------------------------------
 
 
 def downgrades(folder: Path) -> Iterator[tuple[str, bytes]]:
-    """The manifest without each of its keys, with a digest of its own, and as one of the first release."""
+    """The manifest without each of its keys, with a digest of its own, and as one of the first
+    release.
+    """
     facts = json.loads((folder / "manifest.json").read_bytes())
     del facts["digest"]
     for key in facts:
-        yield f"without {key}", with_digest({name: value for name, value in facts.items() if name != key})
+        yield (
+            f"without {key}",
+            with_digest({name: value for name, value in facts.items() if name != key}),
+        )
     yield "of rules 1", with_digest({**facts, "rules": 1})
-    yield "of the first release", plain({name: value for name, value in facts.items() if name in OF_0_1})
+    yield (
+        "of the first release",
+        plain({name: value for name, value in facts.items() if name in OF_0_1}),
+    )
     yield "without a digest", plain(facts)
 
 
@@ -476,7 +555,9 @@ def with_digest(facts: dict[str, object]) -> bytes:
     return text.removesuffix(END) + (DIGEST % hashlib.sha256(text).hexdigest()).encode()
 
 
-def test_each_downgrade_of_the_manifest_is_found_where_the_head_is_known(bare: Path, counted: Callable[..., None]) -> None:
+def test_each_downgrade_of_the_manifest_is_found_where_the_head_is_known(
+    bare: Path, counted: Callable[..., None]
+) -> None:
     printed, data = short_head(manifest_sha256(bare)), (bare / "manifest.json").read_bytes()
     assert len(printed.replace("-", "")) == 24
     count = 0
@@ -506,7 +587,7 @@ def test_a_manifest_behind_a_link(bare: Path, tmp_path: Path) -> None:
     assert "manifest.json" in named(bare)
 
 
-# -- a report that is forged together with the line that vouches for it ---------------------------------------------------------
+# -- a report that is forged together with the line that vouches for it ----------------------------
 
 
 def vouched_anew(folder: Path, change: Callable[[Any], object]) -> None:
@@ -522,9 +603,18 @@ FORGERIES: dict[str, tuple[Callable[[Any], object], str]] = {
     "rule left out": (lambda facts: facts["verdict"]["rules"].pop(), "verdict, number of rules"),
     "version of the rules": (lambda facts: facts["verdict"].update(version=1), "verdict, version"),
     "fingerprint": (lambda facts: facts.update(head="3f2a-91bc-77de-0a12-5c08-b6e1"), "head: 3f2a"),
-    "operator": (lambda facts: facts["metadata"].update(operator="B. Bianchi"), "metadata, operator: B. Bianchi"),
-    "coverage": (lambda facts: _first_port(facts)["recorded"].update(coverage_percent=100.5), "coverage_percent: 100.5"),
-    "safe state": (lambda facts: _first_port(facts).update(safe_state="verified?"), "safe_state: verified?"),
+    "operator": (
+        lambda facts: facts["metadata"].update(operator="B. Bianchi"),
+        "metadata, operator: B. Bianchi",
+    ),
+    "coverage": (
+        lambda facts: _first_port(facts)["recorded"].update(coverage_percent=100.5),
+        "coverage_percent: 100.5",
+    ),
+    "safe state": (
+        lambda facts: _first_port(facts).update(safe_state="verified?"),
+        "safe_state: verified?",
+    ),
     "outages": (lambda facts: facts["stations"][0].update(outages=-1), "outages: -1"),
     "accounting": (lambda facts: facts["ledger"][0].update(ok=-1), "ok: -1"),
     "accounting left out": (lambda facts: facts["ledger"].pop(), "ledger, number of rows"),
@@ -533,7 +623,10 @@ FORGERIES: dict[str, tuple[Callable[[Any], object], str]] = {
     "a file's hash": (lambda facts: facts["files"][0].update(sha256="0" * 64), "files: "),
     "sum of the files": (lambda facts: facts.update(data_sha256="0" * 64), "data_sha256: 0000"),
     "what was said": (lambda facts: facts["annotations"][0].update(who="Nobody"), "annotations: "),
-    "another shape": (lambda facts: facts.update(stations=[[]], ledger=[1], verdict={"rules": [1]}), "stations: []"),
+    "another shape": (
+        lambda facts: facts.update(stations=[[]], ledger=[1], verdict={"rules": [1]}),
+        "stations: []",
+    ),
 }
 
 
@@ -543,7 +636,9 @@ def _first_port(facts: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("what", FORGERIES)
-def test_what_a_report_repeats_is_compared_although_a_line_vouches_for_it(reported: Path, what: str) -> None:
+def test_what_a_report_repeats_is_compared_although_a_line_vouches_for_it(
+    reported: Path, what: str
+) -> None:
     change, said = FORGERIES[what]
     vouched_anew(reported, change)
     found = [str(one) for one in check(reported, manifest_sha256(reported))]
@@ -551,10 +646,17 @@ def test_what_a_report_repeats_is_compared_although_a_line_vouches_for_it(report
 
 
 def test_a_page_forged_with_its_hash_and_line_is_found_by_making_it_again(reported: Path) -> None:
-    """`check` cannot know it, and the documents say so (docs/explanation/record.md, the threat model)."""
+    """`check` cannot know it, and the documents say so (docs/explanation/record.md, the threat
+    model).
+    """
     page = reported / "report.html"
     page.write_bytes(page.read_bytes().replace(b"REJECT", b"ACCEPT"))
-    vouched_anew(reported, lambda facts: facts["written"].update({"report.html": hashlib.sha256(page.read_bytes()).hexdigest()}))
+    vouched_anew(
+        reported,
+        lambda facts: facts["written"].update(
+            {"report.html": hashlib.sha256(page.read_bytes()).hexdigest()}
+        ),
+    )
     assert check(reported, manifest_sha256(reported)) == []
     assert any("report.html: differs" in text for text in verify_report(reported))
 
@@ -577,18 +679,58 @@ CLAIMS: dict[str, tuple[Callable[[Any], object], bool | None, str]] = {
         None,
         f", newer than this one, {__version__}, not compared",
     ),
-    "before the first": (lambda facts: facts.update(jbclog="0.0.9"), False, "there was none before 0.1.0"),
-    "no version": (lambda facts: facts.update(jbclog="old"), False, "names jbclog old as its maker; that is no version"),
+    "before the first": (
+        lambda facts: facts.update(jbclog="0.0.9"),
+        False,
+        "there was none before 0.1.0",
+    ),
+    "no version": (
+        lambda facts: facts.update(jbclog="old"),
+        False,
+        "names jbclog old as its maker; that is no version",
+    ),
     "earlier rules": (lambda facts: facts.update(rules=4), None, "with rules 4, "),
     "no rules": (lambda facts: facts.pop("rules"), None, "with rules 1, "),
-    "later rules": (lambda facts: facts.update(rules=99), None, f"whose rules are not known here (1 to {RULES} are)"),
-    "later rules of an earlier jbclog": (lambda facts: facts.update(jbclog="0.0.1", rules=99), False, "with rules 99; this jbclog"),
-    "rules of no kind": (lambda facts: facts.update(rules="x"), False, "names rules x; there are none"),
-    "typesetter": (lambda facts: facts.update(paper_by="typst 0.1.0"), False, "report.html: differs from"),
-    "drawing library": (lambda facts: facts.update(drawn_by="matplotlib 3.0.0"), None, "matplotlib 3.0.0, not compared"),
-    "metrics left out": (lambda facts: facts.update(jbclog="9.9.0", metrics=[]), False, "metrics: there are none"),
-    "a metric": (lambda facts: (facts.update(jbclog="9.9.0"), facts["metrics"][0].update(value=-7.5)), False, ": -7.5, the record"),
-    "facts": (lambda facts: facts.update(drawn_by="matplotlib 3", not_claimed=[]), False, "not_claimed: differs from"),
+    "later rules": (
+        lambda facts: facts.update(rules=99),
+        None,
+        f"whose rules are not known here (1 to {RULES} are)",
+    ),
+    "later rules of an earlier jbclog": (
+        lambda facts: facts.update(jbclog="0.0.1", rules=99),
+        False,
+        "with rules 99; this jbclog",
+    ),
+    "rules of no kind": (
+        lambda facts: facts.update(rules="x"),
+        False,
+        "names rules x; there are none",
+    ),
+    "typesetter": (
+        lambda facts: facts.update(paper_by="typst 0.1.0"),
+        False,
+        "report.html: differs from",
+    ),
+    "drawing library": (
+        lambda facts: facts.update(drawn_by="matplotlib 3.0.0"),
+        None,
+        "matplotlib 3.0.0, not compared",
+    ),
+    "metrics left out": (
+        lambda facts: facts.update(jbclog="9.9.0", metrics=[]),
+        False,
+        "metrics: there are none",
+    ),
+    "a metric": (
+        lambda facts: (facts.update(jbclog="9.9.0"), facts["metrics"][0].update(value=-7.5)),
+        False,
+        ": -7.5, the record",
+    ),
+    "facts": (
+        lambda facts: facts.update(drawn_by="matplotlib 3", not_claimed=[]),
+        False,
+        "not_claimed: differs from",
+    ),
 }
 
 

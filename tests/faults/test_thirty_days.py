@@ -1,7 +1,9 @@
-"""A run of thirty days (docs/reference/faults.md, F-45): no more memory and no more open files at its end than after its first day.
+"""A run of thirty days (docs/reference/faults.md, F-45): no more memory and no more open files at
+its end than after its first day.
 
-``pytest -n0 -s -m campaign tests/faults/test_thirty_days.py`` lives through thirty days on the virtual clock in a few minutes, on a
-real disk, sealed each day, with a cable that goes out now and then; a default run through a quarter of a day.
+``pytest -n0 -s -m campaign tests/faults/test_thirty_days.py`` lives through thirty days on the
+virtual clock in a few minutes, on a real disk, sealed each day, with a cable that goes out now and
+then; a default run through a quarter of a day.
 """
 
 from __future__ import annotations
@@ -41,7 +43,9 @@ counters_every_s = 3600
 
 @dataclass
 class Lived:
-    """What a long run left: each hour the resident memory in MB and the open files; how long it took."""
+    """What a long run left: each hour the resident memory in MB and the open files; how long it
+    took.
+    """
 
     folder: Path
     memory_mb: list[float] = field(default_factory=list)
@@ -52,21 +56,30 @@ class Lived:
 
 def outages(days: float) -> list[float]:
     """When the cable goes out: each five hours, as long as it comes back before the end."""
-    begins = (OUT_EVERY_S * number + 100.5 for number in range(1, int(days * DAY_S / OUT_EVERY_S) + 1))
+    begins = (
+        OUT_EVERY_S * number + 100.5 for number in range(1, int(days * DAY_S / OUT_EVERY_S) + 1)
+    )
     return [begin for begin in begins if begin + 2 * OUT_S < days * DAY_S]
 
 
 def plan_for(folder: Path, days: float) -> Plan:
     outs = "".join(fault("dropout", at_s=at_s, for_s=OUT_S) for at_s in outages(days))
-    (folder / "line.toml").write_text(line_text("noise_c = 2.0\njoints_per_minute = 2\n" + outs, "ports = [1]"))
+    (folder / "line.toml").write_text(
+        line_text("noise_c = 2.0\njoints_per_minute = 2\n" + outs, "ports = [1]")
+    )
     (folder / "recipe.toml").write_text(SPARSE)
-    return make_plan(RunOptions(folder / "line.toml", folder / "recipe.toml", duration_s=days * DAY_S))
+    return make_plan(
+        RunOptions(folder / "line.toml", folder / "recipe.toml", duration_s=days * DAY_S)
+    )
 
 
 def live(folder: Path, days: float, seal_s: float = DAY_S) -> Lived:
     """Run for so many days and seal what there is each `seal_s`."""
     plan, clock, began = plan_for(folder, days), VirtualClock(), time.monotonic()
-    papers, driver = RunRecord(plan, folder / "runs", Nobody(), clock, seal_every_s=None), VirtualDriver(clock)
+    papers, driver = (
+        RunRecord(plan, folder / "runs", Nobody(), clock, seal_every_s=None),
+        VirtualDriver(clock),
+    )
     lived = Lived(papers.folder)
     papers.begin()
     for station, context in zip(plan.stations, papers.contexts, strict=True):
@@ -106,7 +119,9 @@ def _seal(papers: RunRecord, lived: Lived) -> None:
 def slope(values: list[float]) -> float:
     """What a value gains from one to the next, by least squares."""
     middle, mean = (len(values) - 1) / 2, sum(values) / len(values)
-    return sum((n - middle) * (value - mean) for n, value in enumerate(values)) / sum((n - middle) ** 2 for n in range(len(values)))
+    return sum((n - middle) * (value - mean) for n, value in enumerate(values)) / sum(
+        (n - middle) ** 2 for n in range(len(values))
+    )
 
 
 def assert_whole(lived: Lived, days: float) -> None:
@@ -114,7 +129,11 @@ def assert_whole(lived: Lived, days: float) -> None:
     (facts,) = read_manifest(lived.folder).stations
     assert facts.outcome == "completed", facts.reason
     assert facts.outages == len(outages(days)) > 0
-    rows = sum(file.rows or 0 for file in read_manifest(lived.folder).files if file.path.startswith("samples/"))
+    rows = sum(
+        file.rows or 0
+        for file in read_manifest(lived.folder).files
+        if file.path.startswith("samples/")
+    )
     assert rows == pytest.approx(days * DAY_S / PERIOD_S, abs=2)
 
 
@@ -122,7 +141,8 @@ def test_a_quarter_of_a_day(tmp_path: Path) -> None:
     lived = live(tmp_path, 0.25, seal_s=2 * HOUR_S)
     assert_whole(lived, 0.25)
     assert lived.parts >= 2
-    assert max(lived.files) - min(lived.files) <= 3  # a part that is being written, its child's pipe
+    # a part that is being written, its child's pipe
+    assert max(lived.files) - min(lived.files) <= 3
 
 
 def test_a_slope_is_seen() -> None:
@@ -132,16 +152,27 @@ def test_a_slope_is_seen() -> None:
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
-def test_thirty_days(tmp_path: Path, capsys: pytest.CaptureFixture[str], counted: Callable[..., None]) -> None:
+def test_thirty_days(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], counted: Callable[..., None]
+) -> None:
     lived = live(tmp_path, 30)
     gained = 24 * slope(lived.memory_mb[24:])
     first, last = lived.memory_mb[24], lived.memory_mb[-1]
     with capsys.disabled():
         print(
-            f"\n30 days in {lived.seconds / 60:.1f} min, {lived.parts} parts; {min(lived.files)} to {max(lived.files)} open files;"
+            f"\n30 days in {lived.seconds / 60:.1f} min, {lived.parts} parts; {min(lived.files)} to"
+            f" {max(lived.files)} open files;"
         )
-        print(f"{first:.0f} MB after the first day, {last:.0f} MB at the end, {1000 * gained:+.0f} kB a day")
+        print(
+            f"{first:.0f} MB after the first day, {last:.0f} MB at the end, {1000 * gained:+.0f} kB"
+            " a day"
+        )
     assert_whole(lived, 30)
     assert gained < MOST_MB_A_DAY
     assert max(lived.files) - min(lived.files) <= 3
-    counted(virtual_days=30, rows_lost=0, kB_a_day=round(1000 * gained), files_more=max(lived.files) - min(lived.files))
+    counted(
+        virtual_days=30,
+        rows_lost=0,
+        kB_a_day=round(1000 * gained),
+        files_more=max(lived.files) - min(lived.files),
+    )

@@ -1,6 +1,8 @@
-"""Flipped bits: one is always seen, two are not where they hide from an XOR. What then passes is counted, and decides nothing.
+"""Flipped bits: one is always seen, two are not where they hide from an XOR. What then passes is
+counted, and decides nothing.
 
-The check byte is the XOR of a frame: a bit that is turned over in two characters at the same place leaves it as it was.
+The check byte is the XOR of a frame: a bit that is turned over in two characters at the same place
+leaves it as it was.
 """
 
 from __future__ import annotations
@@ -18,14 +20,25 @@ from support.clients.corrupted import flipped, taken, taken_by_omega, taken_of_t
 from support.golden import FRAMES, Golden, manual_003
 from support.readers.texts import ROOT
 
-FAMILIES_OF = {"000": ("soldering",), "001": ("jtse",), "002": ("dde", "ale", "ucr"), "004": ("ucr",)}
-RECORD = " ".join((ROOT / "docs/decisions/0017-decisive-values-are-read-twice.md").read_text(encoding="utf-8").split())
+FAMILIES_OF = {
+    "000": ("soldering",),
+    "001": ("jtse",),
+    "002": ("dde", "ale", "ucr"),
+    "004": ("ucr",),
+}
+RECORD = " ".join(
+    (ROOT / "docs/decisions/0017-decisive-values-are-read-twice.md")
+    .read_text(encoding="utf-8")
+    .split()
+)
 ANSWERS = [golden for golden in FRAMES if golden.text[0] == "A" and golden.value is not None]
 
 
 def command_of(golden: Golden) -> Command:
     families = (FAMILIES[name] for name in FAMILIES_OF[golden.manual])
-    return next(family.commands[golden.command] for family in families if golden.command in family.commands)
+    return next(
+        family.commands[golden.command] for family in families if golden.command in family.commands
+    )
 
 
 def _forms(golden: Golden) -> list[tuple[bytes, int | None]]:
@@ -41,7 +54,7 @@ def test_no_single_flipped_bit_is_taken(golden: Golden) -> None:
             assert taken(command, golden.port, golden.tool, sent, address) is None, sent
 
 
-# -- two bits: counted, and published ---------------------------------------------------------------------------------------
+# -- two bits: counted, and published --------------------------------------------------------------
 
 
 class Kind(NamedTuple):
@@ -79,7 +92,12 @@ def published() -> dict[str, int]:
     """The numbers in the record's sentence, by the names that it uses."""
     sentence = re.search(r"of the 8128 that turn over two,([^.]*)", RECORD)
     assert sentence, "the record no longer says how many corruptions of two bits pass"
-    return {name: int(number) for number, name in re.findall(r"(\d+)(?: pass)? as an? ([a-z ]+?)(?=,| and \d|$)", sentence[1])}
+    return {
+        name: int(number)
+        for number, name in re.findall(
+            r"(\d+)(?: pass)? as an? ([a-z ]+?)(?=,| and \d|$)", sentence[1]
+        )
+    }
 
 
 def test_how_many_corruptions_of_two_bits_pass_is_published() -> None:
@@ -92,7 +110,9 @@ def test_what_passes_hides_from_an_xor_or_is_the_same_value(kind: Kind) -> None:
     golden = golden_of(kind)
     for sent, value in passing(golden):
         changed = {
-            place: one ^ other for place, (one, other) in enumerate(zip(golden.addressed, sent, strict=True)) if one != other
+            place: one ^ other
+            for place, (one, other) in enumerate(zip(golden.addressed, sent, strict=True))
+            if one != other
         }
         assert len(changed) == 2
         assert len(set(changed.values())) == 1, "two different bits would show in the check byte"
@@ -100,18 +120,29 @@ def test_what_passes_hides_from_an_xor_or_is_the_same_value(kind: Kind) -> None:
         assert in_data_or_check or value == command_of(golden).quantity.decode(golden.text[4:])
 
 
-# -- OMEGA: a sum of the text's characters --------------------------------------------------------------------------------------
+# -- OMEGA: a sum of the text's characters ---------------------------------------------------------
 
-OMEGA = {"a0": "information", "a3": "information", "b1": "temperature_control", "f0": "set_temperature_state"}
+OMEGA = {
+    "a0": "information",
+    "a3": "information",
+    "b1": "temperature_control",
+    "f0": "set_temperature_state",
+}
 OMEGA_ANSWERS = [golden for golden in manual_003.BY_HAND if golden.text in OMEGA]
 
 
 @pytest.mark.parametrize("golden", OMEGA_ANSWERS, ids=lambda golden: golden.text)
-def test_of_omega_no_single_flipped_bit_is_taken_and_at_most_one_pair(golden: manual_003.OmegaGolden) -> None:
-    """A pair passes where what one bit takes from the sum, the other gives: a digit of the text, and one of the sum."""
+def test_of_omega_no_single_flipped_bit_is_taken_and_at_most_one_pair(
+    golden: manual_003.OmegaGolden,
+) -> None:
+    """A pair passes where what one bit takes from the sum, the other gives: a digit of the text,
+    and one of the sum.
+    """
     command = FAMILIES["omega"].commands[OMEGA[golden.text]]
     assert taken_by_omega(command, golden.wire) is not None
-    assert [sent for sent in flipped(golden.wire, 1) if taken_by_omega(command, sent) is not None] == []
+    assert [
+        sent for sent in flipped(golden.wire, 1) if taken_by_omega(command, sent) is not None
+    ] == []
     pairs = list(flipped(golden.wire, 2))
     passed = [sent for sent in pairs if taken_by_omega(command, sent) is not None]
     sentence = re.search(r"Of the (\d+) in an answer of OMEGA at most (\d+) passes", RECORD)
@@ -127,6 +158,13 @@ def test_less_than_one_in_fifty_passes(golden: Golden, counted: Callable[..., No
     for wire, address in _forms(golden):
         tried = len(list(flipped(wire, 2)))
         found = taken_of_two_bits(command_of(golden), golden.port, golden.tool, wire, address)
-        right = command_of(golden).quantity.decode(golden.text[1 + len(command_of(golden).code(golden.port, golden.tool)) :])
-        counted(answers=1, corruptions=tried, taken=len(found), taken_for_another_value=sum(value != right for _, value in found))
+        right = command_of(golden).quantity.decode(
+            golden.text[1 + len(command_of(golden).code(golden.port, golden.tool)) :]
+        )
+        counted(
+            answers=1,
+            corruptions=tried,
+            taken=len(found),
+            taken_for_another_value=sum(value != right for _, value in found),
+        )
         assert len(found) < tried / 50

@@ -1,11 +1,14 @@
-"""Campaign 3, the wire: random tapes of all link faults, on every family, over thousands of hours of a virtual clock.
+"""Campaign 3, the wire: random tapes of all link faults, on every family, over thousands of hours
+of a virtual clock.
 
-``pytest -n0 -s -m campaign tests/faults/test_wire_campaign.py`` plays `HOURS` virtual hours from tape `FIRST` on (both from the
+``pytest -n0 -s -m campaign tests/faults/test_wire_campaign.py`` plays `HOURS` virtual hours from
+tape `FIRST` on (both from the
 environment: WIRE_HOURS, WIRE_FIRST) and prints the numbers;
 ``python tests/support campaigns.wire_tapes NUMBER`` plays one tape again.
-A default run plays the first few. Of each tape must hold: scheduled = ok + each reason, to the row; no value that differs from the
-plant but those that the wire forged so that no receiver can tell, which it counts itself: recorded = injected; every write is on
-the recipe's list; every flag that the station told is told or not known; what was heated rests or is told of.
+A default run plays the first few. Of each tape must hold: scheduled = ok + each reason, to the row;
+no value that differs from the plant but those that the wire forged so that no receiver can tell,
+which it counts itself: recorded = injected; every write is on the recipe's list; every flag that
+the station told is told or not known; what was heated rests or is told of.
 """
 
 from __future__ import annotations
@@ -41,7 +44,9 @@ def test_the_first_tapes(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.timeout(6 * 3600)
-def test_thousands_of_hours(capsys: pytest.CaptureFixture[str], counted: Callable[..., None]) -> None:
+def test_thousands_of_hours(
+    capsys: pytest.CaptureFixture[str], counted: Callable[..., None]
+) -> None:
     tally = campaign(range(FIRST, FIRST + 10**6), HOURS)
     with capsys.disabled():
         print(f"\ntapes {FIRST} to {FIRST + tally.tapes - 1}: {tally.text()}")
@@ -58,7 +63,7 @@ def test_thousands_of_hours(capsys: pytest.CaptureFixture[str], counted: Callabl
     assert_memory_is_bounded()
 
 
-# -- the campaign itself: what it would not see is not shown by it -----------------------------------------------------------------
+# -- the campaign itself: what it would not see is not shown by it ---------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -80,13 +85,20 @@ def test_a_wrong_value_is_found(played: Played) -> None:
     rows = [list(row) for row in played.run.memory.samples]
     row = next(row for row in rows if isinstance(row[COLUMN["temperature_c"]], int))
     row[COLUMN["temperature_c"]] = int(str(row[COLUMN["temperature_c"]])) + 1
-    changed = replace(played, run=replace(played.run, memory=replace(played.run.memory, samples=rows)))
+    changed = replace(
+        played, run=replace(played.run, memory=replace(played.run.memory, samples=rows))
+    )
     assert any("not even told" in text for text in broken(changed))
 
 
 def test_a_row_that_is_missing_is_found(played: Played) -> None:
     rows = played.run.memory.samples
-    changed = replace(played, run=replace(played.run, memory=replace(played.run.memory, samples=[*rows[:20], *rows[21:]])))
+    changed = replace(
+        played,
+        run=replace(
+            played.run, memory=replace(played.run.memory, samples=[*rows[:20], *rows[21:]])
+        ),
+    )
     assert any("tick" in text for text in broken(changed))
     assert any("account" in text for text in broken(changed))
 

@@ -17,7 +17,10 @@ from jbclog.record import capture_recorder
 from jbclog.record.check import check
 from jbclog.session.run.context import SessionContext
 
-LINE = '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports = [1]\n'
+LINE = (
+    '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports ='
+    " [1]\n"
+)
 RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'
 
 
@@ -35,7 +38,9 @@ def run(place: Path) -> Result:
     """A run on a port that is not there."""
     (place / "line.toml").write_text(LINE)
     (place / "job.toml").write_text(RECIPE)
-    plan = make_plan(RunOptions(place / "line.toml", place / "job.toml", duration_s=1.0, wire=True, guard=False))
+    plan = make_plan(
+        RunOptions(place / "line.toml", place / "job.toml", duration_s=1.0, wire=True, guard=False)
+    )
     return conduct(plan, place / "runs", Onlooker())
 
 
@@ -48,7 +53,9 @@ def test_a_port_that_is_not_there_is_in_the_wire_too(tmp_path: Path) -> None:
     assert check(result.folder) == []
 
 
-def test_where_it_cannot_be_written_the_run_is_what_it_would_have_been(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_it_cannot_be_written_the_run_is_what_it_would_have_been(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(capture_recorder, "LEAST_FREE", 1 << 60)
     result = run(tmp_path)
     assert result.exit_code is Exit.STATION
@@ -63,7 +70,9 @@ def test_where_it_cannot_be_written_the_run_is_what_it_would_have_been(tmp_path:
 def test_without_the_option_nothing_is_kept(tmp_path: Path) -> None:
     (tmp_path / "line.toml").write_text(LINE)
     (tmp_path / "job.toml").write_text(RECIPE)
-    plan = make_plan(RunOptions(tmp_path / "line.toml", tmp_path / "job.toml", duration_s=1.0, guard=False))
+    plan = make_plan(
+        RunOptions(tmp_path / "line.toml", tmp_path / "job.toml", duration_s=1.0, guard=False)
+    )
     result = conduct(plan, tmp_path / "runs", Onlooker())
     assert result.manifest.wire is None
     assert not (result.folder / "wire").exists()

@@ -1,9 +1,11 @@
-"""Late, doubled, merged, torn, foreign and echoed answers, swept over time and kind: no value under a wrong question.
+"""Late, doubled, merged, torn, foreign and echoed answers, swept over time and kind: no value under
+a wrong question.
 
-The station here answers each question with its running number, so a value tells which question it belongs to. A value is
-right only if it is the number of the question that it is taken for: same signal, same port, and asked just now. Where
-whole answers of this station came at moments that are not theirs (`Injector.forged`), one such may be believed right then,
-and an answer to the same question asked earlier may be taken for the later one; nothing on the wire could tell.
+The station here answers each question with its running number, so a value tells which question it
+belongs to. A value is right only if it is the number of the question that it is taken for: same
+signal, same port, and asked just now. Where whole answers of this station came at moments that are
+not theirs (`Injector.forged`), one such may be believed right then, and an answer to the same
+question asked earlier may be taken for the later one; nothing on the wire could tell.
 """
 
 from __future__ import annotations
@@ -41,7 +43,8 @@ ASKED = [
     ("station_error", None, "RSER"),
 ]
 """Codes that differ in little: RTT, RTT1 and RTT2."""
-ANSWER_S, PATIENCE_S = 0.0151, 0.100  # when an answer is there, and how long one is waited for beyond its bytes
+# when an answer is there, and how long one is waited for beyond its bytes
+ANSWER_S, PATIENCE_S = 0.0151, 0.100
 PAUSE_S = 0.012
 
 
@@ -63,7 +66,9 @@ class Numbered:
 
 @dataclass(frozen=True)
 class Taken:
-    """What was taken for the answer to what; the questions that were asked for it, and in what time."""
+    """What was taken for the answer to what; the questions that were asked for it, and in what
+    time.
+    """
 
     question: str
     value: Value
@@ -73,7 +78,9 @@ class Taken:
     until: float
 
 
-def converse(plan: dict[int, Deed], *, addressed: bool = True, questions: int = 48) -> tuple[list[Taken], Numbered, Injector]:
+def converse(
+    plan: dict[int, Deed], *, addressed: bool = True, questions: int = 48
+) -> tuple[list[Taken], Numbered, Injector]:
     """Read the signals in turn, as a run would, while `plan` happens."""
     plant = Numbered(addressed=addressed)
     injector = Injector(plant.receive, plan)
@@ -115,13 +122,16 @@ def _sought(station: Station) -> Steps[None]:
 def wrong(taken: list[Taken], plant: Numbered, injector: Injector) -> list[str]:
     """Every value that belongs to another question, or to an earlier asking of this one."""
     return [
-        f"{one.value!r} was taken for {one.question}, asked as {one.begin}" for one in taken if not _is_right(one, plant, injector)
+        f"{one.value!r} was taken for {one.question}, asked as {one.begin}"
+        for one in taken
+        if not _is_right(one, plant, injector)
     ]
 
 
 def _is_right(one: Taken, plant: Numbered, injector: Injector) -> bool:
     number = one.value if isinstance(one.value, int) else -1
-    if not 0 <= number < len(plant.asked) or plant.asked[number].rstrip() != one.question:  # "RTT " is RTT
+    # "RTT " is RTT
+    if not 0 <= number < len(plant.asked) or plant.asked[number].rstrip() != one.question:
         return _is_forged(one, injector)
     return number >= one.begin or any(forged.at <= one.until for forged in injector.forged)
 
@@ -130,15 +140,19 @@ def _is_forged(one: Taken, injector: Injector) -> bool:
     """Whether it is what the injector let come just then, whole and with the right letters."""
     said = f"{one.value:05d}" if isinstance(one.value, int) else ""
     return any(
-        forged.question == one.question and forged.data == said and one.since <= forged.at <= one.until
+        forged.question == one.question
+        and forged.data == said
+        and one.since <= forged.at <= one.until
         for forged in injector.forged
     )
 
 
-# -- one deed, swept over time ------------------------------------------------------------------------------------------------
+# -- one deed, swept over time ---------------------------------------------------------------------
 
 AROUND_THE_PATIENCE = [PATIENCE_S + step * 1e-4 for step in range(-60, 61, 4)]
-TIMES_S = sorted({*(0.004 * step for step in range(1, 60)), *AROUND_THE_PATIENCE, 0.3, 0.35, 0.5, 1.0, 2.0, 3.0})
+TIMES_S = sorted(
+    {*(0.004 * step for step in range(1, 60)), *AROUND_THE_PATIENCE, 0.3, 0.35, 0.5, 1.0, 2.0, 3.0}
+)
 
 
 @pytest.mark.parametrize("addressed", [True, False], ids=["addresses", "no addresses"])
@@ -152,7 +166,15 @@ def test_one_disturbed_answer(kind: str, addressed: bool) -> None:
                 outcome = converse(plan, addressed=addressed, questions=30)
                 assert wrong(*outcome) == [], plan
                 did += outcome[2].did
-                if kind in ("late", "twice", "torn", "merged", "lost", "cut_short", "foreign_within"):
+                if kind in (
+                    "late",
+                    "twice",
+                    "torn",
+                    "merged",
+                    "lost",
+                    "cut_short",
+                    "foreign_within",
+                ):
                     break  # nothing comes instead of these
     assert did[kind] >= 4
 
@@ -161,18 +183,23 @@ def test_one_disturbed_answer(kind: str, addressed: bool) -> None:
 def test_a_series_of_disturbed_answers(kind: str) -> None:
     for by_s in (0.0, 0.02, 0.08, 0.0999, 0.1001, 0.12, 0.2, 0.4):
         for every in (1, 2, 3, 5):
-            plan = {number: Deed(kind, by_s, part=0.4, instead=number % 2 == 0) for number in range(8, 40, every)}
+            plan = {
+                number: Deed(kind, by_s, part=0.4, instead=number % 2 == 0)
+                for number in range(8, 40, every)
+            }
             outcome = converse(plan)
             assert wrong(*outcome) == [], (by_s, every)
 
 
-# -- everything at once -------------------------------------------------------------------------------------------------------
+# -- everything at once ----------------------------------------------------------------------------
 
 IN_THEIR_OWN_TIME = tuple(kind for kind in KINDS if kind not in FORGING)
 
 
 def deeds(kinds: tuple[str, ...]) -> st.SearchStrategy[Deed]:
-    by_s = st.one_of(st.floats(0.0, 0.25), st.floats(0.0, 4.0), st.sampled_from(AROUND_THE_PATIENCE))
+    by_s = st.one_of(
+        st.floats(0.0, 0.25), st.floats(0.0, 4.0), st.sampled_from(AROUND_THE_PATIENCE)
+    )
     return st.builds(Deed, st.sampled_from(kinds), by_s, st.floats(0.05, 0.95), st.booleans())
 
 
@@ -186,11 +213,17 @@ def test_any_deeds(kinds: tuple[str, ...], data: st.DataObject, addressed: bool)
 
 def _random_plan(random: Random, questions: int) -> dict[int, Deed]:
     often, kinds = random.choice([0.02, 0.1, 0.3, 0.7]), random.choice([KINDS, IN_THEIR_OWN_TIME])
-    return {number: _random_deed(random, kinds) for number in range(questions) if random.random() < often}
+    return {
+        number: _random_deed(random, kinds)
+        for number in range(questions)
+        if random.random() < often
+    }
 
 
 def _random_deed(random: Random, kinds: tuple[str, ...]) -> Deed:
-    by_s = random.choice([random.uniform(0, 0.25), random.uniform(0, 3), PATIENCE_S + random.uniform(-0.003, 0.003)])
+    by_s = random.choice(
+        [random.uniform(0, 0.25), random.uniform(0, 3), PATIENCE_S + random.uniform(-0.003, 0.003)]
+    )
     return Deed(random.choice(kinds), by_s, random.random(), random.random() < 0.5)
 
 
@@ -202,4 +235,6 @@ def test_many_deeds(block: int, counted: Callable[..., None]) -> None:
         plan = _random_plan(random, 200)
         outcome = converse(plan, addressed=random.random() < 0.8, questions=200)
         assert wrong(*outcome) == [], number
-        counted(conversations=1, questions=200, disturbed_answers=outcome[2].did.total(), wrong_values=0)
+        counted(
+            conversations=1, questions=200, disturbed_answers=outcome[2].did.total(), wrong_values=0
+        )

@@ -1,7 +1,8 @@
-"""Alarm flags: latched in the station, cleared by reading, so asked once; believed as far as temperatures bear them out.
+"""Alarm flags: latched in the station, cleared by reading, so asked once; believed as far as
+temperatures bear them out.
 
-The virtual station's comparator latches by itself where its tip is beyond the limit; where a flag is to come out of
-nothing, these tests latch it by hand.
+The virtual station's comparator latches by itself where its tip is beyond the limit; where a flag
+is to come out of nothing, these tests latch it by hand.
 """
 
 from __future__ import annotations
@@ -17,12 +18,16 @@ ONE_PORT = "ports = [1]"
 
 
 def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+    return "\n[[station.sim.fault]]\n" + "".join(
+        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
+    )
 
 
 def one_port(sim: str = "", recipe: str = RECIPE, duration_s: float = 30) -> VirtualRun:
     """A run of one port without joints, whose tip would cool otherwise."""
-    return prepare(line_text("joints_per_minute = 0\n" + sim, ONE_PORT), recipe, duration_s=duration_s)
+    return prepare(
+        line_text("joints_per_minute = 0\n" + sim, ONE_PORT), recipe, duration_s=duration_s
+    )
 
 
 def latch(run: VirtualRun, side: str, at_s: float) -> None:
@@ -33,7 +38,11 @@ def latch(run: VirtualRun, side: str, at_s: float) -> None:
 def told(run: VirtualRun) -> list[str]:
     """What was said of alarms once the tip was hot, in order."""
     begin = run.memory.samples[0][COLUMN["time"]] + int(AT_TEMPERATURE_S * 1e6)  # type: ignore[operator]
-    return [event.kind for event in run.memory.events if event.kind.startswith("alarm.") and event.time >= begin]
+    return [
+        event.kind
+        for event in run.memory.events
+        if event.kind.startswith("alarm.") and event.time >= begin
+    ]
 
 
 def only(run: VirtualRun, kind: str) -> EventRow:
@@ -42,11 +51,13 @@ def only(run: VirtualRun, kind: str) -> EventRow:
 
 
 def times_asked(run: VirtualRun) -> int:
-    """How often the flags were asked: whenever they were due, and once more when sampling had ended."""
+    """How often the flags were asked: whenever they were due, and once more when sampling had
+    ended.
+    """
     return [one.text for one in run.heard].count("RTA1")
 
 
-# -- what counts ---------------------------------------------------------------------------------------------------
+# -- what counts -----------------------------------------------------------------------------------
 
 
 def test_an_alarm_that_temperatures_bear_out() -> None:
@@ -64,7 +75,11 @@ def test_its_time_is_the_interval_between_two_readings() -> None:
     """The flag says that it was, not when (docs/reference/faults.md, F-40)."""
     run = one_port(fault("overheat", at_s=12, for_s=6, by_c=20)).go()
     event = only(run, "alarm.high")
-    flags = [int(str(row[COLUMN["time"]])) for row in run.memory.samples if row[COLUMN["alarm_high"]] is not None]
+    flags = [
+        int(str(row[COLUMN["time"]]))
+        for row in run.memory.samples
+        if row[COLUMN["alarm_high"]] is not None
+    ]
     assert event.earliest is not None
     assert 1.9e6 < event.time - event.earliest < 2.2e6
     assert any(abs(event.earliest - time) < 0.2e6 for time in flags)
@@ -88,7 +103,10 @@ def test_an_alarm_that_goes_on_is_one() -> None:
 
 
 def test_an_alarm_that_comes_again_is_another() -> None:
-    run = one_port(fault("overheat", at_s=12, for_s=4, by_c=20) + fault("overheat", at_s=25, for_s=4, by_c=20), duration_s=40).go()
+    run = one_port(
+        fault("overheat", at_s=12, for_s=4, by_c=20) + fault("overheat", at_s=25, for_s=4, by_c=20),
+        duration_s=40,
+    ).go()
     assert told(run) == ["alarm.high", "alarm.high.ended"] * 2
     assert run.facts.alarms == 2
 
@@ -104,15 +122,24 @@ def test_a_low_alarm() -> None:
 
 @pytest.mark.parametrize(
     ("side", "seen", "kind"),
-    [("high", 380, "alarm.unconfirmed"), ("high", 381, "alarm.high"), ("low", 250, "alarm.unconfirmed"), ("low", 249, "alarm.low")],
+    [
+        ("high", 380, "alarm.unconfirmed"),
+        ("high", 381, "alarm.high"),
+        ("low", 250, "alarm.unconfirmed"),
+        ("low", 249, "alarm.low"),
+    ],
 )
-def test_only_a_temperature_beyond_the_limit_bears_a_flag_out(side: str, seen: int, kind: str) -> None:
+def test_only_a_temperature_beyond_the_limit_bears_a_flag_out(
+    side: str, seen: int, kind: str
+) -> None:
     run = one_port()
     run.at(12, lambda: setattr(run.station.plant.ports[1], "stuck_c", seen))
     latch(run, side, 13)
     run.go()
     assert only(run, kind).raw == side
-    assert (run.facts.alarms, run.facts.unconfirmed_alarms) == ((0, 1) if kind == "alarm.unconfirmed" else (1, 0))
+    assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (
+        (0, 1) if kind == "alarm.unconfirmed" else (1, 0)
+    )
 
 
 def test_an_alarm_of_the_last_seconds_is_not_lost() -> None:
@@ -125,7 +152,7 @@ def test_an_alarm_of_the_last_seconds_is_not_lost() -> None:
     )
 
 
-# -- what does not -------------------------------------------------------------------------------------------------
+# -- what does not ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("side", ["high", "low"])
@@ -139,12 +166,17 @@ def test_a_flag_of_the_first_reading_was_there_before(side: str) -> None:
 
 def test_what_was_there_before_and_goes_on_counts_from_its_second_reading_on() -> None:
     """It has been raised anew, in the run: the first reading had cleared it."""
-    sim = "settings = {status = 'working', alarm_high_limit = 380, alarm_high_delay = 0.5}" + fault("overheat", by_c=4)
+    sim = "settings = {status = 'working', alarm_high_limit = 380, alarm_high_delay = 0.5}" + fault(
+        "overheat", by_c=4
+    )
     recipe = RECIPE.replace("select_c = 350", "select_c = 375")
     run = one_port(sim, recipe, duration_s=20)
     run.station.plant.ports[1].tip.temperature_c = 384.0
     run.go()
-    assert [event.kind for event in run.memory.events if event.kind.startswith("alarm.")] == ["alarm.before_run", "alarm.high"]
+    assert [event.kind for event in run.memory.events if event.kind.startswith("alarm.")] == [
+        "alarm.before_run",
+        "alarm.high",
+    ]
     assert run.facts.alarms == 1
 
 
@@ -154,7 +186,10 @@ def test_heating_up_is_no_alarm() -> None:
         recipe = RECIPE.replace("delay_s = 2.0", f"delay_s = {0.1 * step:.1f}")
         run = one_port("", recipe, duration_s=15).go()
         assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (0, 0), step
-        assert "alarm.low.not_working" in run.memory.kinds() or "alarm.before_run" in run.memory.kinds()
+        assert (
+            "alarm.low.not_working" in run.memory.kinds()
+            or "alarm.before_run" in run.memory.kinds()
+        )
 
 
 @pytest.mark.parametrize("status", ["stand"])
@@ -166,7 +201,7 @@ def test_a_tool_that_does_not_work_has_no_alarms(status: str) -> None:
     assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (0, 0)
 
 
-# -- what is not borne out -----------------------------------------------------------------------------------------
+# -- what is not borne out -------------------------------------------------------------------------
 
 
 def test_a_flag_without_a_temperature_beyond_the_limit_is_unconfirmed() -> None:
@@ -180,8 +215,13 @@ def test_a_flag_without_a_temperature_beyond_the_limit_is_unconfirmed() -> None:
 
 
 def test_an_old_temperature_bears_nothing_out() -> None:
-    """Beyond the limit in an earlier period, too short for the station's delay; the flag comes later."""
-    run = one_port(fault("overheat", at_s=12, for_s=0.7, by_c=20), RECIPE.replace("delay_s = 0.5", "delay_s = 5.0"))
+    """Beyond the limit in an earlier period, too short for the station's delay; the flag comes
+    later.
+    """
+    run = one_port(
+        fault("overheat", at_s=12, for_s=0.7, by_c=20),
+        RECIPE.replace("delay_s = 0.5", "delay_s = 5.0"),
+    )
     latch(run, "high", 20)
     run.go()
     assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (0, 1)
@@ -196,7 +236,7 @@ def test_it_stays_unconfirmed_until_a_temperature_bears_it_out() -> None:
     assert (run.facts.alarms, run.facts.unconfirmed_alarms) == (1, 0)
 
 
-# -- what is not known ---------------------------------------------------------------------------------------------
+# -- what is not known -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -207,7 +247,9 @@ def test_it_stays_unconfirmed_until_a_temperature_bears_it_out() -> None:
     ],
     ids=["lost", "corrupt"],
 )
-def test_a_lost_answer_makes_the_flags_unknown_and_is_not_asked_for_again(sim: str, why: str | None) -> None:
+def test_a_lost_answer_makes_the_flags_unknown_and_is_not_asked_for_again(
+    sim: str, why: str | None
+) -> None:
     run = one_port(sim).go()
     event = only(run, "alarm.unknown")
     assert event.severity == "warning"
@@ -222,7 +264,8 @@ def test_a_lost_answer_makes_the_flags_unknown_and_is_not_asked_for_again(sim: s
 
 def test_an_alarm_whose_answer_was_lost_is_never_reported_as_none() -> None:
     run = one_port(
-        fault("overheat", at_s=12, for_s=1.5, by_c=20) + fault("silence", command="alarm_flags", at_s=11.9, for_s=4)
+        fault("overheat", at_s=12, for_s=1.5, by_c=20)
+        + fault("silence", command="alarm_flags", at_s=11.9, for_s=4)
     ).go()
     assert run.memory.of_kind("alarm.unknown") != []
     lost = [row for row in run.memory.samples if "alarm_high" in reasons_in(row)]
@@ -231,7 +274,10 @@ def test_an_alarm_whose_answer_was_lost_is_never_reported_as_none() -> None:
 
 def test_what_was_hot_before_an_answer_was_lost_bears_out_no_flag_behind_it() -> None:
     """The flag that it raised went with the answer; the next one was raised after it."""
-    run = one_port(fault("overheat", at_s=11, for_s=1.5, by_c=20) + fault("silence", command="alarm_flags", at_s=12.9, for_s=2.5))
+    run = one_port(
+        fault("overheat", at_s=11, for_s=1.5, by_c=20)
+        + fault("silence", command="alarm_flags", at_s=12.9, for_s=2.5)
+    )
     latch(run, "high", 15.5)
     run.go()
     lost, unconfirmed = run.memory.of_kind("alarm.unknown"), only(run, "alarm.unconfirmed")
@@ -250,7 +296,9 @@ def test_digits_that_no_manual_describes_are_a_format_error(word: str) -> None:
 
     run.station.device.answer = answer  # type: ignore[method-assign]
     run.go()
-    assert {reason for row in run.memory.samples for reason in reasons_in(row).values()} - {"not_counting"} == {"format"}
+    assert {reason for row in run.memory.samples for reason in reasons_in(row).values()} - {
+        "not_counting"
+    } == {"format"}
     assert only(run, "alarm.unknown").severity == "warning"
     assert times_asked(run) == run.facts.due["1"]["alarm_high"] + 1
 
@@ -267,24 +315,34 @@ def test_flags_that_nobody_asked_for_are_not_lost() -> None:
 
 
 def test_nobody_else_reads_the_flags() -> None:
-    """One reader: not when settings are read, not after an outage before it is due; once more when the tool is safe."""
+    """One reader: not when settings are read, not after an outage before it is due; once more when
+    the tool is safe.
+    """
     run = one_port(fault("dropout", at_s=12, for_s=2), RECIPE + 'on_difference = "continue"\n').go()
-    disconnected = sum(reasons_in(row).get("alarm_high") == "disconnected" for row in run.memory.samples)
+    disconnected = sum(
+        reasons_in(row).get("alarm_high") == "disconnected" for row in run.memory.samples
+    )
     due = run.facts.due["1"]["alarm_high"] + 1
     assert due - disconnected <= times_asked(run) <= due
 
 
 def test_a_tip_that_is_found_hotter_than_its_setting_and_does_not_cool_has_arrived() -> None:
-    """Read once in four seconds, a runaway is never seen near its setting; it is an alarm all the same."""
+    """Read once in four seconds, a runaway is never seen near its setting; it is an alarm all the
+    same.
+    """
     slow = RECIPE + "\n[sampling]\nrate_hz = 0.25\n"
     run = one_port(fault("overheat", by_c=60.0), slow, duration_s=60).go()
-    assert not [row for row in run.memory.samples if row[COLUMN["temperature_c"]] in range(340, 361)]
+    assert not [
+        row for row in run.memory.samples if row[COLUMN["temperature_c"]] in range(340, 361)
+    ]
     assert only(run, "alarm.high").value == 440
     assert run.facts.alarms == 1
 
 
 def test_a_runaway_behind_an_exchange_of_the_tool_is_an_alarm() -> None:
-    pulled = fault("tool", at_s=6.0, for_s=7.0, code=0) + fault("overheat", at_s=10.0, for_s=30.0, by_c=60.0)
+    pulled = fault("tool", at_s=6.0, for_s=7.0, code=0) + fault(
+        "overheat", at_s=10.0, for_s=30.0, by_c=60.0
+    )
     run = one_port(pulled, duration_s=40).go()
     assert run.facts.alarms == 1
 

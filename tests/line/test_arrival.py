@@ -1,4 +1,6 @@
-"""When alarms begin to count: once the tool has come to its setting, and never by one answer alone."""
+"""When alarms begin to count: once the tool has come to its setting, and never by one answer
+alone.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ NEAR_LIMIT = RECIPE.replace("limit_c = 250", "limit_c = 320")
 
 def cold(recipe: str = NEAR_LIMIT, stuck_c: int = 310, duration_s: float = 14) -> VirtualRun:
     """A tool at work whose tip stays where it is, before it has come to its 350 °C."""
-    run = prepare(line_text("joints_per_minute = 0\n", "ports = [1]"), recipe, duration_s=duration_s)
+    run = prepare(
+        line_text("joints_per_minute = 0\n", "ports = [1]"), recipe, duration_s=duration_s
+    )
     run.station.plant.ports[1].stuck_c = stuck_c
     return run
 
@@ -26,7 +30,9 @@ def latch_low(run: VirtualRun, at_s: float) -> None:
 
 
 def test_one_answer_near_the_setting_does_not_bring_the_tool_there() -> None:
-    """00310 and 00345 are no jump. If that one answer counted, the flag of the heating up would be an alarm."""
+    """00310 and 00345 are no jump. If that one answer counted, the flag of the heating up would be
+    an alarm.
+    """
     run = cold()
     say(run, "TT1", "00345", 6)
     latch_low(run, 7)
@@ -48,7 +54,9 @@ def test_two_answers_near_the_setting_do() -> None:
 
 
 def test_one_answer_beyond_the_setting_does_not_either() -> None:
-    """A tip that heats up quickly passes its setting between two readings; that, too, is told twice."""
+    """A tip that heats up quickly passes its setting between two readings; that, too, is told
+    twice.
+    """
     run = cold(stuck_c=335)
     say(run, "TT1", "00365", 6)
     run.go()
@@ -74,14 +82,23 @@ def test_one_that_does_run_away_is() -> None:
     assert has_arrived(run)
 
 
-@pytest.mark.parametrize(("side", "answer", "limits"), [("high", "00370", (365, 250)), ("low", "00340", (380, 345))])
-def test_one_answer_beyond_a_limit_bears_no_alarm_out(side: str, answer: str, limits: tuple[int, int]) -> None:
+@pytest.mark.parametrize(
+    ("side", "answer", "limits"), [("high", "00370", (365, 250)), ("low", "00340", (380, 345))]
+)
+def test_one_answer_beyond_a_limit_bears_no_alarm_out(
+    side: str, answer: str, limits: tuple[int, int]
+) -> None:
     """00350 and 00370 differ in a bit, and their check bytes in another."""
     high, low = limits
-    recipe = RECIPE.replace("limit_c = 380", f"limit_c = {high}").replace("limit_c = 250", f"limit_c = {low}")
+    recipe = RECIPE.replace("limit_c = 380", f"limit_c = {high}").replace(
+        "limit_c = 250", f"limit_c = {low}"
+    )
     for moment in (12.0, 12.5, 13.0, 13.5, 14.0, 14.5):
         run = cold(recipe, stuck_c=350, duration_s=20)
-        run.at(12.1, lambda run=run: setattr(getattr(run.station.plant.ports[1], side), "latched", True))
+        run.at(
+            12.1,
+            lambda run=run: setattr(getattr(run.station.plant.ports[1], side), "latched", True),
+        )
         say(run, "TT1", answer, moment)
         run.go()
         assert has_arrived(run)

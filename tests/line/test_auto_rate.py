@@ -1,4 +1,6 @@
-"""`rate_hz = "auto"`: which rate is taken at which response time, where it is told, and what is refused."""
+"""`rate_hz = "auto"`: which rate is taken at which response time, where it is told, and what is
+refused.
+"""
 
 from __future__ import annotations
 
@@ -35,20 +37,31 @@ def slow(turnaround_ms: float, ports: str = "ports = [1, 2]") -> str:
     return line_text("", ports).replace("turnaround_ms = 1.0", f"turnaround_ms = {turnaround_ms}")
 
 
-def desk_of(family: str, ports: tuple[int, ...], usual_ms: float, longest_ms: float, recipe: str = "") -> SessionContext:
+def desk_of(
+    family: str, ports: tuple[int, ...], usual_ms: float, longest_ms: float, recipe: str = ""
+) -> SessionContext:
     """A desk that has measured how long its station takes to answer."""
-    head = f'[recipe]\nname = "test"\nrevision = 1\nfamilies = ["{family}"]\n[sampling]\nrate_hz = "auto"\n{recipe}'
+    head = (
+        f'[recipe]\nname = "test"\nrevision = 1\nfamilies = ["{family}"]\n[sampling]\nrate_hz ='
+        f' "auto"\n{recipe}'
+    )
     text = f'[line]\nname = "one"\n[[station]]\nname = "one-1"\nurl = "one"\nfamily = "{family}"\n'
     (spec,) = parse_line(text, Path("line.toml")).stations
     clock = VirtualClock()
-    context = SessionContext(order_of(spec, parse_recipe(head), clock, 10.0, None), NoJournal(), UtcOffset(clock))
+    context = SessionContext(
+        order_of(spec, parse_recipe(head), clock, 10.0, None), NoJournal(), UtcOffset(clock)
+    )
     context.ports.update({number: PortState(number, 2) for number in ports})
     context.facts.turnaround_us = {"median": usual_ms * 1000, "p99": longest_ms * 1000, "n": 12}
     return context
 
 
-def taken(family: str, ports: tuple[int, ...], usual_ms: float, longest_ms: float | None = None) -> float:
-    pace = choose_pace(desk_of(family, ports, usual_ms, usual_ms if longest_ms is None else longest_ms))
+def taken(
+    family: str, ports: tuple[int, ...], usual_ms: float, longest_ms: float | None = None
+) -> float:
+    pace = choose_pace(
+        desk_of(family, ports, usual_ms, usual_ms if longest_ms is None else longest_ms)
+    )
     return round(1 / pace.period_s, 9)
 
 
@@ -57,12 +70,14 @@ def ready(run: VirtualRun) -> str:
     return event.text
 
 
-# -- what is taken ---------------------------------------------------------------------------------------------------------
+# -- what is taken ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("turnaround_ms", [0.0, 0.9, 1.41, 1.44, 1.48, 2.0, 5.0])
 def test_two_ports_take_5_hz_wherever_10_was_a_coin_toss(turnaround_ms: float) -> None:
-    """10 Hz was taken at 1.41 ms and refused at 1.48; with a fifth in reserve it is out of reach of two ports altogether."""
+    """10 Hz was taken at 1.41 ms and refused at 1.48; with a fifth in reserve it is out of reach of
+    two ports altogether.
+    """
     run = prepare(slow(turnaround_ms), AUTO, duration_s=20).go()
     assert (run.facts.outcome, run.facts.rate_hz, run.facts.period_s) == ("completed", 5, 0.2)
     assert run.facts.asked_rate == "auto"
@@ -79,7 +94,8 @@ def test_noise_around_a_response_time_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    ("family", "ports"), [("dde", (1, 2)), ("ucr", (1,)), ("ale", (1,)), ("dme", (1, 2, 3, 4)), ("jtse", (1,))]
+    ("family", "ports"),
+    [("dde", (1, 2)), ("ucr", (1,)), ("ale", (1,)), ("dme", (1, 2, 3, 4)), ("jtse", (1,))],
 )
 def test_it_is_the_highest_that_leaves_a_fifth_free_and_none_lower_than_the_slow_readings_need(
     family: str, ports: tuple[int, ...]
@@ -92,17 +108,26 @@ def test_it_is_the_highest_that_leaves_a_fifth_free_and_none_lower_than_the_slow
         rate_hz = demand.auto_rate_hz(turnaround_s, turnaround_s)
         seen.add(rate_hz)
         higher = [one for one in AUTO_RATES_HZ if one > rate_hz]
-        assert not any(demand.load(one, turnaround_s) <= 0.8 and demand.fits(one, turnaround_s) for one in higher if rate_hz)
+        assert not any(
+            demand.load(one, turnaround_s) <= 0.8 and demand.fits(one, turnaround_s)
+            for one in higher
+            if rate_hz
+        )
         if rate_hz:
             assert demand.load(rate_hz, turnaround_s) <= 0.8
             assert rate_hz >= demand.slowest_rate_hz
         else:
-            assert all(demand.load(one, turnaround_s) > 0.8 or not demand.fits(one, turnaround_s) for one in (0.5, 0.4, 0.2))
+            assert all(
+                demand.load(one, turnaround_s) > 0.8 or not demand.fits(one, turnaround_s)
+                for one in (0.5, 0.4, 0.2)
+            )
     assert len(seen) >= 5
 
 
 def test_the_borders_of_the_usual_stations() -> None:
-    """In milliseconds of response time; what real ones take (1 to 2 ms, 16 behind a USB adapter's timer) is not near one."""
+    """In milliseconds of response time; what real ones take (1 to 2 ms, 16 behind a USB adapter's
+    timer) is not near one.
+    """
     recipe = parse_recipe('[recipe]\nname = "test"\nrevision = 1\nfamilies = ["dde"]\n')
 
     def border_ms(ports: tuple[int, ...], rate_hz: float) -> float:
@@ -123,21 +148,31 @@ def test_the_borders_of_the_usual_stations() -> None:
 def test_an_omega_is_held_against_the_longest_answer_that_its_manual_prints(
     usual_ms: float, longest_ms: float, rate_hz: float
 ) -> None:
-    """003, 11.1: 0 to 250 ms. However quick its first answers were, later ones may take that long."""
+    """003, 11.1: 0 to 250 ms. However quick its first answers were, later ones may take that
+    long.
+    """
     assert taken("omega", (1,), usual_ms, longest_ms) == rate_hz
 
 
 def test_each_station_has_a_link_and_so_a_rate_of_its_own() -> None:
     one_port = line_text("", "ports = [1]").split("[[station]]")[1].replace("dde-1", "dde-2")
     run = prepare(line_text() + "\n[[station]]" + one_port, AUTO, duration_s=5).go()
-    assert {name: facts.rate_hz for name, facts in run.memory.stations.items()} == {"dde-1": 5, "dde-2": 10}
+    assert {name: facts.rate_hz for name, facts in run.memory.stations.items()} == {
+        "dde-1": 5,
+        "dde-2": 10,
+    }
 
 
-# -- what else is asked for --------------------------------------------------------------------------------------------------
+# -- what else is asked for ------------------------------------------------------------------------
 
 
 def test_an_option_asks_for_it_and_wins_over_the_recipe() -> None:
-    assert prepare(slow(1.0), SETTINGS + "\n[sampling]\nrate_hz = 2\n", duration_s=2, rate="auto").go().facts.rate_hz == 5
+    assert (
+        prepare(slow(1.0), SETTINGS + "\n[sampling]\nrate_hz = 2\n", duration_s=2, rate="auto")
+        .go()
+        .facts.rate_hz
+        == 5
+    )
     assert prepare(slow(1.0), AUTO, duration_s=2, rate=2).go().facts.rate_hz == 2
 
 
@@ -146,7 +181,9 @@ def test_fit_takes_up_to_the_usual_rate_where_the_recipe_says_auto() -> None:
     assert facts.asked_rate == "fit"
     assert facts.rate_hz is not None
     assert 8 < facts.rate_hz < 10
-    assert prepare(slow(1.0, "ports = [1]"), AUTO, duration_s=2, rate="fit").go().facts.rate_hz == 10
+    assert (
+        prepare(slow(1.0, "ports = [1]"), AUTO, duration_s=2, rate="fit").go().facts.rate_hz == 10
+    )
 
 
 def test_a_number_stays_a_demand_and_a_missing_key_is_the_usual_number() -> None:
@@ -162,16 +199,21 @@ def test_without_pause_there_is_no_rate() -> None:
 
 
 def test_where_no_rate_is_left_the_refusal_says_what_would_be() -> None:
-    """Flags each 0.1 s want 3.33 Hz at least, and behind 16 ms two ports have 4 Hz at the most with a fifth in reserve."""
+    """Flags each 0.1 s want 3.33 Hz at least, and behind 16 ms two ports have 4 Hz at the most with
+    a fifth in reserve.
+    """
     context = desk_of("dde", (1, 2), 25, 25, "alarms_every_s = 0.1\n")
-    with pytest.raises(StartRefused, match=r'"auto" finds no rate: .*3\.33 Hz.*25\.00 ms of response time; raise alarms_every_s'):
+    with pytest.raises(
+        StartRefused,
+        match=r'"auto" finds no rate: .*3\.33 Hz.*25\.00 ms of response time; raise alarms_every_s',
+    ):
         choose_pace(context)
     run = prepare(slow(25.0), AUTO + "alarms_every_s = 0.1\n", duration_s=2).go()
     assert run.facts.outcome == "refused"
     assert run.writes == []
 
 
-# -- where it is told ----------------------------------------------------------------------------------------------------------
+# -- where it is told ------------------------------------------------------------------------------
 
 
 def test_what_was_taken_is_told_when_a_station_is_ready_and_shown() -> None:
@@ -179,7 +221,9 @@ def test_what_was_taken_is_told_when_a_station_is_ready_and_shown() -> None:
     assert ready(run).endswith(", sampled at 5 Hz (auto: a fifth of its link stays free).")
     (event,) = run.memory.of_kind("station.ready")
     assert EventFilter().passes(event)
-    assert "sampled at 9 Hz (fit: the best rate that fits)" in ready(prepare(slow(3.0), AUTO, duration_s=2, rate="fit").go())
+    assert "sampled at 9 Hz (fit: the best rate that fits)" in ready(
+        prepare(slow(3.0), AUTO, duration_s=2, rate="fit").go()
+    )
     assert "sampled at" not in ready(prepare(slow(1.0), AUTO, duration_s=2, rate=2).go())
 
 
@@ -193,16 +237,22 @@ def bench_plan(turnaround_ms: float | None, tmp_path: Path) -> Plan:
 
 def test_a_plan_names_what_it_assumes_and_what_it_would_take(tmp_path: Path) -> None:
     bench_plan(None, tmp_path)
-    told = CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml")]).stdout
+    told = (
+        CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml")]).stdout
+    )
     assert "a fifth of the link free: 5 Hz up to 11.50 ms response time" in told
     assert "a fifth of the link free: 10 Hz up to 11.98 ms response time" in told
     assert "assumed   0 ms: the line file has no turnaround_ms" in told
     bench_plan(16.0, tmp_path)
-    said = CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml")]).stdout
+    said = (
+        CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml")]).stdout
+    )
     assert "4 Hz up to 17.56 ms" in said
     assert "assumed   turnaround_ms of the line file" in said
-    (first, *_) = json.loads(
-        CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml"), "--json"]).stdout
+    first, *_ = json.loads(
+        CliRunner()
+        .invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml"), "--json"])
+        .stdout
     )["stations"]
     names = ("asked_rate", "rate_hz", "assumed_turnaround_ms", "auto_up_to_turnaround_ms")
     assert [first[name] for name in names] == ["auto", 4, 16, pytest.approx(17.56, abs=0.01)]
@@ -210,7 +260,10 @@ def test_a_plan_names_what_it_assumes_and_what_it_would_take(tmp_path: Path) -> 
 
 def test_what_the_bare_link_cannot_carry_is_an_error_of_the_plan(tmp_path: Path) -> None:
     line = tmp_path / "line.toml"
-    line.write_text('[line]\nname = "one"\n[[station]]\nname = "dde-1"\nurl = "dde-1"\nfamily = "dde"\nbaudrate = 1200\n')
+    line.write_text(
+        '[line]\nname = "one"\n[[station]]\nname = "dde-1"\nurl = "dde-1"\nfamily = "dde"\nbaudrate'
+        " = 1200\n"
+    )
     recipe = tmp_path / "recipe.toml"
     recipe.write_text(AUTO + "alarms_every_s = 0.1\n")
     ended = CliRunner().invoke(app, ["plan", str(recipe), "--line", str(line)])

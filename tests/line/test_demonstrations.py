@@ -1,4 +1,6 @@
-"""Recorded runs of every family, lived through again: the tables must be those that were kept with them."""
+"""Recorded runs of every family, lived through again: the tables must be those that were kept with
+them.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,10 @@ from jbclog.record.capture import is_done, mend, read_rows, wire_paths
 from support.records.demonstration import RUNS, TABLES, profiles, tables_of
 from support.virtual.captured_run import relived
 
-ANEW = "after a change to what sessions ask: python tests/support records.demonstration {name}, and read what git shows"
+ANEW = (
+    "after a change to what sessions ask: python tests/support records.demonstration {name}, and"
+    " read what git shows"
+)
 MOST_BYTES = 400_000
 DEMONSTRATIONS = sorted(path.name for path in RUNS.iterdir())
 
@@ -36,7 +41,9 @@ def test_it_shows_the_station_with_its_trouble(name: str) -> None:
     assert facts.outcome == "completed", facts.reason
     assert "station.ready" in kinds
     assert ("link.lost" in kinds, "link.back" in kinds) == (True, True)
-    assert sum(row.what == "heard" for path in wire_paths(RUNS / name) for row in read_rows(path)) > 50
+    assert (
+        sum(row.what == "heard" for path in wire_paths(RUNS / name) for row in read_rows(path)) > 50
+    )
     assert not memory.stations.keys() ^ {load_line(RUNS / name / "line.toml").stations[0].name}
 
 

@@ -15,7 +15,11 @@ def test_an_answer_that_the_next_one_contradicts_is_marked() -> None:
     say(run, "TT1", "00240", 10)
     run.go()
     (event,) = marks(run)
-    assert event.text == "The tip temperature of port 1 was 240 °C and 350 °C when asked 2 times; the last is believed."
+    assert (
+        event.text
+        == "The tip temperature of port 1 was 240 °C and 350 °C when asked 2 times; the last is"
+        " believed."
+    )
     assert (event.port, event.value, event.raw, event.severity) == (1, 350.0, "240 °C", "info")
     assert run.facts.doubted == {"tip_temperature": 1}
     assert 240 not in run.memory.column("temperature_c")[90:]
@@ -27,7 +31,11 @@ def test_a_jump_that_a_second_answer_bears_out_is_believed_and_marked() -> None:
     run.at(12, lambda: setattr(run.station.plant.ports[1], "stuck_c", 200))
     run.go()
     (event,) = marks(run)
-    assert event.text == "The tip temperature of port 1 jumped from 350 °C to 200 °C; a second answer bore it out."
+    assert (
+        event.text
+        == "The tip temperature of port 1 jumped from 350 °C to 200 °C; a second answer bore it"
+        " out."
+    )
     assert event.earliest is not None
     assert 0 < event.time - event.earliest < 200_000
     assert run.memory.column("temperature_c")[-1] == 200
@@ -96,17 +104,25 @@ def test_a_counter_that_goes_on_is_recorded_as_it_goes() -> None:
     run = one_port("counters = { sleep_cycles = 7 }\n", duration_s=75)
     say(run, "CC1", "00008", 30, times=1000)
     run.go()
-    assert [one.value for one in run.memory.counters if one.counter == "sleep_cycles"] == [7.0, 8.0, 8.0]
+    assert [one.value for one in run.memory.counters if one.counter == "sleep_cycles"] == [
+        7.0,
+        8.0,
+        8.0,
+    ]
     assert marks(run) == []
 
 
-def test_a_counter_that_goes_on_while_it_is_asked_is_kept_with_the_characters_of_its_own_answer() -> None:
+def test_a_counter_that_goes_on_while_it_is_read_keeps_the_characters_of_its_answer() -> None:
     """Of three that grow the middle one is right; what the station said last was another."""
     run = one_port(duration_s=5)
     ask, told = run.station.device.answer, iter(range(7, 1000))
 
     def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
-        return ("A", f"CC1{next(told):05d}") if (header, text) == ("R", "CC1") else ask(header, text, now)
+        return (
+            ("A", f"CC1{next(told):05d}")
+            if (header, text) == ("R", "CC1")
+            else ask(header, text, now)
+        )
 
     run.station.device.answer = answer  # type: ignore[method-assign]
     run.go()
@@ -135,7 +151,7 @@ def test_at_the_end_one_answer_bears_out_what_two_said_before() -> None:
     assert [one.text for one in run.heard].count("RCW1") == 3  # two at the start, one at the end
 
 
-# -- hot air -----------------------------------------------------------------------------------------------------------------
+# -- hot air ---------------------------------------------------------------------------------------
 
 
 def test_an_external_temperature_that_only_one_answer_tells_is_not_recorded() -> None:
@@ -165,7 +181,9 @@ def test_an_external_temperature_that_two_answers_tell_is_recorded_and_marked() 
         ("ST1", "00300", "selected_air_temperature", "set_c", 320),
     ],
 )
-def test_a_setting_of_hot_air_is_not_found_changed_by_one_answer(code: str, data: str, name: str, column: str, held: int) -> None:
+def test_a_setting_of_hot_air_is_not_found_changed_by_one_answer(
+    code: str, data: str, name: str, column: str, held: int
+) -> None:
     run = hot_air(duration_s=20)
     say(run, code, data, 10)
     run.go()
@@ -176,7 +194,7 @@ def test_a_setting_of_hot_air_is_not_found_changed_by_one_answer(code: str, data
     assert {one for one in run.memory.column(column) if one is not None} == {held}
 
 
-# -- nothing to be held against ------------------------------------------------------------------------------------
+# -- nothing to be held against --------------------------------------------------------------------
 
 
 def test_the_first_temperature_of_a_run_is_asked_again() -> None:
@@ -201,7 +219,7 @@ def test_so_is_the_first_of_any_other_temperature(code: str) -> None:
     assert sum(run.facts.doubted.values()) == 2
 
 
-# -- what cannot be ------------------------------------------------------------------------------------------------
+# -- what cannot be --------------------------------------------------------------------------------
 
 IMPOSSIBLE = {
     "QT1": ("transistor_c", "04033"),
@@ -228,7 +246,9 @@ def test_of_three_answers_the_one_that_can_be_is_recorded() -> None:
     run.at(10, lambda: let_say(run.station.device, "TT1", "04033", "04035"))
     run.go()
     (event,) = marks(run)
-    assert event.text.endswith("4033 °C and 4035 °C and 350 °C when asked 3 times; the last is believed.")
+    assert event.text.endswith(
+        "4033 °C and 4035 °C and 350 °C when asked 3 times; the last is believed."
+    )
     assert event.value == 350.0
     assert {4033, 4035}.isdisjoint(run.memory.column("temperature_c"))
     assert {row[COLUMN["quality"]] for row in run.memory.samples} == {"ok"}
@@ -267,7 +287,7 @@ def test_an_air_flow_beyond_all_is_not_recorded(times: int) -> None:
     assert max(flows) <= 1000
 
 
-# -- borders: each number is held from both sides --------------------------------------------------------------------
+# -- borders: each number is held from both sides --------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -280,7 +300,9 @@ def test_an_air_flow_beyond_all_is_not_recorded(times: int) -> None:
         ("TT", "transformer_c", 600),
     ],
 )
-def test_the_greatest_that_can_be_is_recorded_and_one_more_is_not(code: str, column: str, greatest: int) -> None:
+def test_the_greatest_that_can_be_is_recorded_and_one_more_is_not(
+    code: str, column: str, greatest: int
+) -> None:
     for value, can_be in ((greatest, True), (greatest + 1, False)):
         run = one_port(duration_s=25)
         say(run, code, f"{value:05d}", 8, times=1000)
@@ -299,7 +321,9 @@ def test_a_flow_of_half_as_much_again_as_the_greatest_is_recorded_and_one_more_i
 
 
 @pytest.mark.parametrize(("second", "is_marked"), [(305, False), (306, True)])
-def test_two_answers_that_are_25_degrees_apart_do_not_contradict(second: int, is_marked: bool) -> None:
+def test_two_answers_that_are_25_degrees_apart_do_not_contradict(
+    second: int, is_marked: bool
+) -> None:
     run = one_port()
     run.at(10, lambda: let_say(run.station.device, "TT1", "00280", f"{second:05d}"))
     run.go()
@@ -310,8 +334,12 @@ def test_two_answers_that_are_25_degrees_apart_do_not_contradict(second: int, is
 
 @pytest.mark.parametrize("times", [1, 1000])
 @pytest.mark.parametrize(("value", "is_doubted"), [(300, False), (299, True)])
-def test_a_tip_may_change_by_50_degrees_from_one_tick_to_the_next(value: int, is_doubted: bool, times: int) -> None:
-    """The tip is at 350 °C; said once, 299 is contradicted, and said again and again it is a jump."""
+def test_a_tip_may_change_by_50_degrees_from_one_tick_to_the_next(
+    value: int, is_doubted: bool, times: int
+) -> None:
+    """The tip is at 350 °C; said once, 299 is contradicted, and said again and again it is a
+    jump.
+    """
     run = one_port()
     say(run, "TT1", f"{value:05d}", 10, times=times)
     run.go()

@@ -1,4 +1,6 @@
-"""Alarm episodes of virtual stations: what the rows say is what the session itself believed, whatever the link does."""
+"""Alarm episodes of virtual stations: what the rows say is what the session itself believed,
+whatever the link does.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +14,21 @@ GOES_ON = RECIPE + 'on_difference = "continue"\n'
 
 
 def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+    return "\n[[station.sim.fault]]\n" + "".join(
+        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
+    )
 
 
 def run_with(sim: str, recipe: str = GOES_ON, duration_s: float = 40) -> VirtualRun:
-    return prepare(line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), recipe, duration_s=duration_s)
+    return prepare(
+        line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), recipe, duration_s=duration_s
+    )
 
 
 def evaluated(run: VirtualRun) -> tuple[list[EventRow], LiveAlarms]:
-    """What the recorder would have told of the run, settings first, then rows and events in the order of their moments."""
+    """What the recorder would have told of the run, settings first, then rows and events in the
+    order of their moments.
+    """
     told: list[EventRow] = []
     live = LiveAlarms(told.append)
     live.facts(run.facts)
@@ -39,7 +47,8 @@ def evaluated(run: VirtualRun) -> tuple[list[EventRow], LiveAlarms]:
         "",
         fault("overheat", at_s=12, for_s=6, by_c=20),
         fault("overheat", by_c=60.0),
-        fault("tool", at_s=6.0, for_s=7.0, code=0) + fault("overheat", at_s=10.0, for_s=30.0, by_c=60.0),
+        fault("tool", at_s=6.0, for_s=7.0, code=0)
+        + fault("overheat", at_s=10.0, for_s=30.0, by_c=60.0),
         fault("dropout", at_s=12, for_s=5),
         "settings = {status = 'working'}",
     ],
@@ -74,7 +83,10 @@ def test_what_is_too_hot_for_longer_than_the_delay_is_raised_and_clears() -> Non
 
 def test_an_outage_neither_raises_nor_clears() -> None:
     """It is hot before the outage and behind it."""
-    run = run_with(fault("overheat", at_s=12, for_s=20, by_c=25) + fault("dropout", at_s=18, for_s=6), duration_s=50).go()
+    run = run_with(
+        fault("overheat", at_s=12, for_s=20, by_c=25) + fault("dropout", at_s=18, for_s=6),
+        duration_s=50,
+    ).go()
     assert kinds(run) == ["raised", "cleared"]
     assert any(row[COLUMN["quality"]] == "disconnected" for row in run.memory.samples)
 
@@ -85,7 +97,9 @@ def test_a_long_outage_leaves_it_uncertain() -> None:
 
 
 def test_a_limit_found_changed_holds_for_what_follows() -> None:
-    run = run_with("", RECIPE + 'on_difference = "continue"\n[sampling]\ncounters_every_s = 5\n', duration_s=40)
+    run = run_with(
+        "", RECIPE + 'on_difference = "continue"\n[sampling]\ncounters_every_s = 5\n', duration_s=40
+    )
     run.at(15, lambda: setattr(run.station.plant.ports[1].settings, "alarm_high_limit", 340))
     assert kinds(run.go()) == ["raised"]
     assert evaluated(run)[0][0].limit == 340

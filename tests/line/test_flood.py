@@ -1,4 +1,6 @@
-"""A link that is flooded: it counts as lost, nothing that came over it is believed, and its tools are told to rest all the same."""
+"""A link that is flooded: it counts as lost, nothing that came over it is believed, and its tools
+are told to rest all the same.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,11 @@ def only(run: VirtualRun, name: str) -> VirtualRun:
 
 
 def of_links(run: VirtualRun) -> list[str]:
-    return [event.kind for event in run.memory.events if event.kind.startswith(("link.", "robot.", "identity."))]
+    return [
+        event.kind
+        for event in run.memory.events
+        if event.kind.startswith(("link.", "robot.", "identity."))
+    ]
 
 
 def due_s(run: VirtualRun, row: list[object]) -> float:
@@ -50,23 +56,35 @@ def due_s(run: VirtualRun, row: list[object]) -> float:
 
 @every_shape
 @pytest.mark.parametrize("rate", [1.0, 5.0])
-def test_a_flooded_link_is_lost_and_back_and_the_neighbour_does_not_notice(shape: str, rate: float) -> None:
+def test_a_flooded_link_is_lost_and_back_and_the_neighbour_does_not_notice(
+    shape: str, rate: float
+) -> None:
     alone = prepare(line("", ""), duration_s=20, rate=rate).go()
     run = prepare(line("", ""), duration_s=20, rate=rate)
     flood(run, "dde-1", shape, FAST, 6, 11)
     run.go()
-    kinds = [kind for kind in of_links(run) if kind != "robot.off"]  # one refusal before the flood shows ends the asking, too
+    # one refusal before the flood shows ends the asking, too
+    kinds = [kind for kind in of_links(run) if kind != "robot.off"]
     assert kinds in (["link.flooded", "link.back"], ["link.flooded", "robot.on"])
-    assert {name: context.facts.outcome for name, context in run.contexts.items()} == {"dde-1": "completed", "dde-2": "completed"}
-    assert {name: context.facts.outages for name, context in run.contexts.items()} == {"dde-1": 1, "dde-2": 0}
+    assert {name: context.facts.outcome for name, context in run.contexts.items()} == {
+        "dde-1": "completed",
+        "dde-2": "completed",
+    }
+    assert {name: context.facts.outages for name, context in run.contexts.items()} == {
+        "dde-1": 1,
+        "dde-2": 0,
+    }
     assert_account_holds(only(run, "dde-1"))
     assert rows_of(run, "dde-2") == rows_of(alone, "dde-2")
     for row in rows_of(run, "dde-1"):
         second = due_s(run, row)
         if 8.1 < second < 10.9:
             assert row[COLUMN["temperature_c"]] is None
-            assert reasons_in(row)["temperature_c"] == ("disconnected" if "link.back" in kinds else "robot_off")
-        elif second < 5.9 or second > 16:  # the last try may have been a moment before the end of the flood
+            assert reasons_in(row)["temperature_c"] == (
+                "disconnected" if "link.back" in kinds else "robot_off"
+            )
+        # the last try may have been a moment before the end of the flood
+        elif second < 5.9 or second > 16:
             assert row[COLUMN["quality"]] == "ok"
         assert row[COLUMN["temperature_c"]] != FALSE_C
     (event,) = run.memory.of_kind("link.flooded")
@@ -80,7 +98,9 @@ def test_it_keeps_a_run_from_a_plain_accept() -> None:
     assert "link.flooded" in NOT_AS_PLANNED
 
 
-@pytest.mark.parametrize(("times", "kinds"), [(5, []), (8, []), (12, ["link.flooded", "link.back"])])
+@pytest.mark.parametrize(
+    ("times", "kinds"), [(5, []), (8, []), (12, ["link.flooded", "link.back"])]
+)
 def test_ten_times_the_bytes_that_are_due_are_the_limit(times: float, kinds: list[str]) -> None:
     """At 5 Hz of this line some 45 answers are due each second, of some 15 bytes."""
     sound = prepare(duration_s=20, rate=5.0).go()
@@ -111,11 +131,15 @@ def test_a_flood_that_does_not_end_leaves_the_tools_told_and_not_verified() -> N
     assert all("its link is flooded" in text for text in flooded.unsafe)
     assert len(flooded.unsafe) == 2
     assert len(run.memory.of_kind("link.flooded")) == 1
-    orders = [one.at - run.t0 for one in run.taps["dde-1"].heard if one.text in ("WPS100001", "WPS200001")]
+    orders = [
+        one.at - run.t0 for one in run.taps["dde-1"].heard if one.text in ("WPS100001", "WPS200001")
+    ]
     assert len(orders) >= 2
     assert max(orders) < 15 + 10
     assert run.driver.clock.monotonic() - run.t0 < 15 + 10
-    assert [write.value for write in run.station.log.written("status") if write.port == 1][-1] == STAND
+    assert [write.value for write in run.station.log.written("status") if write.port == 1][
+        -1
+    ] == STAND
 
 
 def test_a_flood_that_begins_while_the_tools_are_made_safe_is_in_the_record() -> None:
@@ -152,7 +176,9 @@ def test_a_link_that_is_flooded_from_the_start_refuses_the_run_within_seconds() 
 def test_a_run_with_a_flood_is_lived_through_again_to_the_row() -> None:
     tape: list[ReplayStep] = []
 
-    def noted(order: StationTask, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
+    def noted(
+        order: StationTask, session: Steps[StationFacts], cable: Peer
+    ) -> tuple[Steps[StationFacts], Peer]:
         return _noted(session, tape), cable
 
     run = prepare(duration_s=15, rate=5.0, pulled=noted)

@@ -20,7 +20,9 @@ from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
 
 def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+    return "\n[[station.sim.fault]]\n" + "".join(
+        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
+    )
 
 
 def cells(run: VirtualRun, column: str) -> list[object]:
@@ -36,14 +38,25 @@ def after_the_run(run: VirtualRun) -> tuple[int, ...]:
     return plant(run).status
 
 
-# -- the recipe on the station -------------------------------------------------------------------------------------
+# -- the recipe on the station ---------------------------------------------------------------------
 
 
 def test_mode_and_flow_come_before_heat_and_the_tool_is_switched_on_last() -> None:
     run = hot_air("settings = { work_mode = 'profile' }", duration_s=5).go()
     assert run.facts.outcome == "completed", run.facts.reason
-    assert written(run) == ["WWM100000", "WSF100600", "WSE100180", "WST100320", "WPS100001", "WPS100010"]
-    assert [(row.setting, row.unit, row.written, row.outcome) for row in run.memory.settings if row.requested] == [
+    assert written(run) == [
+        "WWM100000",
+        "WSF100600",
+        "WSE100180",
+        "WST100320",
+        "WPS100001",
+        "WPS100010",
+    ]
+    assert [
+        (row.setting, row.unit, row.written, row.outcome)
+        for row in run.memory.settings
+        if row.requested
+    ] == [
         ("work_mode", "", "manual", "confirmed"),
         ("selected_air_flow", "raw", "600", "confirmed"),
         ("selected_external_temperature", "°C", "180", "confirmed"),
@@ -53,7 +66,10 @@ def test_mode_and_flow_come_before_heat_and_the_tool_is_switched_on_last() -> No
 
 
 def test_what_holds_is_not_written() -> None:
-    settings = "selected_air_temperature = 320, selected_air_flow = 600, selected_external_temperature = 180, status = 'on'"
+    settings = (
+        "selected_air_temperature = 320, selected_air_flow = 600, selected_external_temperature ="
+        " 180, status = 'on'"
+    )
     run = hot_air(f"settings = {{ {settings} }}", duration_s=5).go()
     assert written(run) == ["WPS100010"]
     assert {row.outcome for row in run.memory.settings if row.requested} == {"unchanged"}
@@ -61,13 +77,21 @@ def test_what_holds_is_not_written() -> None:
 
 def test_a_tool_that_is_not_switched_on_stops_the_run() -> None:
     run = hot_air(fault("nak", code=4, command="status", only="write", for_s=2), duration_s=5).go()
-    assert [(row.nak, row.outcome) for row in run.memory.settings if row.setting == "status" and row.requested] == [(4, "refused")]
+    assert [
+        (row.nak, row.outcome)
+        for row in run.memory.settings
+        if row.setting == "status" and row.requested
+    ] == [(4, "refused")]
     assert (run.facts.outcome, run.memory.samples) == ("refused", [])
 
 
 @pytest.mark.parametrize(("greatest", "raw"), [(1000, 600), (100, 60), (45, 27), (999, 599)])
-def test_the_flow_is_a_share_of_what_the_station_says_is_its_greatest(greatest: int, raw: int) -> None:
-    """docs/reference/contradictions.md, B-33: per mille, per cent or litres, the share is the same."""
+def test_the_flow_is_a_share_of_what_the_station_says_is_its_greatest(
+    greatest: int, raw: int
+) -> None:
+    """docs/reference/contradictions.md, B-33: per mille, per cent or litres, the share is the
+    same.
+    """
     settings = f"minimum_air_flow = 1, selected_air_flow = 20, maximum_air_flow = {greatest}"
     run = hot_air(f"settings = {{ {settings} }}", duration_s=15).go()
     assert f"WSF1{raw:05d}" in written(run)
@@ -81,17 +105,34 @@ def test_the_flow_is_a_share_of_what_the_station_says_is_its_greatest(greatest: 
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [
-        ("temperature_c = 320", "temperature_c = 451", "451 °C on port 1 is above the station's maximum of 450 °C"),
-        ("temperature_c = 320", "temperature_c = 149", "149 °C on port 1 is below the station's minimum of 150 °C"),
-        ("external_set_c = 180", "external_set_c = 501", "501 °C on port 1 is above the station's maximum of 500 °C"),
+        (
+            "temperature_c = 320",
+            "temperature_c = 451",
+            "451 °C on port 1 is above the station's maximum of 450 °C",
+        ),
+        (
+            "temperature_c = 320",
+            "temperature_c = 149",
+            "149 °C on port 1 is below the station's minimum of 150 °C",
+        ),
+        (
+            "external_set_c = 180",
+            "external_set_c = 501",
+            "501 °C on port 1 is above the station's maximum of 500 °C",
+        ),
         (
             "flow_permille = 600",
             "flow_permille = 99",
-            "99 ‰ of the station's maximum air flow on port 1, 99 raw, is below the station's minimum of 100 raw",
+            (
+                "99 ‰ of the station's maximum air flow on port 1, 99 raw, is below the station's"
+                " minimum of 100 raw"
+            ),
         ),
     ],
 )
-def test_what_the_station_does_not_allow_is_refused_before_the_first_write(key: str, value: str, said: str) -> None:
+def test_what_the_station_does_not_allow_is_refused_before_the_first_write(
+    key: str, value: str, said: str
+) -> None:
     run = hot_air(recipe=AIR.replace(key, value), duration_s=5).go()
     assert run.facts.outcome == "refused"
     assert said in run.facts.reason
@@ -101,16 +142,23 @@ def test_what_the_station_does_not_allow_is_refused_before_the_first_write(key: 
 
 def test_a_station_that_does_not_tell_its_greatest_flow_gets_none() -> None:
     run = hot_air(fault("nak", code=4, command="maximum_air_flow"), duration_s=5).go()
-    assert "600 ‰ of the station's maximum air flow on port 1 cannot be reckoned" in run.facts.reason
+    assert (
+        "600 ‰ of the station's maximum air flow on port 1 cannot be reckoned" in run.facts.reason
+    )
     assert written(run) == []
 
 
 def test_without_a_greatest_flow_the_flow_in_force_is_no_share() -> None:
     recipe = AIR.replace("flow_permille = 600\n", "")
-    run = hot_air(fault("nak", code=4, command="maximum_air_flow"), recipe=recipe, duration_s=15).go()
+    run = hot_air(
+        fault("nak", code=4, command="maximum_air_flow"), recipe=recipe, duration_s=15
+    ).go()
     assert run.facts.outcome == "completed", run.facts.reason
     assert cells(run, "set_flow_permille") == []
-    assert {reasons_in(row).get("set_flow_permille") for row in run.memory.samples} == {None, "no_maximum"}
+    assert {reasons_in(row).get("set_flow_permille") for row in run.memory.samples} == {
+        None,
+        "no_maximum",
+    }
     assert_account_holds(run)
     assert "raw" in {row.unit for row in run.memory.settings if row.setting == "selected_air_flow"}
 
@@ -132,11 +180,14 @@ def test_on_and_cooling_at_once_is_not_on() -> None:
     assert "00001 was asked, 00011 was read back" in run.facts.reason
 
 
-# -- samples -------------------------------------------------------------------------------------------------------
+# -- samples ---------------------------------------------------------------------------------------
 
 
 def test_air_and_work_are_sampled_each_tick_and_hold_what_the_station_said() -> None:
-    run = hot_air("joints_per_minute = 6\njoint_seconds = 4\nsuction_each_joint = true\nnoise_c = 1.0", duration_s=60).go()
+    run = hot_air(
+        "joints_per_minute = 6\njoint_seconds = 4\nsuction_each_joint = true\nnoise_c = 1.0",
+        duration_s=60,
+    ).go()
     assert_account_holds(run)
     assert wrong_values(run) == []
     for column in ("temperature_c", "external_c", "power_permille", "status"):
@@ -151,11 +202,21 @@ def test_air_and_work_are_sampled_each_tick_and_hold_what_the_station_said() -> 
 
 def test_columns_that_hot_air_does_not_have_are_never_due() -> None:
     run = hot_air(duration_s=15).go()
-    for column in ("motor", "alarm_high", "alarm_low", "transformer_c", "transistor_c", "delay_s", "feeding"):
+    for column in (
+        "motor",
+        "alarm_high",
+        "alarm_low",
+        "transformer_c",
+        "transistor_c",
+        "delay_s",
+        "feeding",
+    ):
         assert cells(run, column) == []
         assert column not in run.facts.due["1"]
     assert run.facts.not_supported == []
-    assert not [one.text for one in run.heard if one.text[:3] in ("RTA", "RTT", "RQT", "RED", "RHA", "RLA")]
+    assert not [
+        one.text for one in run.heard if one.text[:3] in ("RTA", "RTT", "RQT", "RED", "RHA", "RLA")
+    ]
 
 
 def test_suction_and_cooling_by_hand_are_seen() -> None:
@@ -163,22 +224,37 @@ def test_suction_and_cooling_by_hand_are_seen() -> None:
     run.at(5, lambda: plant(run).order((0, 0, 1, 0, 1)))
     run.at(10, lambda: plant(run).order((0, 0, 0, 1, 0)))
     run.go()
-    words = (tuple(row[COLUMN[name]] for name in ("status", "cooling", "desoldering")) for row in run.memory.samples)
-    assert list(dict.fromkeys(words)) == [("off", False, False), ("on", False, True), ("off", True, False)]
+    words = (
+        tuple(row[COLUMN[name]] for name in ("status", "cooling", "desoldering"))
+        for row in run.memory.samples
+    )
+    assert list(dict.fromkeys(words)) == [
+        ("off", False, False),
+        ("on", False, True),
+        ("off", True, False),
+    ]
     assert written(run) == ["WSF100600", "WSE100180", "WST100320", "WPS100010"]
 
 
 def test_its_counters_are_its_own() -> None:
-    sim = "counters = { plugged_hours = 17, tool_cycles = 5 }\nsuction_each_joint = true\njoints_per_minute = 12"
+    sim = (
+        "counters = { plugged_hours = 17, tool_cycles = 5 }\nsuction_each_joint ="
+        " true\njoints_per_minute = 12"
+    )
     run = hot_air(sim, duration_s=65).go()
     first = {one.counter: one.value for one in run.memory.counters[:4]}
     last = {one.counter: one.value for one in run.memory.counters[-4:]}
     assert first == {"on_h": 17, "work_h": 0, "tool_cycles": 6, "suction_cycles": 0}
-    assert last == {"on_h": 17, "work_h": 0, "tool_cycles": 6, "suction_cycles": plant(run).suction_cycles}
+    assert last == {
+        "on_h": 17,
+        "work_h": 0,
+        "tool_cycles": 6,
+        "suction_cycles": plant(run).suction_cycles,
+    }
     assert plant(run).suction_cycles > 5
 
 
-# -- the thermocouple on the work ----------------------------------------------------------------------------------
+# -- the thermocouple on the work ------------------------------------------------------------------
 
 
 def test_without_a_thermocouple_its_temperature_is_null_and_the_row_is_well() -> None:
@@ -203,11 +279,16 @@ def test_whatever_is_said_without_a_thermocouple_means_nothing(data: str) -> Non
     run.go()
     assert {row[COLUMN["reasons"]] for row in run.memory.samples} == {"external_c=no_thermocouple"}
     assert run.memory.of_kind("read.implausible") == []
-    assert len([one for one in run.heard if one.text == "RET1"]) == len(run.memory.samples), "asked once a tick"
+    assert len([one for one in run.heard if one.text == "RET1"]) == len(run.memory.samples), (
+        "asked once a tick"
+    )
 
 
-def test_a_station_that_refuses_it_without_a_thermocouple_is_asked_again_once_there_is_one() -> None:
-    run = hot_air("thermocouple = false" + fault("nak", code=4, command="external_temperature", for_s=6), duration_s=15)
+def test_a_refusal_without_a_thermocouple_is_asked_again_once_there_is_one() -> None:
+    run = hot_air(
+        "thermocouple = false" + fault("nak", code=4, command="external_temperature", for_s=6),
+        duration_s=15,
+    )
     run.at(7, lambda: setattr(plant(run).character, "has_thermocouple", True))
     run.go()
     assert len(cells(run, "external_c")) > 30
@@ -223,7 +304,7 @@ def test_a_thermocouple_that_is_put_on_hot_work_leaps_and_is_believed() -> None:
     assert {row[COLUMN["quality"]] for row in run.memory.samples} == {"ok"}
 
 
-# -- the tool ------------------------------------------------------------------------------------------------------
+# -- the tool --------------------------------------------------------------------------------------
 
 
 def test_a_tool_that_is_pulled_out_gives_no_temperature() -> None:
@@ -236,7 +317,9 @@ def test_a_tool_that_is_pulled_out_gives_no_temperature() -> None:
 
 
 def test_another_tool_is_told_and_goes_on() -> None:
-    """There is no delay that could be off: the safe states of hot air have the heater off whatever the tool."""
+    """There is no delay that could be off: the safe states of hot air have the heater off whatever
+    the tool.
+    """
     run = hot_air(fault("tool", code=2, at_s=8), duration_s=20).go()
     (changed,) = run.memory.of_kind("tool.changed")
     assert "from JT to TE" in changed.text
@@ -253,7 +336,7 @@ def test_no_tool_is_no_run_unless_the_recipe_says_so() -> None:
     assert "WPS100001" not in written(run)
 
 
-# -- the safe state ------------------------------------------------------------------------------------------------
+# -- the safe state --------------------------------------------------------------------------------
 
 
 def test_the_run_ends_with_the_heater_off_and_the_pump_on() -> None:
@@ -273,7 +356,10 @@ def test_off_may_be_the_safe_state() -> None:
     assert run.facts.safe_state == {1: "verified"}
 
 
-@pytest.mark.parametrize(("safe", "code", "then"), [("cooling", "PS100010", "WPS100000"), ("off", "PS100000", "WPS100010")])
+@pytest.mark.parametrize(
+    ("safe", "code", "then"),
+    [("cooling", "PS100010", "WPS100000"), ("off", "PS100000", "WPS100010")],
+)
 def test_where_one_safe_state_is_refused_the_other_follows(safe: str, code: str, then: str) -> None:
     run = hot_air(recipe=AIR + f'safe_state = "{safe}"\n', duration_s=10)
     asked = run.station.device.answer
@@ -290,7 +376,10 @@ def test_a_tool_that_stays_on_is_not_safe() -> None:
     run = hot_air(fault("nak", code=3, command="status", only="write", at_s=8), duration_s=10).go()
     assert run.facts.safe_state == {1: "failed"}
     (sentence,) = run.facts.unsafe
-    assert "jtse-1 port 1: could not be put in its safe state, its air may be hot (last read 320 °C)" in sentence
+    assert (
+        "jtse-1 port 1: could not be put in its safe state, its air may be hot (last read 320 °C)"
+        in sentence
+    )
     assert run.memory.of_kind("safety.not_safe")
 
 
@@ -298,23 +387,41 @@ def test_cooling_does_not_count_while_it_is_on() -> None:
     run = hot_air(duration_s=10)
     asked = run.station.device.answer
     run.station.device.answer = lambda header, text, now: (  # type: ignore[method-assign]
-        ("A", "PS100011") if text == "PS1" and "WPS100010" in written(run) else asked(header, text, now)
+        ("A", "PS100011")
+        if text == "PS1" and "WPS100010" in written(run)
+        else asked(header, text, now)
     )
     run.go()
     assert run.facts.safe_state == {1: "sent"}
     assert run.facts.unsafe
 
 
-# -- what changes and what goes away -------------------------------------------------------------------------------
+# -- what changes and what goes away ---------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        ("selected_air_temperature", 250, "selected air temperature of port 1 was found changed: 250 °C instead of 320 °C"),
-        ("selected_air_flow", 300, "selected air flow of port 1 was found changed: 300 raw instead of 600 raw"),
-        ("selected_external_temperature", 90, "selected external temperature of port 1 was found changed: 90 °C instead of 180 °C"),
-        ("work_mode", "profile", "work mode of port 1 was found changed: profile instead of manual"),
+        (
+            "selected_air_temperature",
+            250,
+            "selected air temperature of port 1 was found changed: 250 °C instead of 320 °C",
+        ),
+        (
+            "selected_air_flow",
+            300,
+            "selected air flow of port 1 was found changed: 300 raw instead of 600 raw",
+        ),
+        (
+            "selected_external_temperature",
+            90,
+            "selected external temperature of port 1 was found changed: 90 °C instead of 180 °C",
+        ),
+        (
+            "work_mode",
+            "profile",
+            "work mode of port 1 was found changed: profile instead of manual",
+        ),
     ],
 )
 def test_a_setting_that_somebody_changed_stops_the_run(name: str, value: object, said: str) -> None:
@@ -362,7 +469,9 @@ def test_a_reading_that_sticks_is_recorded_as_it_was() -> None:
     assert len(set(cells(run, "temperature_c")[-80:])) == 1
 
 
-@pytest.mark.parametrize(("code", "severity"), [(1, "error"), (5, "error"), (8, "error"), (10, "warning"), (42, "error")])
+@pytest.mark.parametrize(
+    ("code", "severity"), [(1, "error"), (5, "error"), (8, "error"), (10, "warning"), (42, "error")]
+)
 def test_port_errors_are_those_of_hot_air(code: int, severity: str) -> None:
     run = hot_air(duration_s=15)
     run.at(5, lambda: setattr(plant(run), "error", code))
@@ -372,12 +481,14 @@ def test_port_errors_are_those_of_hot_air(code: int, severity: str) -> None:
 
 
 def test_no_write_of_a_run_is_dangerous() -> None:
-    """What `run` can send to hot air: settings of the recipe and the status (docs/reference/faults.md, I7)."""
+    """What `run` can send to hot air: settings of the recipe and the status
+    (docs/reference/faults.md, I7).
+    """
     run = hot_air("joints_per_minute = 6", duration_s=30).go()
     assert {text[1:4] for text in written(run)} <= {"WM1", "SF1", "SE1", "ST1", "PS1"}
 
 
-# -- which station it is ---------------------------------------------------------------------------------------------
+# -- which station it is ---------------------------------------------------------------------------
 
 
 def test_auto_finds_hot_air_by_its_model() -> None:
@@ -401,11 +512,13 @@ def test_a_soldering_station_where_hot_air_should_be_is_not_written_to() -> None
     assert written(run) == []
 
 
-# -- suction: one word orders heat and suction ---------------------------------------------------------------------------------
+# -- suction: one word orders heat and suction -----------------------------------------------------
 
 
 def with_keys(air: str = "", run: str = "", status: str = 'status = "on"') -> str:
-    return AIR.replace('mode = "manual"', f'mode = "manual"\n{air}').replace('status = "on"', f"{status}\n{run}")
+    return AIR.replace('mode = "manual"', f'mode = "manual"\n{air}').replace(
+        'status = "on"', f"{status}\n{run}"
+    )
 
 
 def sucking(recipe: str, *, begins: bool = True, sim: str = "", **more: object) -> VirtualRun:
@@ -479,7 +592,9 @@ def test_a_single_answer_does_not_decide_it() -> None:
 
 
 def test_the_safe_order_does_not_wait_for_a_reading_of_the_status() -> None:
-    """Reads of the status are silent from some moment on: the last confirmed digit goes out at once."""
+    """Reads of the status are silent from some moment on: the last confirmed digit goes out at
+    once.
+    """
     run = sucking(with_keys(), sim=fault("silence", command="status", only="read", at_s=3))
     run.go()
     last_tick = max(one.at for one in run.heard if one.text == "RAT1" and one.at <= run.t0 + 7)
@@ -488,7 +603,9 @@ def test_the_safe_order_does_not_wait_for_a_reading_of_the_status() -> None:
     assert words(run)[1] == "00110"
 
 
-def test_a_word_that_keeps_suction_and_is_refused_is_followed_by_the_plain_one_then_off(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_word_that_keeps_suction_and_is_refused_is_followed_by_the_plain_one_then_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     takes = AirModel.allowed
 
     def refuses(words: list[tuple[int, ...]]) -> None:
@@ -503,7 +620,10 @@ def test_a_word_that_keeps_suction_and_is_refused_is_followed_by_the_plain_one_t
     (event,) = run.memory.of_kind("safety.safe_state")
     assert (event.severity, event.text) == (
         "warning",
-        "Port 1: the tool is in its safe state, as read back: cooling; cooling with suction was refused with N 00003.",
+        (
+            "Port 1: the tool is in its safe state, as read back: cooling; cooling with suction was"
+            " refused with N 00003."
+        ),
     )
     refuses([(0, 0, 1, 1, 0), (0, 0, 0, 1, 0)])
     run = sucking(with_keys()).go()
@@ -511,15 +631,21 @@ def test_a_word_that_keeps_suction_and_is_refused_is_followed_by_the_plain_one_t
     assert run.facts.safe_state == {1: "verified"}
 
 
-def test_suction_that_was_asked_for_and_is_not_read_back_is_a_mismatch(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_suction_that_was_asked_for_and_is_not_read_back_is_a_mismatch(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(AirStation, "suck", lambda station, *, on: None)
     run = hot_air(recipe=with_keys('suction = "on"'), duration_s=3).go()
     assert run.facts.outcome == "refused"
     assert "status of port 1" in run.facts.reason
 
 
-@pytest.mark.parametrize("word", [(0, 0, 1, 1, 0), (0, 0, 1, 0, 0), (0, 0, 0, 0, 1), (0, 0, 1, 0, 1)])
-def test_of_the_words_exactly_those_are_permitted_that_the_recipe_and_the_station_lead_to(word: tuple[int, ...]) -> None:
+@pytest.mark.parametrize(
+    "word", [(0, 0, 1, 1, 0), (0, 0, 1, 0, 0), (0, 0, 0, 0, 1), (0, 0, 1, 0, 1)]
+)
+def test_of_the_words_exactly_those_are_permitted_that_the_recipe_and_the_station_lead_to(
+    word: tuple[int, ...],
+) -> None:
     run = sucking(with_keys(), begins=False).go()
     context = next(iter(run.contexts.values()))
     command = context.command("status")

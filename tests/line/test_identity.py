@@ -1,4 +1,6 @@
-"""Another station of the same model behind the cable that was out: known by its software and by its plugged hours."""
+"""Another station of the same model behind the cable that was out: known by its software and by its
+plugged hours.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +18,17 @@ HOURS = 120
 
 
 def bench(hours: float = HOURS, duration_s: float = 20) -> VirtualRun:
-    return prepare(line_text(f"counters = {{ plugged_hours = {hours} }}\n" + AWAY), duration_s=duration_s)
+    return prepare(
+        line_text(f"counters = {{ plugged_hours = {hours} }}\n" + AWAY), duration_s=duration_s
+    )
 
 
-def exchange(run: VirtualRun, *, hours: float = 0.0, software: str | None = None, at_s: float = 5) -> None:
-    """Put another station there while the cable is out: so many more plugged hours, other software."""
+def exchange(
+    run: VirtualRun, *, hours: float = 0.0, software: str | None = None, at_s: float = 5
+) -> None:
+    """Put another station there while the cable is out: so many more plugged hours, other
+    software.
+    """
 
     def exchanged() -> None:
         run.station.plant.start_counts["plugged_hours"] += hours
@@ -65,7 +73,9 @@ def test_other_software_is_another_station() -> None:
 def test_hours_that_fall_or_outrun_the_clock_are_those_of_another_station(hours: int) -> None:
     run = bench()
     exchange(run, hours=hours)
-    assert_gone(run.go(), f"a DDE with {HOURS + hours} plugged hours on port 1, not the one with {HOURS}")
+    assert_gone(
+        run.go(), f"a DDE with {HOURS + hours} plugged hours on port 1, not the one with {HOURS}"
+    )
 
 
 def test_an_hour_may_have_become_full_meanwhile() -> None:
@@ -84,13 +94,19 @@ def test_hours_are_looked_at_on_every_port() -> None:
         return ("A", f"CP2{HOURS + 50:05d}") if is_other else ask(header, text, now)
 
     run.station.device.answer = answer  # type: ignore[method-assign]
-    assert_gone(run.go(), f"a DDE with {HOURS + 50} plugged hours on port 2, not the one with {HOURS}")
+    assert_gone(
+        run.go(), f"a DDE with {HOURS + 50} plugged hours on port 2, not the one with {HOURS}"
+    )
 
 
 def test_hours_go_on_while_it_is_away() -> None:
     """Two hours away, two hours more: the same station."""
     away = AWAY.replace("for_s = 3", "for_s = 7300")
-    run = prepare(line_text(f"counters = {{ plugged_hours = {HOURS} }}\n" + away, "ports = [1]"), duration_s=7400, rate=0.5)
+    run = prepare(
+        line_text(f"counters = {{ plugged_hours = {HOURS} }}\n" + away, "ports = [1]"),
+        duration_s=7400,
+        rate=0.5,
+    )
     run.go()
     assert run.memory.of_kind("identity.changed") == []
     assert run.memory.column("temperature_c")[-1] is not None
@@ -100,7 +116,9 @@ def test_hot_air_is_known_by_its_plugged_hours() -> None:
     """The station does not report software (manual 001)."""
     run = hot_air(f"counters = {{ plugged_hours = {HOURS} }}\n" + AWAY, duration_s=20)
     run.at(5, lambda: plant(run).start_counts.update(plugged_hours=HOURS - 20.0))
-    assert_gone(run.go(), f"a JTSE with {HOURS - 20} plugged hours on port 1, not the one with {HOURS}")
+    assert_gone(
+        run.go(), f"a JTSE with {HOURS - 20} plugged hours on port 1, not the one with {HOURS}"
+    )
 
 
 def test_hours_that_roll_over_are_those_of_the_same_station() -> None:
@@ -115,31 +133,51 @@ def test_cables_that_were_swapped_between_two_questions_are_known_by_the_next_ho
     run = prepare(line_text(f"counters = {{ plugged_hours = {HOURS} }}\n"), duration_s=150)
     run.at(80, lambda: run.station.plant.start_counts.update(plugged_hours=HOURS + 50.0))
     run.go()
-    (lost, *_) = run.memory.of_kind("link.lost")
-    hours = [one.time for one in run.memory.counters if one.counter == "plugged_h" and one.value is not None and one.port == 1]
-    assert lost.earliest == pytest.approx(hours[-1], abs=100_000)  # since then it may have been another
-    assert lost.text.startswith(f"The station may be another now: the plugged hours of port 1 are {HOURS + 50}, and were {HOURS}.")
+    lost, *_ = run.memory.of_kind("link.lost")
+    hours = [
+        one.time
+        for one in run.memory.counters
+        if one.counter == "plugged_h" and one.value is not None and one.port == 1
+    ]
+    # since then it may have been another
+    assert lost.earliest == pytest.approx(hours[-1], abs=100_000)
+    assert lost.text.startswith(
+        f"The station may be another now: the plugged hours of port 1 are {HOURS + 50}, and were"
+        f" {HOURS}."
+    )
     assert_gone(run, f"a DDE with {HOURS + 50} plugged hours on port 1, not the one with {HOURS}")
 
 
-# -- while the link stands ------------------------------------------------------------------------------------------------------
+# -- while the link stands -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("which", "name", "said"),
     [("model", "model", "NAE"), ("software", "software version", "7777777")],
 )
-def test_another_station_in_mid_run_is_known_at_the_next_reading_of_the_counters(which: str, name: str, said: str) -> None:
-    """Nothing breaks, nothing is asked twice: the cable was put into another station between two questions."""
+def test_another_station_in_mid_run_is_known_at_the_next_reading_of_the_counters(
+    which: str, name: str, said: str
+) -> None:
+    """Nothing breaks, nothing is asked twice: the cable was put into another station between two
+    questions.
+    """
     run = prepare(line_text(f"counters = {{ plugged_hours = {HOURS} }}\n"), duration_s=200)
     identity = run.station.device.identity
     before = getattr(identity, which)
     run.at(80, lambda: setattr(identity, which, said))
     run.go()
-    (lost, *_) = run.memory.of_kind("link.lost")
-    assert lost.text.startswith(f"The station may be another now: its {name} is {said}, and was {before}.")
+    lost, *_ = run.memory.of_kind("link.lost")
+    assert lost.text.startswith(
+        f"The station may be another now: its {name} is {said}, and was {before}."
+    )
     assert lost.earliest is not None
-    assert 55 < lost.earliest / 1e6 - run.utc_s(run.t0) < 80 < lost.time / 1e6 - run.utc_s(run.t0) < 145
+    assert (
+        55
+        < lost.earliest / 1e6 - run.utc_s(run.t0)
+        < 80
+        < lost.time / 1e6 - run.utc_s(run.t0)
+        < 145
+    )
     (event,) = run.memory.of_kind("identity.changed")
     assert said in event.text
     assert run.facts.outcome == "gone"
@@ -149,7 +187,10 @@ def test_another_station_in_mid_run_is_known_at_the_next_reading_of_the_counters
 
 def test_a_model_that_one_flipped_answer_names_is_not_believed() -> None:
     run = prepare(
-        line_text("[[station.sim.fault]]\nkind = 'flip'\nbits = 2\ncommand = 'model'\nat_s = 50\nfor_s = 20\nevery = 2\n"),
+        line_text(
+            "[[station.sim.fault]]\nkind = 'flip'\nbits = 2\ncommand = 'model'\nat_s = 50\nfor_s ="
+            " 20\nevery = 2\n"
+        ),
         duration_s=100,
     )
     run.go()
@@ -160,24 +201,43 @@ def test_a_model_that_one_flipped_answer_names_is_not_believed() -> None:
 def test_model_and_software_are_read_as_often_as_the_counters_and_planned_for() -> None:
     run = prepare(duration_s=310).go()
     asked = [one.text for one in run.heard if one.at > run.t0 + 30]
-    assert (asked.count("RSMN"), asked.count("RSVR")) == (5 + 1, 5 + 1)  # and once before the safe order
-    readings = readings_for(FAMILIES["dde"], [1, 2], run.contexts["dde-1"].recipe, LineFormat(19200, "8N1"), addressed=False)
-    assert [(one.name, one.port, one.asks_port, one.period_s) for one in readings if one.is_identity] == [
+    # and once before the safe order
+    assert (asked.count("RSMN"), asked.count("RSVR")) == (5 + 1, 5 + 1)
+    readings = readings_for(
+        FAMILIES["dde"],
+        [1, 2],
+        run.contexts["dde-1"].recipe,
+        LineFormat(19200, "8N1"),
+        addressed=False,
+    )
+    assert [
+        (one.name, one.port, one.asks_port, one.period_s) for one in readings if one.is_identity
+    ] == [
         ("model", 1, None, 60.0),
         ("software_version", 1, None, 60.0),
     ]
-    assert {name: counts["due"] for name, counts in run.facts.watched["1"].items() if name in IDENTITY_READS} == {
+    assert {
+        name: counts["due"]
+        for name, counts in run.facts.watched["1"].items()
+        if name in IDENTITY_READS
+    } == {
         "model": 5,
         "software_version": 5,
     }
 
 
 @pytest.mark.parametrize(
-    ("which", "said"), [("model", "NAE"), ("software", "7777777")], ids=["another model", "another one of its model"]
+    ("which", "said"),
+    [("model", "NAE"), ("software", "7777777")],
+    ids=["another model", "another one of its model"],
 )
 @pytest.mark.parametrize("change", ["set", "status", "limit"])
-def test_what_another_station_answers_is_no_change_of_this_one(which: str, said: str, change: str) -> None:
-    """Before a change is recorded, the station is asked who it is: the cable may be in another one."""
+def test_what_another_station_answers_is_no_change_of_this_one(
+    which: str, said: str, change: str
+) -> None:
+    """Before a change is recorded, the station is asked who it is: the cable may be in another
+    one.
+    """
     run = prepare(line_text(f"counters = {{ plugged_hours = {HOURS} }}\n"), duration_s=100)
 
     def swap() -> None:
@@ -186,7 +246,11 @@ def test_what_another_station_answers_is_no_change_of_this_one(which: str, said:
         if change == "status":
             port.order(1, False)
         else:
-            setattr(port.settings, "selected_temperature" if change == "set" else "alarm_high_limit", 300)
+            setattr(
+                port.settings,
+                "selected_temperature" if change == "set" else "alarm_high_limit",
+                300,
+            )
 
     run.at(10, swap)
     run.go()

@@ -1,7 +1,8 @@
-"""Every line format of the older stations (manual 000, 2.1): 12 rates, three parities, one or two stop bits.
+"""Every line format of the older stations (manual 000, 2.1): 12 rates, three parities, one or two
+stop bits.
 
-The arithmetic of the wire decides what a plan promises, so it is done here a second time, from the bits up; then each format
-is run on a clock that jumps, at the rate that the plan says is the best.
+The arithmetic of the wire decides what a plan promises, so it is done here a second time, from the
+bits up; then each format is run on a clock that jumps, at the rate that the plan says is the best.
 """
 
 from __future__ import annotations
@@ -63,7 +64,8 @@ def test_a_plan_reckons_with_its_bits(tmp_path: Path, baudrate: int, form: str) 
     character_s = BITS[form] / baudrate
     assert station.spec.line_format.character_s == pytest.approx(character_s)
     assert station.demand is not None
-    assert station.demand.fast_s == pytest.approx(3 * (READ + ANSWER) * character_s)  # temperature, power, status
+    # temperature, power, status
+    assert station.demand.fast_s == pytest.approx(3 * (READ + ANSWER) * character_s)
     assert station.rate_hz is not None
     assert station.rate_hz * station.demand.fast_s < 0.95  # 5 % of the wire are kept for repeats
     assert (station.rate_hz < 10) == (baudrate < 9600 or (baudrate == 9600 and BITS[form] > 10))
@@ -71,7 +73,9 @@ def test_a_plan_reckons_with_its_bits(tmp_path: Path, baudrate: int, form: str) 
 
 @every_format
 def test_a_whole_run_keeps_the_rate_that_fits(baudrate: int, form: str) -> None:
-    run = prepare(line_of(baudrate, form), RECIPE, duration_s=max(4.0, 5000 / baudrate), rate="fit").go()
+    run = prepare(
+        line_of(baudrate, form), RECIPE, duration_s=max(4.0, 5000 / baudrate), rate="fit"
+    ).go()
     facts = run.facts
     assert (facts.outcome, facts.baudrate, facts.format) == ("completed", baudrate, form)
     assert facts.skipped == 0
@@ -82,15 +86,22 @@ def test_a_whole_run_keeps_the_rate_that_fits(baudrate: int, form: str) -> None:
 
 
 def assert_no_exchange_beats_its_bits(run: VirtualRun, character_s: float) -> None:
-    """Between a question and the next there is time for all of its characters and those of its answer."""
+    """Between a question and the next there is time for all of its characters and those of its
+    answer.
+    """
     for one, following in zip(run.heard, run.heard[1:], strict=False):
         assert following.at - one.at >= _characters(one) * character_s * 0.999
     scans = [row[COLUMN["scan_us"]] for row in run.memory.samples]
-    assert all(isinstance(scan, int) and scan >= 3 * (READ + ANSWER) * character_s * 0.999e6 for scan in scans)
+    assert all(
+        isinstance(scan, int) and scan >= 3 * (READ + ANSWER) * character_s * 0.999e6
+        for scan in scans
+    )
 
 
 def _characters(one: Heard) -> int:
-    """STX, four digits of addresses, ETX and the check byte are seven beside the text; what was not said takes no time."""
+    """STX, four digits of addresses, ETX and the check byte are seven beside the text; what was not
+    said takes no time.
+    """
     return 7 + len(one.text) + (7 + len(one.sent) if one.sent else 0)
 
 

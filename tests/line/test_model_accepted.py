@@ -1,4 +1,6 @@
-"""A model name that no table has, accepted by the line file's key `model`: driven as the family says, once that is borne out."""
+"""A model name that no table has, accepted by the line file's key `model`: driven as the family
+says, once that is borne out.
+"""
 
 from __future__ import annotations
 
@@ -35,12 +37,16 @@ HOT_AIR_CALLED_DIE = 'family = "jtse"\nmodel = "DIE"\ntool = 1'
 AWAY = "\n[[station.sim.fault]]\nkind = 'dropout'\nat_s = 4\nfor_s = 3\n"
 
 
-def run_of(family: str, keys: str = "", sim: str = "", recipe: str = RECIPE, duration_s: float = 3.0) -> VirtualRun:
+def run_of(
+    family: str, keys: str = "", sim: str = "", recipe: str = RECIPE, duration_s: float = 3.0
+) -> VirtualRun:
     return prepare(LINE.format(family=family, keys=keys, sim=sim), recipe, duration_s=duration_s)
 
 
 def assert_refused_untouched(run: VirtualRun, *told: str) -> None:
-    """Refused with these words (exit 3), and by the station's own log nothing was ever written to it."""
+    """Refused with these words (exit 3), and by the station's own log nothing was ever written to
+    it.
+    """
     assert run.facts.outcome == "refused"
     for text in told:
         assert text in run.facts.reason
@@ -48,19 +54,35 @@ def assert_refused_untouched(run: VirtualRun, *told: str) -> None:
     assert [one.text for one in run.heard if one.text[0] != "R"] == []
 
 
-# -- driven ------------------------------------------------------------------------------------------------------------------
+# -- driven ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("family", "model", "recipe"),
-    [("dde", "DIE", RECIPE), ("hde", "DME", RECIPE), ("soldering", "NASE", RECIPE), ("jtse", "JTQE", AIR)],
+    [
+        ("dde", "DIE", RECIPE),
+        ("hde", "DME", RECIPE),
+        ("soldering", "NASE", RECIPE),
+        ("jtse", "JTQE", AIR),
+    ],
 )
-def test_it_is_driven_as_the_family_says_and_the_record_says_so(family: str, model: str, recipe: str) -> None:
+def test_it_is_driven_as_the_family_says_and_the_record_says_so(
+    family: str, model: str, recipe: str
+) -> None:
     sim = f'model = "{model}"' + ("\ntool = 1" if family == "jtse" else "")
     run = run_of(family, f'ports = [1]\nmodel = "{model}"', sim, recipe).go()
-    assert (run.facts.outcome, run.facts.family, run.facts.model, run.facts.model_accepted) == ("completed", family, model, True)
+    assert (run.facts.outcome, run.facts.family, run.facts.model, run.facts.model_accepted) == (
+        "completed",
+        family,
+        model,
+        True,
+    )
     (event,) = run.memory.of_kind("station.model_accepted")
-    assert event.text == f"The station says model {model} and is driven as {family}, as the line file's key `model` accepts."
+    assert (
+        event.text
+        == f"The station says model {model} and is driven as {family}, as the line file's key"
+        " `model` accepts."
+    )
     assert event.raw == model
     assert lease_of(run.facts).model_accepted
     first = next(place for place, one in enumerate(run.heard) if one.text.startswith("W"))
@@ -99,7 +121,9 @@ def test_after_an_outage_another_name_is_another_station(name: str) -> None:
 
 
 def test_after_an_outage_hot_air_under_the_accepted_name_is_never_told_a_status() -> None:
-    """00001 is "stand" for a soldering tool and "on" for hot air: the name alone, which nobody's table has, proves no kind."""
+    """00001 is "stand" for a soldering tool and "on" for hot air: the name alone, which nobody's
+    table has, proves no kind.
+    """
     run = run_of("dde", 'ports = [1]\nmodel = "DIE"', f'model = "DIE"{AWAY}', duration_s=12)
     hears = run.station.device.answer
 
@@ -115,14 +139,16 @@ def test_after_an_outage_hot_air_under_the_accepted_name_is_never_told_a_status(
     assert [one.text for one in run.writes if one.at > run.t0 + 5] == []
 
 
-# -- refused -----------------------------------------------------------------------------------------------------------------
+# -- refused ---------------------------------------------------------------------------------------
 
 
 def test_hot_air_that_calls_itself_die_is_never_told_a_status() -> None:
     """00001 is "stand" for a soldering tool and "on" for hot air."""
     run = run_of("dde", 'ports = [1]\nmodel = "DIE"', HOT_AIR_CALLED_DIE).go()
     assert_refused_untouched(
-        run, "model DIE is driven as dde by the line file, but it does not answer R-TT1", "Nothing was written"
+        run,
+        "model DIE is driven as dde by the line file, but it does not answer R-TT1",
+        "Nothing was written",
     )
 
 
@@ -133,7 +159,9 @@ def test_hot_air_under_a_soldering_family_with_its_own_name_is_no_line_file() ->
 
 def test_a_soldering_station_that_calls_itself_jtqe_is_never_told_a_status() -> None:
     run = run_of("jtse", 'model = "JTQE"', 'family = "dde"\nmodel = "JTQE"', AIR).go()
-    assert_refused_untouched(run, "model JTQE is driven as jtse by the line file, but it does not answer R-AT1")
+    assert_refused_untouched(
+        run, "model JTQE is driven as jtse by the line file, but it does not answer R-AT1"
+    )
 
 
 def test_one_that_answers_the_reads_of_both_kinds_is_of_neither() -> None:
@@ -144,20 +172,37 @@ def test_one_that_answers_the_reads_of_both_kinds_is_of_neither() -> None:
         return ("A", "AT100300") if header + text == "RAT1" else hears(header, text, now)
 
     run.station.device.answer = both  # type: ignore[assignment,method-assign]  # a station that nobody has met
-    assert_refused_untouched(run.go(), "but it answers R-AT1, which only another kind of station does")
+    assert_refused_untouched(
+        run.go(), "but it answers R-AT1, which only another kind of station does"
+    )
 
 
-def test_another_name_than_the_accepted_one_is_refused_even_where_it_would_prove_the_family() -> None:
+def test_another_name_than_the_accepted_one_is_refused_though_it_proves_the_family() -> None:
     run = run_of("dde", 'ports = [1]\nmodel = "DIE"', 'model = "DDE"').go()
-    assert_refused_untouched(run, "the line file accepts model DIE, the station says model DDE; nothing was written to it")
+    assert_refused_untouched(
+        run,
+        "the line file accepts model DIE, the station says model DDE; nothing was written to it",
+    )
 
 
 @pytest.mark.parametrize(
     ("family", "sim", "told"),
     [
-        ("auto", 'family = "dde"\nmodel = "DIE"', 'name its family in the line file in place of "auto", and add model = "DIE"'),
-        ("dde", 'model = "DIE"', 'Correct `family`, or the cable; if it is a dde, add model = "DIE"'),
-        ("hde", 'model = "DME"', 'Correct `family`, or the cable; if it is a hde, add model = "DME"'),
+        (
+            "auto",
+            'family = "dde"\nmodel = "DIE"',
+            'name its family in the line file in place of "auto", and add model = "DIE"',
+        ),
+        (
+            "dde",
+            'model = "DIE"',
+            'Correct `family`, or the cable; if it is a dde, add model = "DIE"',
+        ),
+        (
+            "hde",
+            'model = "DME"',
+            'Correct `family`, or the cable; if it is a hde, add model = "DME"',
+        ),
     ],
 )
 def test_without_the_key_the_refusal_says_what_to_write(family: str, sim: str, told: str) -> None:

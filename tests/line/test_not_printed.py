@@ -1,4 +1,6 @@
-"""What the manual of a station does not print is the station's own to refuse (N 00003), and no other manual's."""
+"""What the manual of a station does not print is the station's own to refuse (N 00003), and no
+other manual's.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ SENT = ["WD1200300", "WH1200062", "WHA100381", "WS1200081", "WA1200060", "WST100
 STRICT = "refuses_unprinted = true"
 
 
-def run_of(recipe: str, family: str = "soldering", sim: str = "", duration_s: float = 1.0) -> VirtualRun:
+def run_of(
+    recipe: str, family: str = "soldering", sim: str = "", duration_s: float = 1.0
+) -> VirtualRun:
     return prepare(LINE.format(family=family, sim=sim), recipe, duration_s=duration_s).go()
 
 
@@ -46,11 +50,16 @@ def test_an_older_station_is_set_to_what_it_takes_whatever_002_prints() -> None:
     assert {row.outcome for row in run.memory.settings if row.requested} == {"confirmed"}
 
 
-def test_an_older_station_that_holds_the_limits_of_002_refuses_them_itself_and_its_number_is_recorded() -> None:
+def test_an_older_station_with_the_limits_of_002_refuses_and_its_number_is_recorded() -> None:
     run = run_of(OLD_JOB, sim=STRICT)
     assert run.facts.outcome == "refused"
-    assert "sleep delay of port 1: 300 min was asked, the station refused it with N 00003" in run.facts.reason
-    assert [(row.setting, row.nak) for row in run.memory.settings if row.outcome == "refused"] == [("sleep_delay", 3)]
+    assert (
+        "sleep delay of port 1: 300 min was asked, the station refused it with N 00003"
+        in run.facts.reason
+    )
+    assert [(row.setting, row.nak) for row in run.memory.settings if row.outcome == "refused"] == [
+        ("sleep_delay", 3)
+    ]
     assert not [one for one in run.writes if one.text.startswith("WST")]
 
 
@@ -63,11 +72,17 @@ def test_a_countdown_longer_than_002_allows_is_a_value_on_an_older_station() -> 
 
 
 @pytest.mark.parametrize("family", ["soldering", "dde", "ucr"])
-def test_a_sleep_temperature_below_the_minimum_of_the_setting_is_the_station_s_to_refuse(family: str) -> None:
+def test_a_sleep_temperature_below_the_minimum_of_the_setting_is_the_station_s_to_refuse(
+    family: str,
+) -> None:
     recipe = RECIPE.replace("delay_min = 5", "delay_min = 5\ntemperature_c = 80")
     run = run_of(recipe, family)
     assert run.facts.outcome == "completed"
-    assert [row.outcome for row in run.memory.settings if row.setting == "sleep_temperature" and row.requested] == ["confirmed"]
+    assert [
+        row.outcome
+        for row in run.memory.settings
+        if row.setting == "sleep_temperature" and row.requested
+    ] == ["confirmed"]
     refused = run_of(recipe, family, STRICT)
     assert "80 °C was asked, the station refused it with N 00003" in refused.facts.reason
 
@@ -75,9 +90,21 @@ def test_a_sleep_temperature_below_the_minimum_of_the_setting_is_the_station_s_t
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ("select_c = 350", "select_c = 400", "400 °C on port 1 is above the station's maximum of 380 °C"),
-        ("delay_min = 5", "delay_min = 5\ntemperature_c = 390", "390 °C on port 1 is above the station's maximum of 380 °C"),
-        ("select_c = 350", "select_c = 5000", "5000 °C on port 1 is above the station's maximum of 380 °C"),
+        (
+            "select_c = 350",
+            "select_c = 400",
+            "400 °C on port 1 is above the station's maximum of 380 °C",
+        ),
+        (
+            "delay_min = 5",
+            "delay_min = 5\ntemperature_c = 390",
+            "390 °C on port 1 is above the station's maximum of 380 °C",
+        ),
+        (
+            "select_c = 350",
+            "select_c = 5000",
+            "5000 °C on port 1 is above the station's maximum of 380 °C",
+        ),
     ],
 )
 @pytest.mark.parametrize("family", ["soldering", "dde"])
@@ -100,26 +127,36 @@ def test_without_the_station_s_own_maximum_no_temperature_is_written() -> None:
     assert run.writes == []
 
 
-# -- the plan ---------------------------------------------------------------------------------------------------------------
+# -- the plan --------------------------------------------------------------------------------------
 
 
 def plan_of(folder: Path, recipe: str, family: str) -> Plan:
     (folder / "line.toml").write_text(LINE.format(family=family, sim=""))
     (folder / "job.toml").write_text(recipe)
-    return make_plan(RunOptions(folder / "line.toml", folder / "job.toml", duration_s=5.0, metadata=Metadata()))
+    return make_plan(
+        RunOptions(folder / "line.toml", folder / "job.toml", duration_s=5.0, metadata=Metadata())
+    )
 
 
 def test_a_plan_notes_what_is_beyond_another_manual_s_limits(tmp_path: Path) -> None:
     notes = plan_of(tmp_path, OLD_JOB, "soldering").notes
     beyond = "so it is sent, and the station accepts it or refuses it with N 00003"
     assert (
-        f"s-1: sleep.delay_min: 300 min is not within 0 to 9 min, in steps of 1 (002 W-Dxy). Manual 000 prints no such limit of "
-        f"sleep_delay, {beyond}" in notes
+        "s-1: sleep.delay_min: 300 min is not within 0 to 9 min, in steps of 1 (002 W-Dxy). Manual"
+        f" 000 prints no such limit of sleep_delay, {beyond}" in notes
     )
-    assert "s-1: sleep.delay_min: manual 000 prints no unit of sleep_delay; min is taken from 002 W-Dxy" in notes
+    assert (
+        "s-1: sleep.delay_min: manual 000 prints no unit of sleep_delay; min is taken from 002"
+        " W-Dxy" in notes
+    )
     keys = {note.split(": ")[1] for note in notes if note.endswith(beyond)}
     assert keys == {
-        *("sleep.delay_min", "hibernation.delay_min", "sleep.temperature_c", "temperature.select_c"),
+        *(
+            "sleep.delay_min",
+            "hibernation.delay_min",
+            "sleep.temperature_c",
+            "temperature.select_c",
+        ),
         *("temperature.adjust_c", "alarm.high.limit_c"),
     }
 
@@ -130,7 +167,10 @@ def test_a_plan_notes_nothing_where_all_is_within_what_is_printed(tmp_path: Path
 
 def test_a_plan_notes_a_feed_that_takes_very_long_and_does_not_refuse_it(tmp_path: Path) -> None:
     recipe = f"{RECIPE}\n[feeder]\nlength_mm = 5000\nspeed_mm_s = 0.1\n"
-    told = "s-1: feeder.length_mm: one feed takes 50000 s at 0.1 mm/s; is the decimal point where it belongs?"
+    told = (
+        "s-1: feeder.length_mm: one feed takes 50000 s at 0.1 mm/s; is the decimal point where it"
+        " belongs?"
+    )
     assert plan_of(tmp_path, recipe, "ale").notes == [told]
     assert plan_of(tmp_path, recipe, "dde").notes == []
 

@@ -1,4 +1,6 @@
-"""Whole runs of an OMEGA on a virtual clock: its states at its own pace, its condition, and what it refuses by silence."""
+"""Whole runs of an OMEGA on a virtual clock: its states at its own pace, its condition, and what it
+refuses by silence.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +14,15 @@ from jbclog.sim.virtual import Reply
 from support.oracles.account import assert_account_holds, reasons_in
 from support.virtual.virtual_run import Memory, VirtualRun, prepare
 
-LINE = '[line]\nname = "test"\n[[station]]\nname = "omega-1"\nurl = "omega-1"\nfamily = "omega"\n{keys}\n[station.sim]\n{sim}\n'
+LINE = (
+    '[line]\nname = "test"\n[[station]]\nname = "omega-1"\nurl = "omega-1"\nfamily ='
+    ' "omega"\n{keys}\n[station.sim]\n{sim}\n'
+)
 HEAD = '[recipe]\nname = "test"\nrevision = 1\nfamilies = ["omega"]\n'
 STATES = ("solder_shortage", "clogged", "preparing", "in_range")
-WANTED = ConditionRecord(101, 0, 0.5, 2.0, 10.0, 0.5, 10.0, 0.8, 3.0, 8.0, 0.5, 10.0, 1.0, 0.0, 0.0, 1.0, 20.0)
+WANTED = ConditionRecord(
+    101, 0, 0.5, 2.0, 10.0, 0.5, 10.0, 0.8, 3.0, 8.0, 0.5, 10.0, 1.0, 0.0, 0.0, 1.0, 20.0
+)
 
 
 def asks_for(value: ConditionRecord) -> str:
@@ -61,7 +68,8 @@ def outcomes(memory: Memory) -> dict[str, str]:
 
 
 LETTERS = {"solder_shortage": "A", "clogged": "A", "preparing": "B", "in_range": "F"}
-YES = {"solder_shortage": "13", "clogged": "23", "preparing": "1", "in_range": "0"}  # digits that say so
+# digits that say so
+YES = {"solder_shortage": "13", "clogged": "23", "preparing": "1", "in_range": "0"}
 
 
 def wrong_states(run: VirtualRun) -> list[str]:
@@ -72,15 +80,22 @@ def wrong_states(run: VirtualRun) -> list[str]:
         if not isinstance(late, int) or not isinstance(scan, int):
             continue
         begin = run.t0 + int(str(row[COLUMN["tick"]])) * 1.0 + late / 1e6
-        asked = run.heard[bisect_left(moments, begin - 1e-4) : bisect_right(moments, begin + scan / 1e6)]
+        asked = run.heard[
+            bisect_left(moments, begin - 1e-4) : bisect_right(moments, begin + scan / 1e6)
+        ]
         for name, letter in LETTERS.items():
             said = [one.clean[1] for one in asked if one.text == letter and one.clean is not None]
-            if row[COLUMN[name]] is not None and row[COLUMN[name]] not in [digit in YES[name] for digit in said]:
-                found.append(f"tick {row[COLUMN['tick']]}: {name} = {row[COLUMN[name]]}, the controller said {said}")
+            if row[COLUMN[name]] is not None and row[COLUMN[name]] not in [
+                digit in YES[name] for digit in said
+            ]:
+                found.append(
+                    f"tick {row[COLUMN['tick']]}: {name} = {row[COLUMN[name]]}, the controller said"
+                    f" {said}"
+                )
     return found
 
 
-# -- states ------------------------------------------------------------------------------------------------------------
+# -- states ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("sim", ["", "turnaround_ms = 0", "turnaround_ms = 250", "wire = false"])
@@ -101,7 +116,13 @@ def test_its_states_are_sampled_once_a_second(sim: str) -> None:
 def test_what_it_is_stands_in_the_facts_and_what_it_is_not_does_not() -> None:
     run = prepared(duration_s=3).go()
     facts = run.facts
-    assert (facts.family, facts.model, facts.address, facts.baudrate, facts.ports) == ("omega", None, None, 9600, [1])
+    assert (facts.family, facts.model, facts.address, facts.baudrate, facts.ports) == (
+        "omega",
+        None,
+        None,
+        9600,
+        [1],
+    )
     assert (facts.tools, facts.touched, facts.safe_state, facts.not_supported) == ({}, [], {}, [])
     assert facts.signals == ["solder_shortage", "preparing", "in_range"]
 
@@ -129,9 +150,17 @@ def test_three_questions_a_tick_of_up_to_a_quarter_of_a_second_each() -> None:
 
 
 def test_solder_that_runs_out_and_a_clog_are_errors_until_they_are_over() -> None:
-    sim = "turnaround_ms = 50" + fault("solder_shortage", at_s=5, for_s=5) + fault("clog", at_s=8, for_s=6)
+    sim = (
+        "turnaround_ms = 50"
+        + fault("solder_shortage", at_s=5, for_s=5)
+        + fault("clog", at_s=8, for_s=6)
+    )
     run = prepared(sim, duration_s=20).go()
-    kinds = [(event.kind, event.severity) for event in run.memory.events if event.kind.startswith(("solder", "feeder"))]
+    kinds = [
+        (event.kind, event.severity)
+        for event in run.memory.events
+        if event.kind.startswith(("solder", "feeder"))
+    ]
     assert kinds == [
         ("solder.shortage", Severity.ERROR),
         ("feeder.clogged", Severity.ERROR),
@@ -147,22 +176,34 @@ def test_solder_that_runs_out_and_a_clog_are_errors_until_they_are_over() -> Non
 
 def test_what_is_wrong_at_the_first_reading_is_told() -> None:
     run = prepared(fault("solder_shortage") + fault("not_ready"), duration_s=3).go()
-    assert [event.kind for event in run.memory.events if event.port == 1] == ["solder.shortage", "control.preparing"]
+    assert [event.kind for event in run.memory.events if event.port == 1] == [
+        "solder.shortage",
+        "control.preparing",
+    ]
 
 
 def test_a_joint_takes_the_temperature_out_of_its_range_and_a_lasting_one_is_told() -> None:
-    run = prepared("turnaround_ms = 20\njoints_per_minute = 20\njoint_seconds = 1.8", duration_s=60).go()
+    run = prepared(
+        "turnaround_ms = 20\njoints_per_minute = 20\njoint_seconds = 1.8", duration_s=60
+    ).go()
     assert run.memory.column("in_range").count(False) > 5
     assert run.memory.of_kind("temperature.out_of_range") == []
-    run = prepared("turnaround_ms = 20" + fault("out_of_range", at_s=10, for_s=15), duration_s=40).go()
-    (out,), (back,) = run.memory.of_kind("temperature.out_of_range"), run.memory.of_kind("temperature.in_range")
+    run = prepared(
+        "turnaround_ms = 20" + fault("out_of_range", at_s=10, for_s=15), duration_s=40
+    ).go()
+    (out,), (back,) = (
+        run.memory.of_kind("temperature.out_of_range"),
+        run.memory.of_kind("temperature.in_range"),
+    )
     assert out.earliest is not None
     assert out.time - out.earliest >= 10e6
     assert back.time > out.time
 
 
 def test_an_error_is_believed_when_it_is_said_twice() -> None:
-    """Two flipped bits make a0 a good a2: 0 and 2 differ in one bit, and so do the sums 91 and 93."""
+    """Two flipped bits make a0 a good a2: 0 and 2 differ in one bit, and so do the sums 91 and
+    93.
+    """
     run = prepared("turnaround_ms = 20", duration_s=20)
     told, left = run.omega.plant.information, [True]
 
@@ -177,7 +218,7 @@ def test_an_error_is_believed_when_it_is_said_twice() -> None:
     assert set(run.memory.column("clogged")) == {False}
 
 
-# -- what does not come ------------------------------------------------------------------------------------------------
+# -- what does not come ----------------------------------------------------------------------------
 
 
 def test_a_lost_answer_is_asked_for_again() -> None:
@@ -190,8 +231,16 @@ def test_a_lost_answer_is_asked_for_again() -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_noise_flipped_bits_and_late_answers_leave_no_wrong_value(seed: int) -> None:
     sim = f"seed = {seed}\njoints_per_minute = 30\njoint_seconds = 1.0"
-    sim += fault("noise", every=8, at_s=3) + fault("flip", every=13, at_s=3) + fault("late", every=17, at_s=3, by_s=0.6)
-    sim += fault("solder_shortage", at_s=30, for_s=20) + fault("not_ready", at_s=40, for_s=20) + fault("silence", every=19, at_s=3)
+    sim += (
+        fault("noise", every=8, at_s=3)
+        + fault("flip", every=13, at_s=3)
+        + fault("late", every=17, at_s=3, by_s=0.6)
+    )
+    sim += (
+        fault("solder_shortage", at_s=30, for_s=20)
+        + fault("not_ready", at_s=40, for_s=20)
+        + fault("silence", every=19, at_s=3)
+    )
     run = prepared(sim, duration_s=120).go()
     assert run.facts.outcome == "completed"
     assert wrong_states(run) == []
@@ -201,7 +250,9 @@ def test_noise_flipped_bits_and_late_answers_leave_no_wrong_value(seed: int) -> 
 
 def test_a_state_that_it_never_answers_is_one_that_it_does_not_have() -> None:
     """What it does not know it ignores, while it answers the next question."""
-    run = prepared("turnaround_ms = 20" + fault("nak", command="set_temperature_state"), duration_s=10).go()
+    run = prepared(
+        "turnaround_ms = 20" + fault("nak", command="set_temperature_state"), duration_s=10
+    ).go()
     assert run.facts.outcome == "completed", run.facts.reason
     assert run.facts.not_supported == ["in_range"]
     assert set(run.memory.column("in_range")) == {None}
@@ -210,10 +261,16 @@ def test_a_state_that_it_never_answers_is_one_that_it_does_not_have() -> None:
 
 
 def test_a_state_that_it_ignores_later_is_a_null_with_its_reason() -> None:
-    run = prepared("turnaround_ms = 20" + fault("nak", command="set_temperature_state", at_s=5, for_s=5), duration_s=20).go()
+    run = prepared(
+        "turnaround_ms = 20" + fault("nak", command="set_temperature_state", at_s=5, for_s=5),
+        duration_s=20,
+    ).go()
     missing = [row for row in run.memory.samples if reasons_in(row)]
     assert missing
-    assert {reason for row in missing for reason in reasons_in(row).values()} <= {"timeout", "skipped"}
+    assert {reason for row in missing for reason in reasons_in(row).values()} <= {
+        "timeout",
+        "skipped",
+    }
     assert run.memory.column("in_range")[-1] is not None
     assert_account_holds(run)
 
@@ -253,12 +310,14 @@ def test_what_it_says_by_itself_is_an_event_and_answers_nothing() -> None:
     assert {row[COLUMN["quality"]] for row in run.memory.samples} == {"ok"}
 
 
-# -- the condition -----------------------------------------------------------------------------------------------------
+# -- the condition ---------------------------------------------------------------------------------
 
 
 def test_a_condition_that_holds_is_not_written() -> None:
     on_wire = "00650" + "005014064005064008" + "01E05000506400A" + "0000000" + "00A0C8"[1:]
-    run = prepared(f'settings = {{ condition_101 = "{on_wire}" }}', asks_for(WANTED), duration_s=3).go()
+    run = prepared(
+        f'settings = {{ condition_101 = "{on_wire}" }}', asks_for(WANTED), duration_s=3
+    ).go()
     assert run.facts.outcome == "completed", run.facts.reason
     assert set(outcomes(run.memory).values()) == {"unchanged"}
     assert list(outcomes(run.memory)) == [name for name, _, _ in WANTED.values()]
@@ -270,7 +329,10 @@ def test_a_condition_that_holds_is_not_written() -> None:
 def test_another_condition_is_not_written_without_leave() -> None:
     run = prepared(recipe=asks_for(WANTED), duration_s=3).go()
     assert run.facts.outcome == "refused"
-    assert "rise_s 0.3 instead of 0.5. Nothing was written; run with --allow-omega-write" in run.facts.reason
+    assert (
+        "rise_s 0.3 instead of 0.5. Nothing was written; run with --allow-omega-write"
+        in run.facts.reason
+    )
     assert outcomes(run.memory)["rise_s"] == "mismatch"
     assert set(outcomes(run.memory).values()) == {"mismatch", "unchanged"}
     assert {row.written for row in run.memory.settings} == {None}
@@ -288,24 +350,38 @@ def test_with_leave_it_is_written_once_and_read_back() -> None:
 
 
 def test_what_the_controller_does_not_take_is_refused() -> None:
-    """The virtual one takes no speed above 60 mm/s; it says nothing to it, and answers the next question."""
-    fast = ConditionRecord(**{**{name: getattr(WANTED, name) for name in WANTED.__slots__}, "feed1_mm_s": 99.0})
+    """The virtual one takes no speed above 60 mm/s; it says nothing to it, and answers the next
+    question.
+    """
+    fast = ConditionRecord(
+        **{**{name: getattr(WANTED, name) for name in WANTED.__slots__}, "feed1_mm_s": 99.0}
+    )
     run = prepared(recipe=asks_for(fast), duration_s=3, allow_omega_write=True).go()
     assert run.facts.outcome == "refused"
-    assert "the controller ignored it, and read back it has rise_s 0.3 instead of 0.5" in run.facts.reason
+    assert (
+        "the controller ignored it, and read back it has rise_s 0.3 instead of 0.5"
+        in run.facts.reason
+    )
     assert outcomes(run.memory)["feed1_mm_s"] == "refused"
     assert [one.text[0] for one in run.heard].count("D") == 1
 
 
 def test_a_lost_acknowledgement_is_settled_by_reading_back() -> None:
-    run = prepared(fault("silence", command="store_condition"), asks_for(WANTED), duration_s=3, allow_omega_write=True).go()
+    run = prepared(
+        fault("silence", command="store_condition"),
+        asks_for(WANTED),
+        duration_s=3,
+        allow_omega_write=True,
+    ).go()
     assert run.facts.outcome == "completed", run.facts.reason
     assert set(outcomes(run.memory).values()) == {"confirmed"}
     assert [one.text[0] for one in run.heard].count("D") == 1
 
 
 def test_a_write_that_cannot_be_read_back_is_not_confirmed() -> None:
-    """The cable goes out with the write: whether it was done nothing tells, and it is not sent again."""
+    """The cable goes out with the write: whether it was done nothing tells, and it is not sent
+    again.
+    """
     run = prepared("turnaround_ms = 20", asks_for(WANTED), duration_s=5, allow_omega_write=True)
     pulled_out_with(run, "D")
     run.go()
@@ -315,7 +391,9 @@ def test_a_write_that_cannot_be_read_back_is_not_confirmed() -> None:
 
 
 def test_a_condition_that_it_does_not_know() -> None:
-    run = prepared(fault("nak", command="condition"), asks_for(WANTED), duration_s=3, allow_omega_write=True).go()
+    run = prepared(
+        fault("nak", command="condition"), asks_for(WANTED), duration_s=3, allow_omega_write=True
+    ).go()
     assert run.facts.outcome == "refused"
     assert "it does not know condition 101" in run.facts.reason
     assert set(outcomes(run.memory).values()) == {"refused"}
@@ -324,11 +402,17 @@ def test_a_condition_that_it_does_not_know() -> None:
 
 def test_a_condition_that_somebody_changes_is_found_at_the_end() -> None:
     run = prepared(recipe=asks_for(WANTED), duration_s=10, allow_omega_write=True)
-    other = ConditionRecord(**{**{name: getattr(WANTED, name) for name in WANTED.__slots__}, "preheat_s": 2.5})
+    other = ConditionRecord(
+        **{**{name: getattr(WANTED, name) for name in WANTED.__slots__}, "preheat_s": 2.5}
+    )
     run.at(8, lambda: run.omega.plant.store(other))
     run.go()
     (event,) = run.memory.of_kind("setting.changed")
-    assert event.text == "The condition 101 was found changed: preheat_s 2.5 instead of preheat_s 0.8. It was not written again."
+    assert (
+        event.text
+        == "The condition 101 was found changed: preheat_s 2.5 instead of preheat_s 0.8. It was not"
+        " written again."
+    )
     assert run.facts.settings_changed == 1
 
 
@@ -337,7 +421,9 @@ def test_a_condition_that_cannot_be_read_at_the_end_is_said() -> None:
     run = prepared(sim, asks_for(WANTED), duration_s=10, allow_omega_write=True).go()
     assert run.facts.outcome == "completed"
     (event,) = run.memory.of_kind("setting.unread")
-    assert event.text.startswith("Condition 101 could not be read at the end: condition 101: ignored")
+    assert event.text.startswith(
+        "Condition 101 could not be read at the end: condition 101: ignored"
+    )
 
 
 def test_a_condition_that_came_back_different_from_an_outage_stops_the_run() -> None:
@@ -349,7 +435,9 @@ def test_a_condition_that_came_back_different_from_an_outage_stops_the_run() -> 
     assert run.memory.of_kind("setting.changed")
 
 
-WANTED_OTHERWISE = ConditionRecord(101, 1, 0.5, 2.0, 10.0, 0.5, 10.0, 0.8, 3.0, 8.0, 0.5, 10.0, 1.0, 0.0, 0.0, 1.0, 20.0)
+WANTED_OTHERWISE = ConditionRecord(
+    101, 1, 0.5, 2.0, 10.0, 0.5, 10.0, 0.8, 3.0, 8.0, 0.5, 10.0, 1.0, 0.0, 0.0, 1.0, 20.0
+)
 
 
 @pytest.mark.parametrize(("sim", "raw"), [("", 3500), ('quirks = ["temperature_in_degrees"]', 350)])

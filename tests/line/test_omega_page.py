@@ -1,4 +1,6 @@
-"""Whole runs, on a virtual clock, of an OMEGA that knows no more than its printed page: A, answered with a, with a digit or not."""
+"""Whole runs, on a virtual clock, of an OMEGA that knows no more than its printed page: A, answered
+with a, with a digit or not.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,9 @@ LEFT_BY_JBC = b"\x020010RSMN\x03\x02"
 
 
 def prepared(controller: PageOmega, recipe: str = HEAD, duration_s: float = 10.0) -> VirtualRun:
-    return prepare(LINE, recipe, duration_s, pulled=lambda _order, session, _cable: (session, controller))
+    return prepare(
+        LINE, recipe, duration_s, pulled=lambda _order, session, _cable: (session, controller)
+    )
 
 
 def test_a_alone_is_an_answer_and_tells_no_state() -> None:
@@ -33,12 +37,21 @@ def test_a_alone_is_an_answer_and_tells_no_state() -> None:
     assert sorted(run.facts.not_supported) == ["in_range", "preparing"]
     assert_account_holds(run)
     (ready,) = run.memory.of_kind("station.ready")
-    assert "does not answer temperature control, set temperature state: that is not due, and not known." in ready.text
-    assert "It answers A with a alone: whether solder is short or clogged is not known." in ready.text
-    assert [event.kind for event in run.memory.events if event.severity in ("error", "critical")] == []
+    assert (
+        "does not answer temperature control, set temperature state: that is not due, and not"
+        " known." in ready.text
+    )
+    assert (
+        "It answers A with a alone: whether solder is short or clogged is not known." in ready.text
+    )
+    assert [
+        event.kind for event in run.memory.events if event.severity in ("error", "critical")
+    ] == []
 
 
-@pytest.mark.parametrize(("answer", "short", "clogged"), [("a0", False, False), ("a1", True, False), ("a2", False, True)])
+@pytest.mark.parametrize(
+    ("answer", "short", "clogged"), [("a0", False, False), ("a1", True, False), ("a2", False, True)]
+)
 def test_with_its_digit_a_tells_both_flags(answer: str, short: bool, clogged: bool) -> None:
     run = prepared(PageOmega(answer)).go()
     assert run.facts.outcome == "completed", run.facts.reason
@@ -51,11 +64,15 @@ def test_with_its_digit_a_tells_both_flags(answer: str, short: bool, clogged: bo
 
 
 def test_each_tick_asks_what_is_answered_and_nothing_else() -> None:
-    """What was silent at the start is asked no more: three questions each that it did not take, and then A only."""
+    """What was silent at the start is asked no more: three questions each that it did not take, and
+    then A only.
+    """
     controller = PageOmega("a0")
     run = prepared(controller).go()
     assert {text: controller.texts.count(text) for text in ("B", "F")} == {"B": 3, "F": 3}
-    assert [row[1] for row in run.memory.samples] == list(range(run.facts.first_tick or 0, (run.facts.last_tick or 0) + 1))
+    assert [row[1] for row in run.memory.samples] == list(
+        range(run.facts.first_tick or 0, (run.facts.last_tick or 0) + 1)
+    )
 
 
 def test_a_first_question_that_is_swallowed_is_asked_again() -> None:
@@ -67,7 +84,9 @@ def test_a_first_question_that_is_swallowed_is_asked_again() -> None:
 
 
 def test_a_digit_that_is_missing_now_and_then_does_not_end_a_shortage() -> None:
-    """A state that was told stands until another is told; the answer without a digit is unknown, and not normal."""
+    """A state that was told stands until another is told; the answer without a digit is unknown,
+    and not normal.
+    """
     controller = PageOmega("a1")
     run = prepared(controller, duration_s=20.0)
     run.at(8, lambda: setattr(controller, "answer", "a"))
@@ -86,7 +105,10 @@ def test_a_controller_that_falls_silent_is_lost_and_found_again() -> None:
     run.go()
     assert run.facts.outcome == "completed", run.facts.reason
     assert run.facts.outages == 1
-    assert [event.kind for event in run.memory.events if event.kind.startswith("link.")] == ["link.lost", "link.back"]
+    assert [event.kind for event in run.memory.events if event.kind.startswith("link.")] == [
+        "link.lost",
+        "link.back",
+    ]
     assert run.memory.column("solder_shortage")[-1] is False
 
 

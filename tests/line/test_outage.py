@@ -1,4 +1,6 @@
-"""A station that goes away: its ticks keep their rows, nothing is written to it, and it is looked at before it counts again."""
+"""A station that goes away: its ticks keep their rows, nothing is written to it, and it is looked
+at before it counts again.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ GOING_ON = RECIPE + 'on_difference = "continue"\n'
 
 
 def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+    return "\n[[station.sim.fault]]\n" + "".join(
+        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
+    )
 
 
 def away_for_3_s(kind: str) -> str:
@@ -39,10 +43,14 @@ def second(run: VirtualRun, tick: object) -> float:
 
 def missing(run: VirtualRun, why: str) -> list[float]:
     """When the ticks were due whose temperature is missing for that reason."""
-    return [second(run, row[COLUMN["tick"]]) for row in run.memory.samples if reasons_in(row).get("temperature_c") == why]
+    return [
+        second(run, row[COLUMN["tick"]])
+        for row in run.memory.samples
+        if reasons_in(row).get("temperature_c") == why
+    ]
 
 
-# -- rows and account --------------------------------------------------------------------------------------------------------
+# -- rows and account ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -54,12 +62,15 @@ def missing(run: VirtualRun, why: str) -> list[float]:
         ("nak", "robot_off", "robot.off", "robot.on"),
     ],
 )
-def test_every_tick_has_its_rows_and_every_reading_its_reason(kind: str, why: str, lost: str, back: str) -> None:
+def test_every_tick_has_its_rows_and_every_reading_its_reason(
+    kind: str, why: str, lost: str, back: str
+) -> None:
     run = prepare(line_text(away_for_3_s(kind)), GOING_ON, duration_s=12).go()
     assert_account_holds(run)
     gone = missing(run, why)
     assert min(gone) == pytest.approx(4.0, abs=0.5)
-    assert max(gone) == pytest.approx(7.0, abs=1.5)  # sought with back-off, and looked at before it counts
+    # sought with back-off, and looked at before it counts
+    assert max(gone) == pytest.approx(7.0, abs=1.5)
     assert len(set(gone)) == pytest.approx(33, abs=10)
     assert run.facts.outages == 1
     kinds = [event.kind for event in run.memory.events if event.kind in (lost, back)]
@@ -72,12 +83,17 @@ def test_every_tick_has_its_rows_and_every_reading_its_reason(kind: str, why: st
 def test_nothing_is_written_while_it_is_away_or_when_it_is_back(kind: str) -> None:
     run = prepare(line_text(away_for_3_s(kind)), GOING_ON, duration_s=12).go()
     assert writes_between(run, 2, 12) == []
-    assert [write.value for write in run.station.log.written("status") if write.port == 1] == [WORKING, STAND]
+    assert [write.value for write in run.station.log.written("status") if write.port == 1] == [
+        WORKING,
+        STAND,
+    ]
 
 
 @pytest.mark.parametrize("kind", ["dropout", "silence"])
 @pytest.mark.parametrize("for_s", [1.0, 2.0, 30.0])
-def test_one_that_goes_away_as_the_run_ends_is_sought_for_three_seconds(kind: str, for_s: float) -> None:
+def test_one_that_goes_away_as_the_run_ends_is_sought_for_three_seconds(
+    kind: str, for_s: float
+) -> None:
     run = prepare(line_text(fault(kind, at_s=11.8, for_s=for_s)), duration_s=12).go()
     assert_account_holds(run)
     assert run.facts.outages == 1
@@ -87,7 +103,9 @@ def test_one_that_goes_away_as_the_run_ends_is_sought_for_three_seconds(kind: st
         assert run.facts.safe_state == {1: "verified", 2: "verified"}
     else:
         assert run.facts.outcome == "gone"
-        away = re.search(r"away for (\d+\.\d) s, still 3 s after the end of the run", run.facts.reason)
+        away = re.search(
+            r"away for (\d+\.\d) s, still 3 s after the end of the run", run.facts.reason
+        )
         assert away is not None, run.facts.reason
         assert 2.9 < float(away[1]) < 8.0
 
@@ -119,7 +137,7 @@ def test_without_a_grid_an_outage_leaves_a_row_a_scan_and_no_flood() -> None:
     assert_account_holds(run)
 
 
-# -- who is back ---------------------------------------------------------------------------------------------------------------
+# -- who is back -----------------------------------------------------------------------------------
 
 
 def test_another_model_is_never_resumed() -> None:
@@ -147,21 +165,44 @@ def test_identity_and_settings_are_read_before_its_samples_count() -> None:
     after = [one.text for one in run.heard if one.at > run.t0 + 7]
     first = after.index("RTT1")
     assert after[0] == "RSMN"
-    assert {"RCT1", "RST1", "RPS1", "RHA1", "RLA1", "RHD1", "RLD1", "RA12", "RS12", "RD12", "RH12", "RST2"} <= set(after[:first])
+    assert {
+        "RCT1",
+        "RST1",
+        "RPS1",
+        "RHA1",
+        "RLA1",
+        "RHD1",
+        "RLD1",
+        "RA12",
+        "RS12",
+        "RD12",
+        "RH12",
+        "RST2",
+    } <= set(after[:first])
 
 
-# -- what has changed meanwhile --------------------------------------------------------------------------------------------
+# -- what has changed meanwhile --------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("selected_temperature", 300), ("alarm_high_limit", 400), ("alarm_low_delay", 9.0), ("alarm_high_limit", "off")],
+    [
+        ("selected_temperature", 300),
+        ("alarm_high_limit", 400),
+        ("alarm_low_delay", 9.0),
+        ("alarm_high_limit", "off"),
+    ],
 )
 def test_a_difference_is_an_event_and_stops_the_run(name: str, value: object) -> None:
     from jbclog.core.quantities import OFF
 
     run = prepare(line_text(away_for_3_s("dropout")), duration_s=20)
-    run.at(5, lambda: setattr(run.station.plant.ports[2].settings, name, OFF if value == "off" else value))
+    run.at(
+        5,
+        lambda: setattr(
+            run.station.plant.ports[2].settings, name, OFF if value == "off" else value
+        ),
+    )
     run.go()
     assert run.facts.outcome == "stopped"
     assert name.replace("_", " ") in run.facts.reason
@@ -183,17 +224,23 @@ def test_the_recipe_may_go_on_with_a_difference_and_nothing_is_written_again() -
 
 
 def test_a_restart_is_found_by_what_it_lost() -> None:
-    """The selected temperature is volatile (manual 002, W-STx); the tool is back in its first state."""
+    """The selected temperature is volatile (manual 002, W-STx); the tool is back in its first
+    state.
+    """
     recipe = RECIPE.replace("select_c = 350", "select_c = 300")
     run = prepare(line_text(away_for_3_s("restart")), recipe, duration_s=20).go()
     assert run.facts.outcome == "stopped"
     found = {event.raw for event in run.memory.of_kind("setting.changed")}
     assert any("selected_temperature" in str(raw) for raw in found)
-    assert {write.value for write in run.station.log.written("status") if write.at > run.t0 + 5} == {STAND}
+    assert {
+        write.value for write in run.station.log.written("status") if write.at > run.t0 + 5
+    } == {STAND}
 
 
 def test_a_tool_s_own_way_from_stand_to_sleep_is_no_difference() -> None:
-    sim = "settings = {sleep_delay = 1, hibernation_delay = 5}" + fault("dropout", at_s=50, for_s=30)
+    sim = "settings = {sleep_delay = 1, hibernation_delay = 5}" + fault(
+        "dropout", at_s=50, for_s=30
+    )
     recipe = RECIPE.replace("delay_min = 5", "delay_min = 1").replace('"working"', '"stand"')
     run = prepare(line_text(sim), recipe, duration_s=120).go()
     assert run.facts.outcome == "completed"
@@ -202,7 +249,9 @@ def test_a_tool_s_own_way_from_stand_to_sleep_is_no_difference() -> None:
 
 
 def test_a_tool_exchanged_while_it_was_away_is_no_changed_setting() -> None:
-    run = prepare(line_text(away_for_3_s("dropout") + fault("tool", port=1, code=3, at_s=5)), duration_s=20)
+    run = prepare(
+        line_text(away_for_3_s("dropout") + fault("tool", port=1, code=3, at_s=5)), duration_s=20
+    )
     run.at(1, lambda: setattr(run.station.plant.ports[1].tools[3], "sleep_temperature", 210))
     run.go()
     assert run.facts.outcome == "completed", run.facts.reason
@@ -215,13 +264,15 @@ def test_a_tool_exchanged_while_it_was_away_is_no_changed_setting() -> None:
     assert read == ["210"]
 
 
-# -- when the run ends meanwhile -------------------------------------------------------------------------------------------------
+# -- when the run ends meanwhile -------------------------------------------------------------------
 
 
 def test_gone_at_the_end_of_its_duration() -> None:
     run = prepare(line_text(fault("dropout", at_s=4, for_s=1000)), duration_s=10).go()
     assert run.facts.outcome == "gone"
-    assert second(run, run.facts.last_tick) == pytest.approx(run.memory.column("tick")[0] * 0.1 + 9.9)  # type: ignore[operator]
+    assert second(run, run.facts.last_tick) == pytest.approx(
+        run.memory.column("tick")[0] * 0.1 + 9.9
+    )  # type: ignore[operator]
     assert_account_holds(run)
 
 
@@ -235,7 +286,7 @@ def test_ended_while_it_is_away(at_s: float) -> None:
     assert_account_holds(run)
 
 
-# -- found changed without any outage --------------------------------------------------------------------------------------------
+# -- found changed without any outage --------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -264,7 +315,9 @@ def test_a_tool_that_somebody_else_puts_to_work_is_found() -> None:
     run.at(5, lambda: run.station.plant.ports[1].order(0, False))
     run.go()
     assert run.facts.outcome == "stopped"
-    assert [write.value for write in run.station.log.written("status") if write.port == 1][-1] == STAND
+    assert [write.value for write in run.station.log.written("status") if write.port == 1][
+        -1
+    ] == STAND
 
 
 def test_the_tool_s_state_is_nobody_s_business_where_the_recipe_has_none() -> None:
@@ -283,7 +336,12 @@ def test_a_station_that_falls_silent_at_its_last_counters_is_not_asked_for_each_
 
     def silent_at_the_end(data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
         replies, asked = receive(data, now), [one.text for one in tap.heard]
-        return [] if asked.count("WPS100001") and asked.count("RCP1") > asked[: asked.index("WPS100001")].count("RCP1") else replies
+        return (
+            []
+            if asked.count("WPS100001")
+            and asked.count("RCP1") > asked[: asked.index("WPS100001")].count("RCP1")
+            else replies
+        )
 
     tap.receive = silent_at_the_end  # type: ignore[method-assign]
     run.go()

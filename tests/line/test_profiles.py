@@ -1,7 +1,9 @@
-"""Every line file that comes with the project, run as it stands: planned, recorded, sealed, judged, and looked at from outside.
+"""Every line file that comes with the project, run as it stands: planned, recorded, sealed, judged,
+and looked at from outside.
 
-Each is lived through once, on virtual stations and a clock that jumps. A line file that joins `profiles/lines` is walked like
-the others; one that ends otherwise than accepted says so in `OTHERWISE`.
+Each is lived through once, on virtual stations and a clock that jumps. A line file that joins
+`profiles/lines` is walked like the others; one that ends otherwise than accepted says so in
+`OTHERWISE`.
 """
 
 from __future__ import annotations
@@ -27,17 +29,32 @@ from support.virtual.recorded_run import RecordedRun
 
 LINES = sorted((PROFILES / "lines").glob("*.toml"))
 SECONDS = 180.0  # long enough for a bound of every tip's idle error
-OTHERWISE = {"omega": "ACCEPT WITH DEVIATIONS"}  # after a while its virtual feeder has no solder left
+# after a while its virtual feeder has no solder left
+OTHERWISE = {"omega": "ACCEPT WITH DEVIATIONS"}
 """Line file -> verdict, where it is not ACCEPT."""
 
 SETTINGS = {
     *("sleep_delay", "hibernation_delay", "sleep_temperature", "adjust", "selected_temperature"),
     *("alarm_high_limit", "alarm_high_delay", "alarm_low_limit", "alarm_low_delay"),
 }
-FEEDER = {"clog_detection", "feeder_diameter", "feeder_length", "feeder_backward", "feeder_speed", "feeder_mode"}
-AIR = {"selected_air_temperature", "selected_air_flow", "selected_external_temperature", "work_mode"}
+FEEDER = {
+    "clog_detection",
+    "feeder_diameter",
+    "feeder_length",
+    "feeder_backward",
+    "feeder_speed",
+    "feeder_mode",
+}
+AIR = {
+    "selected_air_temperature",
+    "selected_air_flow",
+    "selected_external_temperature",
+    "work_mode",
+}
 A_RUN_WRITES = SETTINGS | FEEDER | AIR | {"status", "stop_feeding"}
-"""All that `run` can write (docs/reference/faults.md, S-5), but for OMEGA's condition with --allow-omega-write."""
+"""All that `run` can write (docs/reference/faults.md, S-5), but for OMEGA's condition with
+--allow-omega-write.
+"""
 
 every_line = pytest.mark.parametrize("path", LINES, ids=lambda path: path.stem)
 Recorded = Callable[[Path], RecordedRun]
@@ -58,7 +75,12 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
 @every_line
 def test_its_plan_has_no_error(path: Path) -> None:
     plan = plan_of(path)
-    arguments = ["plan", *([] if plan.wanted.recipe is None else [str(RECIPE)]), "--line", str(path)]
+    arguments = [
+        "plan",
+        *([] if plan.wanted.recipe is None else [str(RECIPE)]),
+        "--line",
+        str(path),
+    ]
     said = CliRunner().invoke(app, arguments)
     assert said.exit_code == 0, said.output
     assert "error" not in said.output
@@ -68,14 +90,20 @@ def test_its_plan_has_no_error(path: Path) -> None:
 @every_line
 def test_it_runs_to_an_accepted_record(path: Path, recorded: Recorded) -> None:
     result = recorded(path).result
-    assert [one.outcome for one in result.manifest.stations] == ["completed"] * len(result.manifest.stations)
-    assert result.manifest.verdict == OTHERWISE.get(path.stem, "ACCEPT"), [one.text for one in result.findings]
+    assert [one.outcome for one in result.manifest.stations] == ["completed"] * len(
+        result.manifest.stations
+    )
+    assert result.manifest.verdict == OTHERWISE.get(path.stem, "ACCEPT"), [
+        one.text for one in result.findings
+    ]
     assert result.exit_code == (1 if path.stem in OTHERWISE else 0)
     assert check(result.folder) == []
 
 
 @every_line
-def test_its_manifest_says_which_rate_was_asked_for_and_which_was_taken(path: Path, recorded: Recorded) -> None:
+def test_its_manifest_says_which_rate_was_asked_for_and_which_was_taken(
+    path: Path, recorded: Recorded
+) -> None:
     for facts in read_manifest(recorded(path).result.folder).stations:
         assert facts.asked_rate == "auto"
         assert facts.rate_hz in AUTO_RATES_HZ
@@ -120,26 +148,50 @@ def test_every_tool_is_safe_at_the_end(path: Path, recorded: Recorded) -> None:
             assert facts.safe_state[port] == "verified"
 
 
-def test_all_of_them_together_write_what_a_run_can_write_and_nothing_else(recorded: Recorded) -> None:
-    written = {write.name for path in LINES for station in recorded(path).stations.values() for write in station.log.writes}
+def test_all_of_them_together_write_what_a_run_can_write_and_nothing_else(
+    recorded: Recorded,
+) -> None:
+    written = {
+        write.name
+        for path in LINES
+        for station in recorded(path).stations.values()
+        for write in station.log.writes
+    }
     assert written == A_RUN_WRITES
 
 
 def test_no_recipe_reaches_another_command_or_a_dangerous_one() -> None:
     assert set(COMMAND_OF.values()) | {"status", "stop_feeding"} == A_RUN_WRITES
-    commands = [family.commands[name] for family in FAMILIES.values() for name in A_RUN_WRITES if name in family.commands]
+    commands = [
+        family.commands[name]
+        for family in FAMILIES.values()
+        for name in A_RUN_WRITES
+        if name in family.commands
+    ]
     assert not any(command.dangerous for command in commands)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_every_family_has_a_line_with_a_recipe_of_its_own(family: str) -> None:
-    stations = [station for path in LINES for station in load_line(path).stations if station.family == family]
+    stations = [
+        station
+        for path in LINES
+        for station in load_line(path).stations
+        if station.family == family
+    ]
     assert any(station.recipe is not None for station in stations)
 
 
 def test_the_systems_that_one_family_covers_have_a_line_each() -> None:
-    """UCR245 and UCR470 (manual 004), ALE without and with perforation of the wire, two line formats of manual 000."""
-    models = {station.sim.model for path in LINES for station in load_line(path).stations if station.sim is not None}
+    """UCR245 and UCR470 (manual 004), ALE without and with perforation of the wire, two line
+    formats of manual 000.
+    """
+    models = {
+        station.sim.model
+        for path in LINES
+        for station in load_line(path).stations
+        if station.sim is not None
+    }
     assert {"UCR245", "UCR470", "DDR"} <= models
     assert {"ale", "ale-perforated", "soldering", "soldering-slow"} <= {path.stem for path in LINES}
     formats = {(station.baudrate, station.format, station.address) for station in _old()}
@@ -147,4 +199,9 @@ def test_the_systems_that_one_family_covers_have_a_line_each() -> None:
 
 
 def _old() -> list[StationSpec]:
-    return [station for path in LINES for station in load_line(path).stations if station.family == "soldering"]
+    return [
+        station
+        for path in LINES
+        for station in load_line(path).stations
+        if station.family == "soldering"
+    ]

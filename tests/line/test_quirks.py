@@ -1,7 +1,8 @@
-"""A station that does otherwise than recommended: the run records the same as without, and says what it met, once.
+"""A station that does otherwise than recommended: the run records the same as without, and says
+what it met, once.
 
-Every quirk that a virtual station knows is played here, in a whole run or, where a run never sends what shows it, against
-the client alone. The decisions' own table says which row each belongs to.
+Every quirk that a virtual station knows is played here, in a whole run or, where a run never sends
+what shows it, against the client alone. The decisions' own table says which row each belongs to.
 """
 
 from __future__ import annotations
@@ -54,10 +55,11 @@ def _feed(run: VirtualRun) -> None:
 
 @dataclass(frozen=True)
 class Case:
-    """A run in which a quirk shows: its family, what the line file and the recipe say, and what happens meanwhile.
+    """A run in which a quirk shows: its family, what the line file and the recipe say, and what
+    happens meanwhile.
 
-    `differs` are columns in which the number itself is kept as it came, with what both numbers are held against. `tells`:
-    the driver can notice it; `usually`: the recommended form is odd as well.
+    `differs` are columns in which the number itself is kept as it came, with what both numbers are
+    held against. `tells`: the driver can notice it; `usually`: the recommended form is odd as well.
     """
 
     family: str = "dde"
@@ -92,7 +94,9 @@ IN_A_RUN: dict[str, Case] = {
     "countdown_65535": Case(),
     "countdown_zero": Case(),
     "port_error_80000": Case(act=_port_error),
-    "power_above_full": Case(is_hot=False, differs={"power_permille": lambda power: min(int(str(power)), 1000)}),
+    "power_above_full": Case(
+        is_hot=False, differs={"power_permille": lambda power: min(int(str(power)), 1000)}
+    ),
     "six_letter_model": Case(),
     "model_cut_to_five": Case("ucr", usually=True),  # UCR245 has six letters
     "model_unpadded": Case(),
@@ -113,9 +117,17 @@ AT_THE_CLIENT = {
 
 
 def run_of(case: Case, quirks: list[str]) -> VirtualRun:
-    sim = f'joints_per_minute = 0\nquirks = {quirks}\nsettings = {{status = "working"{case.settings}}}\n{case.sim}'
+    sim = (
+        f"joints_per_minute = 0\nquirks = {quirks}\nsettings = {{status ="
+        f' "working"{case.settings}}}\n{case.sim}'
+    )
     line = line_text(sim).replace('family = "dde"', f'family = "{case.family}"')
-    run = prepare(line, FAMILIES_IN_RECIPE.sub(f'families = ["{case.family}"]', RECIPE) + case.recipe, SECONDS, rate=3)
+    run = prepare(
+        line,
+        FAMILIES_IN_RECIPE.sub(f'families = ["{case.family}"]', RECIPE) + case.recipe,
+        SECONDS,
+        rate=3,
+    )
     if case.is_hot:
         for port in run.station.plant.ports.values():
             port.tip.temperature_c, port.tip.integral_w = HOT_C, HOLDING_W
@@ -125,10 +137,17 @@ def run_of(case: Case, quirks: list[str]) -> VirtualRun:
 
 def samples(run: VirtualRun, case: Case) -> list[tuple[object, ...]]:
     """The rows without their times; what a column is held against in its place."""
-    columns = [column for column in SAMPLE_COLUMNS if column in (*SIGNAL_COLUMNS, "port", "quality", "reasons")]
+    columns = [
+        column
+        for column in SAMPLE_COLUMNS
+        if column in (*SIGNAL_COLUMNS, "port", "quality", "reasons")
+    ]
     same: Callable[[object], object] = lambda value: value  # noqa: E731  # the rule for all other columns
     rules = [(COLUMN[column], case.differs.get(column, same)) for column in columns]
-    return [tuple(None if row[place] is None else rule(row[place]) for place, rule in rules) for row in run.memory.samples]
+    return [
+        tuple(None if row[place] is None else rule(row[place]) for place, rule in rules)
+        for row in run.memory.samples
+    ]
 
 
 def settings(run: VirtualRun) -> list[tuple[object, ...]]:
@@ -136,7 +155,9 @@ def settings(run: VirtualRun) -> list[tuple[object, ...]]:
 
 
 def counters(run: VirtualRun) -> list[tuple[object, ...]]:
-    return [(row.station, row.port, row.counter, row.value, row.unit) for row in run.memory.counters]
+    return [
+        (row.station, row.port, row.counter, row.value, row.unit) for row in run.memory.counters
+    ]
 
 
 def test_every_quirk_is_played() -> None:
@@ -146,14 +167,22 @@ def test_every_quirk_is_played() -> None:
 
 
 def kinds(run: VirtualRun) -> list[tuple[str, int | None, int | None]]:
-    return [(event.kind, event.port, event.code) for event in run.memory.events if event.kind != "protocol.anomaly"]
+    return [
+        (event.kind, event.port, event.code)
+        for event in run.memory.events
+        if event.kind != "protocol.anomaly"
+    ]
 
 
 @pytest.mark.parametrize("quirk", IN_A_RUN)
 def test_a_run_records_the_same_with_a_quirk_as_without(quirk: str) -> None:
     case, number = IN_A_RUN[quirk], QUIRKS[quirk].number
     usual, odd = run_of(case, []), run_of(case, [quirk])
-    assert (odd.facts.outcome, odd.facts.reason) == (usual.facts.outcome, usual.facts.reason) == ("completed", "")
+    assert (
+        (odd.facts.outcome, odd.facts.reason)
+        == (usual.facts.outcome, usual.facts.reason)
+        == ("completed", "")
+    )
     assert samples(odd, case) == samples(usual, case)
     assert settings(odd) == settings(usual)
     assert counters(odd) == counters(usual)
@@ -172,12 +201,15 @@ def test_a_quirk_is_one_event_that_says_what_was_met_and_how_it_is_read(quirk: s
     assert event.text.startswith(DECISIONS[number].met)
     assert "First met: " in event.text
     assert event.raw
-    assert event.severity == ("warning" if DECISIONS[number].doubtful and not DECISIONS[number].usual else "info")
+    assert event.severity == (
+        "warning" if DECISIONS[number].doubtful and not DECISIONS[number].usual else "info"
+    )
     assert event.station == "dde-1"
 
 
 def test_all_quirks_at_once_change_nothing_either() -> None:
-    all_that_go_together = [quirk for quirk in IN_A_RUN if quirk != "transformer_padded_with_zero"]  # one padding is enough
+    # one padding is enough
+    all_that_go_together = [quirk for quirk in IN_A_RUN if quirk != "transformer_padded_with_zero"]
     usual, odd = run_of(ALE, []), run_of(ALE, all_that_go_together)
     assert odd.facts.outcome == "completed", odd.facts.reason
     assert samples(odd, ALE) == samples(usual, ALE)
@@ -190,40 +222,60 @@ def test_all_quirks_at_once_change_nothing_either() -> None:
 def test_an_extractor_state_that_a_recipe_wants_and_the_station_refuses_stops_the_start() -> None:
     """As the refusal of any setting does; as the safe state it is followed by stand."""
     line = line_text('quirks = ["extractor_refused"]').replace('"dde"', '"ucr"')
-    recipe = FAMILIES_IN_RECIPE.sub('families = ["ucr"]', RECIPE).replace('status = "working"', 'status = "extractor"')
+    recipe = FAMILIES_IN_RECIPE.sub('families = ["ucr"]', RECIPE).replace(
+        'status = "working"', 'status = "extractor"'
+    )
     run = prepare(line.replace("quirks", 'settings = {status = "working"}\nquirks'), recipe, 3).go()
     assert run.facts.outcome == "refused"
     assert "the station refused it with N 00003" in run.facts.reason
     assert 19 in run.facts.anomalies
 
 
-# -- what nobody can decide -------------------------------------------------------------------------------------------------
+# -- what nobody can decide ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("quirk", [[], ["sleep_delay_in_seconds"]])
-def test_the_unit_of_the_sleep_delay_shows_wherever_a_tool_is_told_to_stand(quirk: list[str]) -> None:
+def test_the_unit_of_the_sleep_delay_shows_wherever_a_tool_is_told_to_stand(
+    quirk: list[str],
+) -> None:
     """At the end of every run, and at its beginning where the recipe wants the tools to stand."""
     line = line_text(f'quirks = {quirk}\nsettings = {{status = "working"}}')
     stands = prepare(line, RECIPE.replace('status = "working"', 'status = "stand"'), 2).go()
     works = prepare(line, RECIPE, 2).go()
     for run in (stands, works):
         told = [event for event in run.memory.of_kind("protocol.anomaly") if event.code == 20]
-        assert [(event.severity, event.raw) for event in told] == [("warning", "00005")] * len(quirk)
-    assert stands.facts.anomalies.get(20, 0) == works.facts.anomalies.get(20, 0) == 2 * len(quirk)  # two ports
+        assert [(event.severity, event.raw) for event in told] == [("warning", "00005")] * len(
+            quirk
+        )
+    # two ports
+    assert stands.facts.anomalies.get(20, 0) == works.facts.anomalies.get(20, 0) == 2 * len(quirk)
 
 
 def test_the_air_flow_without_a_unit_is_marked_and_kept() -> None:
     run = hot_air("", duration_s=3).go()
     (event,) = [event for event in run.memory.of_kind("protocol.anomaly") if event.code == 33]
     assert event.severity == "info"
-    assert event.raw == "00500"  # as it was before the recipe was applied; the settings have it, too
-    assert [row.written for row in run.memory.settings if row.setting == "selected_air_flow"] == [None, "600"]
+    # as it was before the recipe was applied; the settings have it, too
+    assert event.raw == "00500"
+    assert [row.written for row in run.memory.settings if row.setting == "selected_air_flow"] == [
+        None,
+        "600",
+    ]
 
 
 @pytest.mark.parametrize(("quirk", "raw"), [([], "3500"), (["temperature_in_degrees"], "350")])
-def test_a_set_temperature_of_omega_is_marked_and_kept_in_tenths_or_not(quirk: list[str], raw: str) -> None:
-    """Nothing tells the two apart, so both numbers are said; the run is refused, because the recipe asks for something else."""
-    recipe = Path(jbclog.__file__).parents[1].joinpath("profiles/recipes/omega-point.toml").read_text(encoding="utf-8")
+def test_a_set_temperature_of_omega_is_marked_and_kept_in_tenths_or_not(
+    quirk: list[str], raw: str
+) -> None:
+    """Nothing tells the two apart, so both numbers are said; the run is refused, because the recipe
+    asks for something else.
+    """
+    recipe = (
+        Path(jbclog.__file__)
+        .parents[1]
+        .joinpath("profiles/recipes/omega-point.toml")
+        .read_text(encoding="utf-8")
+    )
     line = line_text(f"quirks = {quirk}").replace('"dde"', '"omega"')
     run = prepare(line, recipe.replace("condition = 101", "condition = 399"), 3).go()
     assert run.facts.outcome == "refused"
@@ -234,7 +286,7 @@ def test_a_set_temperature_of_omega_is_marked_and_kept_in_tenths_or_not(quirk: l
     assert f"{int(raw):03X}" in event.raw
 
 
-# -- what a run never sends ------------------------------------------------------------------------------------------------
+# -- what a run never sends ------------------------------------------------------------------------
 
 
 def station_of(family: str, *quirks: str) -> VirtualStation:
@@ -242,7 +294,9 @@ def station_of(family: str, *quirks: str) -> VirtualStation:
     return VirtualStation(spec, now=VirtualClock().monotonic())
 
 
-def do(other: VirtualStation, ask: Callable[[Station], Steps[object]], address: int | None = 1) -> tuple[Station, object]:
+def do(
+    other: VirtualStation, ask: Callable[[Station], Steps[object]], address: int | None = 1
+) -> tuple[Station, object]:
     """What came of it: the value, or the error where there is none."""
     station, outcome = Station(LineFormat(), address), list[object]()
 
@@ -265,7 +319,9 @@ NEW, NONE = "address_acknowledged_from_the_new_one", "address_acknowledged_witho
 
 @pytest.mark.parametrize("quirk", [(), (NEW,), (NONE,)])
 @pytest.mark.parametrize("new", [7, None])
-def test_an_address_is_changed_however_that_is_acknowledged(quirk: tuple[str, ...], new: int | None) -> None:
+def test_an_address_is_changed_however_that_is_acknowledged(
+    quirk: tuple[str, ...], new: int | None
+) -> None:
     other = station_of("ucr", *quirk)
     station, outcome = do(other, lambda client: change_address(client, UCR["address"], new))
     assert outcome is None
@@ -302,14 +358,18 @@ def test_a_restart_is_waited_for_whether_it_is_acknowledged_or_not(quirk: tuple[
 
 def test_a_station_that_does_not_come_back_is_gone() -> None:
     other = station_of("dde")
-    other.device.restart = lambda now, silent_s=0.0: setattr(other.device, "_silent_until", float("inf"))  # type: ignore[method-assign]
+    other.device.restart = lambda now, silent_s=0.0: setattr(
+        other.device, "_silent_until", float("inf")
+    )  # type: ignore[method-assign]
     _, outcome = do(other, lambda client: restart(client, FAMILIES["dde"].commands["restart"]))
     assert "no answer within 30 s" in str(outcome)
 
 
 @pytest.mark.parametrize("quirk", [(), ("refuses_other_addresses",)])
 @pytest.mark.parametrize("address", [2, None])
-def test_nobody_is_found_under_another_address_whether_that_is_refused_or_not(quirk: tuple[str, ...], address: int | None) -> None:
+def test_nobody_is_found_under_another_address_whether_that_is_refused_or_not(
+    quirk: tuple[str, ...], address: int | None
+) -> None:
     station, outcome = do(station_of("dde", *quirk), lambda client: client.read(MODEL), address)
     assert isinstance(outcome, StationError)
     assert station.exchanges >= 3
@@ -318,6 +378,9 @@ def test_nobody_is_found_under_another_address_whether_that_is_refused_or_not(qu
 @pytest.mark.parametrize("quirk", [(), ("status_acknowledged_with_value",)])
 def test_hot_air_acknowledges_a_status_with_or_without_its_value(quirk: tuple[str, ...]) -> None:
     commands = FAMILIES["jtse"].commands
-    station, outcome = do(station_of("jtse", *quirk), lambda client: client.write(commands["status"], (0, 0, 0, 1, 0), 1))
+    station, outcome = do(
+        station_of("jtse", *quirk),
+        lambda client: client.write(commands["status"], (0, 0, 0, 1, 0), 1),
+    )
     assert outcome is None
     assert station.anomalies.counts[43] == len(quirk)

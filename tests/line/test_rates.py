@@ -1,4 +1,6 @@
-"""Ticks on a grid: the product's own profile, `--rate fit` and `max`, ticks that come too late, and stations side by side."""
+"""Ticks on a grid: the product's own profile, `--rate fit` and `max`, ticks that come too late, and
+stations side by side.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +16,32 @@ from jbclog.session.scheduler import CEILING
 from support.oracles.account import assert_account_holds, wrong_values
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
-PERIOD_S = {"alarm_high": 2, "port_error": 2, "set_c": 5, "tool": 5, "station_error": 5, "transistor_c": 10, "transformer_c": 10}
+PERIOD_S = {
+    "alarm_high": 2,
+    "port_error": 2,
+    "set_c": 5,
+    "tool": 5,
+    "station_error": 5,
+    "transistor_c": 10,
+    "transformer_c": 10,
+}
 STATION_WIDE = ("station_error", "transformer_c")
 
 
 def gaps_s(run: VirtualRun, column: str, port: int) -> list[float]:
-    """Seconds between the values of a column, told from the rows, begin and end of the run included."""
+    """Seconds between the values of a column, told from the rows, begin and end of the run
+    included.
+    """
     begin, end = run.memory.column("tick", port)[0], run.memory.column("tick", port)[-1]
-    ticks = [row[COLUMN["tick"]] for row in run.memory.samples if row[COLUMN["port"]] == port and row[COLUMN[column]] is not None]
+    ticks = [
+        row[COLUMN["tick"]]
+        for row in run.memory.samples
+        if row[COLUMN["port"]] == port and row[COLUMN[column]] is not None
+    ]
     assert run.facts.period_s is not None
-    return [(after - before) * run.facts.period_s for before, after in pairwise([begin, *ticks, end])]  # type: ignore[operator]
+    return [
+        (after - before) * run.facts.period_s for before, after in pairwise([begin, *ticks, end])
+    ]  # type: ignore[operator]
 
 
 def two_stations(sim: str) -> str:
@@ -32,11 +50,13 @@ def two_stations(sim: str) -> str:
     return line_text(sim) + "\n[[station]]" + second.replace("dde-1", "dde-2")
 
 
-# -- the product's own profile -------------------------------------------------------------------------------------
+# -- the product's own profile ---------------------------------------------------------------------
 
 
 def test_ten_minutes_of_the_products_own_profile() -> None:
-    """Two ports, three fast signals, all slow ones, counters, 10 Hz, 1 ms: no tick skipped, no slow signal past its ceiling."""
+    """Two ports, three fast signals, all slow ones, counters, 10 Hz, 1 ms: no tick skipped, no slow
+    signal past its ceiling.
+    """
     run = prepare(line_text("noise_c = 2.0"), duration_s=600).go()
     assert run.facts.outcome == "completed"
     for port in (1, 2):
@@ -46,21 +66,25 @@ def test_ten_minutes_of_the_products_own_profile() -> None:
         for column, period_s in PERIOD_S.items():
             if port == 1 or column not in STATION_WIDE:
                 assert max(gaps_s(run, column, port)) <= CEILING * period_s, column
-    times = [one.time / 1e6 for one in run.memory.counters if (one.port, one.counter) == (2, "work_h")]
+    times = [
+        one.time / 1e6 for one in run.memory.counters if (one.port, one.counter) == (2, "work_h")
+    ]
     assert max(after - before for before, after in pairwise(times)) <= CEILING * 60
     assert_account_holds(run)
     assert wrong_values(run) == []
 
 
 def test_nothing_drifts() -> None:
-    """Due times are taken from the grid: twenty minutes later the first question still leaves when it is due."""
+    """Due times are taken from the grid: twenty minutes later the first question still leaves when
+    it is due.
+    """
     run = prepare(line_text("", "ports = [1]"), duration_s=1200, rate=2).go()
     late = [value for value in run.memory.column("late_us") if isinstance(value, int)]
     assert len(late) == 2400
     assert max(late) < 100
 
 
-# -- rates ---------------------------------------------------------------------------------------------------------
+# -- rates -----------------------------------------------------------------------------------------
 
 
 def test_a_rate_that_does_not_fit_is_refused_before_the_first_write_and_names_the_best() -> None:
@@ -111,14 +135,16 @@ def test_a_slow_signal_comes_once_a_row_at_most(rate: float) -> None:
 
 
 def test_a_rate_whose_rows_are_too_rare_for_a_ceiling_is_refused_before_any_write() -> None:
-    """The flags are due every 2 s and must never be older than 6 s; at 0.1 Hz there is a row every 10 s."""
+    """The flags are due every 2 s and must never be older than 6 s; at 0.1 Hz there is a row every
+    10 s.
+    """
     run = prepare(duration_s=120, rate=0.1).go()
     assert run.facts.outcome == "refused"
     assert "the lowest rate is 0.167 Hz" in run.facts.reason
     assert run.station.log.writes == []
 
 
-# -- late ticks ----------------------------------------------------------------------------------------------------
+# -- late ticks ------------------------------------------------------------------------------------
 
 
 def test_a_late_tick_is_no_burst_and_skipped_ticks_have_rows() -> None:
@@ -126,7 +152,9 @@ def test_a_late_tick_is_no_burst_and_skipped_ticks_have_rows() -> None:
     run = prepare(duration_s=20)
     run.at(5, lambda: run.driver.clock.advance_to(run.driver.clock.monotonic() + 1.25))
     run.go()
-    skipped = [row[COLUMN["tick"]] for row in run.memory.samples if row[COLUMN["quality"]] == "skipped"]
+    skipped = [
+        row[COLUMN["tick"]] for row in run.memory.samples if row[COLUMN["quality"]] == "skipped"
+    ]
     assert 20 <= len(skipped) <= 26  # two ports
     starts = sorted({one.at for one in run.heard if one.text == "RTT1" and one.at > run.t0 + 6})
     assert min(after - before for before, after in pairwise(starts)) > 0.085
@@ -153,7 +181,7 @@ def test_a_host_that_stood_still_over_the_end_leaves_no_tick_behind_it() -> None
     assert_account_holds(run)
 
 
-# -- side by side --------------------------------------------------------------------------------------------------
+# -- side by side ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -170,20 +198,37 @@ def test_a_station_in_trouble_moves_no_other(trouble: str) -> None:
     """I6: the others' lateness is what it is without the fault."""
     calm = prepare(two_stations("seed = 1"), duration_s=30).go()
     troubled = prepare(two_stations("seed = 1\n" + trouble), duration_s=30).go()
-    assert troubled.facts.outages + sum(quality != "ok" for quality in troubled.memory.column("quality")) > 0
-    rows = [[row for row in run.memory.samples if row[COLUMN["station"]] == "dde-2"] for run in (calm, troubled)]
+    assert (
+        troubled.facts.outages
+        + sum(quality != "ok" for quality in troubled.memory.column("quality"))
+        > 0
+    )
+    rows = [
+        [row for row in run.memory.samples if row[COLUMN["station"]] == "dde-2"]
+        for run in (calm, troubled)
+    ]
     assert rows[0] == rows[1]
 
 
 def test_one_hung_station_of_eight() -> None:
-    stations = [line_text().split("[[station]]")[1].replace("dde-1", f"dde-{number}") for number in range(1, 9)]
+    stations = [
+        line_text().split("[[station]]")[1].replace("dde-1", f"dde-{number}")
+        for number in range(1, 9)
+    ]
     stations[3] += '[[station.sim.fault]]\nkind = "late"\nat_s = 5\nby_s = 2.0\n'
-    run = prepare('[line]\nname = "eight"\n' + "".join(f"[[station]]{text}" for text in stations), duration_s=20).go()
+    run = prepare(
+        '[line]\nname = "eight"\n' + "".join(f"[[station]]{text}" for text in stations),
+        duration_s=20,
+    ).go()
     late: dict[object, list[int]] = {}
     for row in run.memory.samples:
         if isinstance(row[COLUMN["late_us"]], int):
-            late.setdefault((row[COLUMN["station"]], row[COLUMN["port"]]), []).append(row[COLUMN["late_us"]])  # type: ignore[arg-type]
-    others = [values for (station, port), values in late.items() if station != "dde-4" and port == 1]  # type: ignore[misc]
+            late.setdefault((row[COLUMN["station"]], row[COLUMN["port"]]), []).append(
+                row[COLUMN["late_us"]]
+            )  # type: ignore[arg-type]
+    others = [
+        values for (station, port), values in late.items() if station != "dde-4" and port == 1
+    ]  # type: ignore[misc]
     assert len(others) == 7
     assert all(values == others[0] for values in others)
 
@@ -208,11 +253,21 @@ def test_a_station_that_knows_no_signal_ends_the_run(rate: str | None) -> None:
 
 
 @pytest.mark.parametrize(
-    ("family", "fits"), [("omega", False), ("dde", True)], ids=["the manual prints that it varies", "it does not"]
+    ("family", "fits"),
+    [("omega", False), ("dde", True)],
+    ids=["the manual prints that it varies", "it does not"],
 )
-def test_a_rate_is_held_against_the_longest_answer_where_answers_vary(family: str, fits: bool) -> None:
-    """003, 11.1: 0 to 250 ms. What one answer in twelve takes, one in twelve of a run takes, too."""
-    recipe = RECIPE if family == "dde" else '[recipe]\nname = "test"\nrevision = 1\nfamilies = ["omega"]\n'
+def test_a_rate_is_held_against_the_longest_answer_where_answers_vary(
+    family: str, fits: bool
+) -> None:
+    """003, 11.1: 0 to 250 ms. What one answer in twelve takes, one in twelve of a run takes,
+    too.
+    """
+    recipe = (
+        RECIPE
+        if family == "dde"
+        else '[recipe]\nname = "test"\nrevision = 1\nfamilies = ["omega"]\n'
+    )
     line = line_text("", "ports = [1]" if family == "dde" else "").replace("dde", family)
     (context,) = prepare(line, recipe, rate=3).contexts.values()
     context.ports[1] = PortState(1, 2)
@@ -226,7 +281,8 @@ def test_a_rate_is_held_against_the_longest_answer_where_answers_vary(family: st
 
 def test_a_line_on_which_most_questions_are_lost_is_not_run_on() -> None:
     lost = "".join(
-        f'\n[[station.sim.fault]]\nkind = "silence"\ncommand = "{name}"\n' for name in ("station_error", "tip_temperature")
+        f'\n[[station.sim.fault]]\nkind = "silence"\ncommand = "{name}"\n'
+        for name in ("station_error", "tip_temperature")
     )
     run = prepare(line_text(lost, "ports = [1]"), duration_s=5).go()
     assert run.facts.outcome == "refused"

@@ -1,4 +1,6 @@
-"""The recipe on the station: each setting written where it differs, read back, and a row of `settings` for it."""
+"""The recipe on the station: each setting written where it differs, read back, and a row of
+`settings` for it.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +21,20 @@ TOOL_2, TOOL_3 = (FAMILIES["dde"].tool_name(code) for code in (2, 3))
 
 
 def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+    return "\n[[station.sim.fault]]\n" + "".join(
+        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
+    )
 
 
 def rows(run: VirtualRun, setting: str, port: int | None = 1) -> list[SettingRow]:
-    """What came of a setting: of one that was written there is a row of what it was before, too, and of each lost write."""
-    found = [row for row in run.memory.settings if (row.setting, row.port) == (setting, port) and row.outcome != "repeated"]
+    """What came of a setting: of one that was written there is a row of what it was before, too,
+    and of each lost write.
+    """
+    found = [
+        row
+        for row in run.memory.settings
+        if (row.setting, row.port) == (setting, port) and row.outcome != "repeated"
+    ]
     return found[1:] if len(found) > 1 and found[0].outcome == "read" else found
 
 
@@ -40,7 +50,9 @@ def moment_of(question: str) -> float:
 
 
 def assert_stopped_before_sampling(run: VirtualRun, *words: str) -> None:
-    """The station's run was refused in so many words, nothing was sampled, and what was touched is safe."""
+    """The station's run was refused in so many words, nothing was sampled, and what was touched is
+    safe.
+    """
     assert run.facts.outcome == "refused"
     assert run.memory.samples == []
     for word in words:
@@ -55,7 +67,7 @@ def assert_stopped_before_sampling(run: VirtualRun, *words: str) -> None:
             assert is_cold_in_extractor(run.station, port)
 
 
-# -- outcomes ----------------------------------------------------------------------------------------------------------------
+# -- outcomes --------------------------------------------------------------------------------------
 
 
 def test_what_differs_is_written_once_read_back_and_confirmed() -> None:
@@ -64,8 +76,15 @@ def test_what_differs_is_written_once_read_back_and_confirmed() -> None:
     assert row[5:] == ("°C", "380", "380", "380", None, "confirmed")
     assert [one.text for one in run.writes].count("WHA100380") == 1
     assert run.station.plant.ports[1].settings.alarm_high_limit == 380
-    before, _ = [row for row in run.memory.settings if (row.setting, row.port) == ("alarm_high_limit", 1)]
-    assert (before.requested, before.written, before.readback, before.outcome) == (None, None, "off", "read")
+    before, _ = [
+        row for row in run.memory.settings if (row.setting, row.port) == ("alarm_high_limit", 1)
+    ]
+    assert (before.requested, before.written, before.readback, before.outcome) == (
+        None,
+        None,
+        "off",
+        "read",
+    )
     written = next(place for place, one in enumerate(run.heard) if one.text == "WHA100380")
     assert run.heard[written + 1].text == "RHA1"
 
@@ -73,31 +92,54 @@ def test_what_differs_is_written_once_read_back_and_confirmed() -> None:
 def test_what_already_holds_is_not_written_again() -> None:
     run = prepare(duration_s=1).go()
     (row,) = rows(run, "selected_temperature")
-    assert (row.requested, row.written, row.readback, row.outcome) == ("350", None, "350", "unchanged")
+    assert (row.requested, row.written, row.readback, row.outcome) == (
+        "350",
+        None,
+        "350",
+        "unchanged",
+    )
     assert not any(one.text.startswith("WST") for one in run.writes)
 
 
 def test_a_recipe_that_holds_already_writes_nothing_the_second_time() -> None:
     once = prepare(duration_s=1).go()
-    held = "alarm_high_limit = 380, alarm_high_delay = 0.5, alarm_low_limit = 250, alarm_low_delay = 2.0, status = 'stand'"
-    again = prepare(line_text(f"settings = {{{held}}}"), RECIPE.replace('"working"', '"stand"'), duration_s=1).go()
+    held = (
+        "alarm_high_limit = 380, alarm_high_delay = 0.5, alarm_low_limit = 250, alarm_low_delay ="
+        " 2.0, status = 'stand'"
+    )
+    again = prepare(
+        line_text(f"settings = {{{held}}}"), RECIPE.replace('"working"', '"stand"'), duration_s=1
+    ).go()
     assert {row.outcome for row in again.memory.settings if row.requested} == {"unchanged"}
-    assert [one.text for one in again.writes] == ["WPS100001", "WPS200001"]  # the safe state at the end
+    # the safe state at the end
+    assert [one.text for one in again.writes] == ["WPS100001", "WPS200001"]
     assert len(once.writes) > len(again.writes)
 
 
 def test_a_key_that_the_recipe_does_not_have_is_read_and_recorded_and_left_alone() -> None:
     run = prepare(line_text("settings = {adjust = -7}"), duration_s=1).go()
     (row,) = rows(run, "adjust")
-    assert (row.tool, row.requested, row.written, row.readback, row.outcome) == (TOOL_2, None, None, "-7", "read")
+    assert (row.tool, row.requested, row.written, row.readback, row.outcome) == (
+        TOOL_2,
+        None,
+        None,
+        "-7",
+        "read",
+    )
     assert not any(one.text.startswith("WA1") for one in run.writes)
     assert outcome(run, "maximum_temperature", None) == "read"
 
 
 def test_values_of_one_port() -> None:
     run = prepare(recipe=RECIPE + "\n[port.2.temperature]\nselect_c = 330\n", duration_s=1).go()
-    assert [run.station.plant.ports[port].settings.selected_temperature for port in (1, 2)] == [350, 330]
-    assert (outcome(run, "selected_temperature", 1), outcome(run, "selected_temperature", 2)) == ("unchanged", "confirmed")
+    assert [run.station.plant.ports[port].settings.selected_temperature for port in (1, 2)] == [
+        350,
+        330,
+    ]
+    assert (outcome(run, "selected_temperature", 1), outcome(run, "selected_temperature", 2)) == (
+        "unchanged",
+        "confirmed",
+    )
 
 
 def test_heat_is_asked_for_last() -> None:
@@ -122,7 +164,7 @@ def test_a_setting_that_the_station_does_not_know_is_unsupported_and_stops_nothi
     assert run.facts.outcome == "completed"
 
 
-# -- what stops it -----------------------------------------------------------------------------------------------------------
+# -- what stops it ---------------------------------------------------------------------------------
 
 
 def clamped(run: VirtualRun) -> None:
@@ -140,35 +182,56 @@ def test_a_value_that_did_not_take_stops_the_run() -> None:
     clamped(run)
     run.go()
     (row,) = rows(run, "alarm_high_limit")
-    assert (row.requested, row.written, row.readback, row.outcome) == ("380", "380", "375", "mismatch")
+    assert (row.requested, row.written, row.readback, row.outcome) == (
+        "380",
+        "380",
+        "375",
+        "mismatch",
+    )
     assert_stopped_before_sampling(
-        run, "alarm high limit of port 1", "380 °C was asked", "375 °C was read back", "before it was 400 °C"
+        run,
+        "alarm high limit of port 1",
+        "380 °C was asked",
+        "375 °C was read back",
+        "before it was 400 °C",
     )
     assert rows(run, "alarm_high_limit", 2) == []  # nothing more is tried
 
 
 @pytest.mark.parametrize("code", [1, 2, 3, 4, 5, 6, 99999])
 def test_a_refusal_stops_the_run(code: int) -> None:
-    run = prepare(line_text(fault("nak", code=code, command="alarm_high_limit", only="write")), duration_s=5).go()
+    run = prepare(
+        line_text(fault("nak", code=code, command="alarm_high_limit", only="write")), duration_s=5
+    ).go()
     (row,) = rows(run, "alarm_high_limit")
     assert (row.written, row.readback, row.nak, row.outcome) == ("380", None, code, "refused")
-    assert_stopped_before_sampling(run, "alarm high limit of port 1", "380 °C was asked", f"N {code:05d}", "before it was off")
+    assert_stopped_before_sampling(
+        run, "alarm high limit of port 1", "380 °C was asked", f"N {code:05d}", "before it was off"
+    )
     sent = 1 + REPEATS if code in (1, 2) else 1  # what was not understood was not done
     assert [one.text for one in run.writes].count("WHA100380") == sent
 
 
 def test_a_setting_that_is_told_and_not_taken_is_refused_and_stops_the_run() -> None:
     """It answered the question, so it knows the setting: going on would heat at the old value."""
-    sim = "settings = {selected_temperature = 400}" + fault("nak", code=4, command="selected_temperature", only="write")
+    sim = "settings = {selected_temperature = 400}" + fault(
+        "nak", code=4, command="selected_temperature", only="write"
+    )
     run = prepare(line_text(sim).replace("dde", "hde"), duration_s=5).go()
     (row,) = rows(run, "selected_temperature")
     assert (row.requested, row.nak, row.outcome) == ("350", 4, "refused")
-    assert_stopped_before_sampling(run, "selected temperature of port 1", "350 °C was asked", "N 00004", "before it was 400 °C")
+    assert_stopped_before_sampling(
+        run, "selected temperature of port 1", "350 °C was asked", "N 00004", "before it was 400 °C"
+    )
 
 
 def test_a_status_that_is_told_and_not_taken_stops_the_run() -> None:
-    run = prepare(line_text(fault("nak", code=4, command="status", only="write", for_s=2)), duration_s=5).go()
-    assert [(row.port, row.nak, row.outcome) for row in rows(run, "status") if row.requested] == [(1, 4, "refused")]
+    run = prepare(
+        line_text(fault("nak", code=4, command="status", only="write", for_s=2)), duration_s=5
+    ).go()
+    assert [(row.port, row.nak, row.outcome) for row in rows(run, "status") if row.requested] == [
+        (1, 4, "refused")
+    ]
     assert (run.facts.outcome, run.memory.samples) == ("refused", [])
     assert "N 00004" in run.facts.reason
 
@@ -181,24 +244,40 @@ def test_a_status_that_is_not_told_is_unsupported_and_nobody_puts_the_tool_to_wo
 
 
 def test_a_setting_that_one_port_alone_does_not_tell_is_written_on_the_other() -> None:
-    run = prepare(line_text(fault("nak", code=4, command="alarm_low_delay", port=2)), duration_s=1).go()
-    assert (outcome(run, "alarm_low_delay", 1), outcome(run, "alarm_low_delay", 2)) == ("confirmed", "unsupported")
+    run = prepare(
+        line_text(fault("nak", code=4, command="alarm_low_delay", port=2)), duration_s=1
+    ).go()
+    assert (outcome(run, "alarm_low_delay", 1), outcome(run, "alarm_low_delay", 2)) == (
+        "confirmed",
+        "unsupported",
+    )
 
 
 def test_a_write_whose_acknowledgement_is_lost_is_settled_by_reading() -> None:
-    run = prepare(line_text(fault("silence", command="alarm_high_limit", only="write")), duration_s=1).go()
+    run = prepare(
+        line_text(fault("silence", command="alarm_high_limit", only="write")), duration_s=1
+    ).go()
     assert outcome(run, "alarm_high_limit") == "confirmed"
     assert [one.text for one in run.writes].count("WHA100380") == 1
     assert run.facts.outcome == "completed"
 
 
 def test_a_write_that_cannot_be_read_back_is_unconfirmed_and_stops_the_run() -> None:
-    run = prepare(line_text(fault("silence", command="alarm_high_limit", at_s=moment_of("WHA100380"))), duration_s=5).go()
+    run = prepare(
+        line_text(fault("silence", command="alarm_high_limit", at_s=moment_of("WHA100380"))),
+        duration_s=5,
+    ).go()
     assert outcome(run, "alarm_high_limit") == "unconfirmed"
-    assert_stopped_before_sampling(run, "alarm high limit of port 1", "380 °C was asked", "could not be read back", "in 4 writes")
+    assert_stopped_before_sampling(
+        run,
+        "alarm high limit of port 1",
+        "380 °C was asked",
+        "could not be read back",
+        "in 4 writes",
+    )
 
 
-# -- what is lost on the way -------------------------------------------------------------------------------------------------
+# -- what is lost on the way -----------------------------------------------------------------------
 
 
 def lose(run: VirtualRun, code: str, times: int) -> None:
@@ -218,19 +297,36 @@ def lose(run: VirtualRun, code: str, times: int) -> None:
 @pytest.mark.parametrize("times", range(1, 1 + REPEATS))
 @pytest.mark.parametrize(
     ("code", "setting", "asked"),
-    [("HA1", "alarm_high_limit", "380"), ("ST1", "selected_temperature", "350"), ("PS1", "status", "00000")],
+    [
+        ("HA1", "alarm_high_limit", "380"),
+        ("ST1", "selected_temperature", "350"),
+        ("PS1", "status", "00000"),
+    ],
 )
 def test_a_lost_write_is_written_again(code: str, setting: str, asked: str, times: int) -> None:
     run = prepare(line_text("settings = {selected_temperature = 300}"), duration_s=1)
     lose(run, code, times)
     run.go()
     assert run.facts.outcome == "completed"
-    again = [row for row in run.memory.settings if (row.setting, row.port, row.outcome) == (setting, 1, "repeated")]
-    assert len(again) == len(run.memory.of_kind("setting.repeated")) == run.facts.settings_repeated == times
+    again = [
+        row
+        for row in run.memory.settings
+        if (row.setting, row.port, row.outcome) == (setting, 1, "repeated")
+    ]
+    assert (
+        len(again)
+        == len(run.memory.of_kind("setting.repeated"))
+        == run.facts.settings_repeated
+        == times
+    )
     before = {"alarm_high_limit": "off", "selected_temperature": "300", "status": "00010"}[setting]
-    assert [(row.readback, row.written) for row in again] == [(before, row.requested) for row in again]
+    assert [(row.readback, row.written) for row in again] == [
+        (before, row.requested) for row in again
+    ]
     assert (rows(run, setting)[-1].outcome, again[0].requested) == ("confirmed", asked)
-    assert [event.value for event in run.memory.of_kind("setting.repeated")] == list(range(2, 2 + times))
+    assert [event.value for event in run.memory.of_kind("setting.repeated")] == list(
+        range(2, 2 + times)
+    )
 
 
 def test_a_write_that_is_always_lost_stops_the_run_and_says_how_often_it_was_tried() -> None:
@@ -239,11 +335,15 @@ def test_a_write_that_is_always_lost_stops_the_run_and_says_how_often_it_was_tri
     run.go()
     assert outcome(run, "alarm_high_limit") == "mismatch"
     assert run.facts.settings_repeated == REPEATS
-    assert_stopped_before_sampling(run, "alarm high limit of port 1", "400 °C was read back", f"in {1 + REPEATS} writes")
+    assert_stopped_before_sampling(
+        run, "alarm high limit of port 1", "400 °C was read back", f"in {1 + REPEATS} writes"
+    )
 
 
 @pytest.mark.parametrize("code", ["ST1", "PS1"])
-def test_what_heats_is_written_again_only_where_two_answers_say_that_the_old_value_stands(code: str) -> None:
+def test_what_heats_is_written_again_only_where_two_answers_say_that_the_old_value_stands(
+    code: str,
+) -> None:
     """Its acknowledgement is lost and it cannot be read back: whether it was done is not known."""
     run = prepare(line_text("settings = {selected_temperature = 300}"), duration_s=5)
     (tap,) = run.taps.values()
@@ -252,14 +352,23 @@ def test_what_heats_is_written_again_only_where_two_answers_say_that_the_old_val
     def receive(data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
         is_safe_order = b"WPS100001" in data
         written.extend([data] if f"W{code}".encode() in data and not is_safe_order else [])
-        is_deaf = bool(written) and code.encode() in data and not is_safe_order and run.facts.outcome == "running"
+        is_deaf = (
+            bool(written)
+            and code.encode() in data
+            and not is_safe_order
+            and run.facts.outcome == "running"
+        )
         return [] if is_deaf else through(data, now)
 
     tap.receive = receive  # type: ignore[method-assign]
     run.go()
     assert len(written) == 1
     assert (run.facts.outcome, run.facts.settings_repeated) == ("refused", 0)
-    assert [write.value for write in run.station.log.written("status")] in ([], [STAND], [STAND, STAND])
+    assert [write.value for write in run.station.log.written("status")] in (
+        [],
+        [STAND],
+        [STAND, STAND],
+    )
 
 
 def test_between_two_writes_of_what_heats_the_old_value_is_read_twice() -> None:
@@ -268,7 +377,11 @@ def test_between_two_writes_of_what_heats_the_old_value_is_read_twice() -> None:
     run.go()
     (written,) = [one.at for one in run.writes if one.text == "WST100350"]
     first = next(event.time for event in run.memory.of_kind("setting.repeated")) / 1e6
-    answers = [one for one in run.heard if one.text == "RST1" and one.at < written and one.clean == "AST100300"]
+    answers = [
+        one
+        for one in run.heard
+        if one.text == "RST1" and one.at < written and one.clean == "AST100300"
+    ]
     assert [one.at for one in answers][-2:] == sorted(one.at for one in answers)[-2:]
     assert len([one for one in answers if run.utc_s(one.at) > first - 1.0]) == 2
 
@@ -291,7 +404,9 @@ def moment_of_loss() -> float:
     return next(one.at for one in run.heard if one.text == "WST100350") - run.t0
 
 
-@pytest.mark.parametrize("command", ["software_version", "tool", "plugged_hours", "alarm_low_limit", "status"])
+@pytest.mark.parametrize(
+    "command", ["software_version", "tool", "plugged_hours", "alarm_low_limit", "status"]
+)
 def test_a_station_that_says_nothing_for_a_moment_is_asked_again(command: str) -> None:
     """Longer than the client's own repeats and probes take."""
     run = prepare(duration_s=1)
@@ -312,7 +427,9 @@ def test_a_station_that_says_nothing_for_a_moment_is_asked_again(command: str) -
 
 
 @pytest.mark.parametrize(("kind", "told"), [("silence", True), ("nak", False)])
-def test_a_software_that_could_not_be_read_is_not_known_and_one_that_is_refused_is_not_supported(kind: str, told: bool) -> None:
+def test_a_software_that_could_not_be_read_is_not_known_and_one_that_is_refused_is_not_supported(
+    kind: str, told: bool
+) -> None:
     keys = {"code": 4} if kind == "nak" else {}
     run = prepare(line_text(fault(kind, command="software_version", **keys)), duration_s=1).go()
     assert run.facts.outcome == "completed"
@@ -320,11 +437,15 @@ def test_a_software_that_could_not_be_read_is_not_known_and_one_that_is_refused_
     assert ("software_version" in run.facts.not_supported) != told
     events = run.memory.of_kind("identity.not_known")
     assert [event.severity for event in events] == ["warning"] * told
-    assert all("in 5 tries" in event.text and "identified without it" in event.text for event in events)
+    assert all(
+        "in 5 tries" in event.text and "identified without it" in event.text for event in events
+    )
 
 
 def test_a_software_that_is_told_later_than_the_start_makes_nobody_another_station() -> None:
-    run = prepare(line_text(fault("silence", command="software_version", at_s=0, for_s=30)), duration_s=150).go()
+    run = prepare(
+        line_text(fault("silence", command="software_version", at_s=0, for_s=30)), duration_s=150
+    ).go()
     assert (run.facts.outcome, run.facts.outages, run.facts.software) == ("completed", 0, None)
     assert len(run.memory.of_kind("identity.not_known")) == 1
 
@@ -341,30 +462,65 @@ def test_robot_mode_that_only_a_write_shows_to_be_off_is_said_with_what_to_do() 
     """N 00005 to a write where every read is answered: nothing has shown it before."""
     run = prepare(line_text(fault("nak", only="write", code=5)), duration_s=5).go()
     assert run.facts.outcome == "refused"
-    words = "refused it with N 00005, Robot mode is off, although it answers reads; switch it on in the station's menu"
+    words = (
+        "refused it with N 00005, Robot mode is off, although it answers reads; switch it on in the"
+        " station's menu"
+    )
     assert words in run.facts.reason
     assert [one.text for one in run.writes if not one.text.startswith("WPS")] == ["WHA100380"]
 
 
-# -- what is known before the first write -------------------------------------------------------------------------------------
+# -- what is known before the first write ----------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("sim", "keys", "recipe", "words"),
     [
-        ("settings = {maximum_temperature = 340}", "", RECIPE, ["350 °C on port 1", "maximum of 340 °C"]),
-        ("settings = {minimum_temperature = 360}", "", RECIPE, ["350 °C on port 1", "minimum of 360 °C"]),
-        ("settings = {sleep_delay = 'off'}", "", RECIPE.replace("[sleep]\ndelay_min = 5", ""), ["sleep delay", "never cools"]),
-        ("settings = {hibernation_delay = 'off'}", "", RECIPE.replace("[hibernation]\ndelay_min = 30", ""), ["hibernation delay"]),
+        (
+            "settings = {maximum_temperature = 340}",
+            "",
+            RECIPE,
+            ["350 °C on port 1", "maximum of 340 °C"],
+        ),
+        (
+            "settings = {minimum_temperature = 360}",
+            "",
+            RECIPE,
+            ["350 °C on port 1", "minimum of 360 °C"],
+        ),
+        (
+            "settings = {sleep_delay = 'off'}",
+            "",
+            RECIPE.replace("[sleep]\ndelay_min = 5", ""),
+            ["sleep delay", "never cools"],
+        ),
+        (
+            "settings = {hibernation_delay = 'off'}",
+            "",
+            RECIPE.replace("[hibernation]\ndelay_min = 30", ""),
+            ["hibernation delay"],
+        ),
         ("robot_mode = false", "", RECIPE, ["Robot mode is off"]),
         ('model = "NAE"', "", RECIPE, ["family dde", "model NAE"]),
         ("tool = 0", "", RECIPE, ["no tool in port 1", "require_tool"]),
         ("tools = {2 = 0}", "", RECIPE, ["no tool in port 2"]),
         ("wire = true", "baudrate = 9600", RECIPE, ["10 Hz does not fit", "best rate is"]),
     ],
-    ids=["maximum", "minimum", "sleep off", "hibernation off", "robot mode", "model", "no tools", "one tool", "rate"],
+    ids=[
+        "maximum",
+        "minimum",
+        "sleep off",
+        "hibernation off",
+        "robot mode",
+        "model",
+        "no tools",
+        "one tool",
+        "rate",
+    ],
 )
-def test_nothing_is_written_where_the_station_does_not_fit(sim: str, keys: str, recipe: str, words: list[str]) -> None:
+def test_nothing_is_written_where_the_station_does_not_fit(
+    sim: str, keys: str, recipe: str, words: list[str]
+) -> None:
     run = prepare(line_text(sim, keys), recipe, duration_s=5).go()
     assert run.facts.outcome == "refused"
     assert all(word in run.facts.reason for word in words), run.facts.reason
@@ -401,9 +557,14 @@ def test_delays_that_are_off_may_be_allowed_and_are_told() -> None:
     assert run.station.plant.ports[1].tools[2].sleep_delay is OFF
 
 
-@pytest.mark.parametrize(("command", "name"), [("sleep_delay", "sleep delay"), ("hibernation_delay", "hibernation delay")])
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [("sleep_delay", "sleep delay"), ("hibernation_delay", "hibernation delay")],
+)
 @pytest.mark.parametrize("family", ["dde", "soldering"])
-def test_a_delay_that_the_station_does_not_tell_is_not_taken_to_be_on(command: str, name: str, family: str) -> None:
+def test_a_delay_that_the_station_does_not_tell_is_not_taken_to_be_on(
+    command: str, name: str, family: str
+) -> None:
     """Whatever the recipe asks for it: it is not written where it cannot be read."""
     line = line_text(fault("nak", code=4, command=command)).replace('"dde"', f'"{family}"')
     run = prepare(line, duration_s=1).go()
@@ -416,16 +577,20 @@ def test_a_delay_that_the_station_does_not_tell_is_not_taken_to_be_on(command: s
 
 
 def test_a_delay_that_the_recipe_switches_on_is_enough() -> None:
-    run = prepare(line_text("settings = {sleep_delay = 'off', hibernation_delay = 'off'}"), duration_s=1).go()
+    run = prepare(
+        line_text("settings = {sleep_delay = 'off', hibernation_delay = 'off'}"), duration_s=1
+    ).go()
     assert run.facts.outcome == "completed"
     assert outcome(run, "sleep_delay") == "confirmed"
 
 
-# -- tools ---------------------------------------------------------------------------------------------------------------------
+# -- tools -----------------------------------------------------------------------------------------
 
 
 def test_a_port_without_a_tool_is_recorded_and_never_put_to_work() -> None:
-    run = prepare(line_text("tools = {2 = 0}"), RECIPE + "require_tool = false\n", duration_s=5).go()
+    run = prepare(
+        line_text("tools = {2 = 0}"), RECIPE + "require_tool = false\n", duration_s=5
+    ).go()
     orders = [write.value for write in run.station.log.written("status") if write.port == 2]
     assert WORKING not in orders
     assert set(run.memory.column("quality", 2)) == {"no_tool"}
@@ -438,12 +603,17 @@ def test_settings_of_a_tool_go_to_the_tool_that_is_there() -> None:
     """Adjust, sleep and hibernation belong to the tool connected at the start."""
     sim = "tools = {1 = 3}\nsettings = {sleep_delay = 1}"
     run = prepare(line_text(sim, "ports = [1]"), duration_s=1).go()
-    assert {(write.port, write.tool) for write in run.station.log.written("sleep_delay")} == {(1, 3)}
+    assert {(write.port, write.tool) for write in run.station.log.written("sleep_delay")} == {
+        (1, 3)
+    }
     assert rows(run, "sleep_delay")[0].tool == TOOL_3
 
 
 def test_a_tool_changed_in_the_run_is_read_and_not_written() -> None:
-    run = prepare(line_text("settings = {sleep_delay = 7}" + fault("tool", port=1, code=3, at_s=4)), duration_s=12)
+    run = prepare(
+        line_text("settings = {sleep_delay = 7}" + fault("tool", port=1, code=3, at_s=4)),
+        duration_s=12,
+    )
     run.at(3, lambda: setattr(run.station.plant.ports[1].tools[3], "adjust", -9))
     run.go()
     (event,) = run.memory.of_kind("tool.changed")
@@ -453,10 +623,18 @@ def test_a_tool_changed_in_the_run_is_read_and_not_written() -> None:
 
 
 def test_a_new_tool_that_would_not_cool_goes_to_the_safe_state() -> None:
-    run = prepare(line_text(fault("tool", port=1, code=3, at_s=4)), RECIPE + 'on_difference = "continue"\n', duration_s=20)
+    run = prepare(
+        line_text(fault("tool", port=1, code=3, at_s=4)),
+        RECIPE + 'on_difference = "continue"\n',
+        duration_s=20,
+    )
     run.at(3, lambda: setattr(run.station.plant.ports[1].tools[3], "sleep_delay", OFF))
     run.go()
-    orders = [(write.at < run.t0 + 15, write.value) for write in run.station.log.written("status") if write.port == 1]
+    orders = [
+        (write.at < run.t0 + 15, write.value)
+        for write in run.station.log.written("status")
+        if write.port == 1
+    ]
     assert orders[:2] == [(True, WORKING), (True, STAND)]
 
 
@@ -470,25 +648,50 @@ def test_a_new_tool_whose_delay_is_not_known_goes_to_the_safe_state() -> None:
     )
     run.go()
     assert len(run.memory.of_kind("tool.unknown")) == 1
-    orders = [(write.at < run.t0 + 15, write.value) for write in run.station.log.written("status") if write.port == 1]
+    orders = [
+        (write.at < run.t0 + 15, write.value)
+        for write in run.station.log.written("status")
+        if write.port == 1
+    ]
     assert orders[:2] == [(True, WORKING), (True, STAND)]
 
 
-# -- the list of what a run may write ------------------------------------------------------------------------------------------
+# -- the list of what a run may write --------------------------------------------------------------
 
 
 def test_no_other_command_is_ever_written() -> None:
-    """Faults.md 9.5: the writes that `run` can send are a fixed list, and none of the dangerous ones is on it."""
+    """Faults.md 9.5: the writes that `run` can send are a fixed list, and none of the dangerous
+    ones is on it.
+    """
     recipe = RECIPE.replace("select_c = 350", "select_c = 300\nadjust_c = -3").replace(
         "[sleep]\n", "[sleep]\ntemperature_c = 200\n"
     )
-    recipe += '\n[feeder]\nmode = "continuous"\nlength_mm = 7.5\nspeed_mm_s = 3\ndiameter_mm = 0.8\nbackward_mm = 2\n'
+    recipe += (
+        '\n[feeder]\nmode = "continuous"\nlength_mm = 7.5\nspeed_mm_s = 3\ndiameter_mm ='
+        " 0.8\nbackward_mm = 2\n"
+    )
     recipe += "clog_detection = true\n"
     sim = "settings = {sleep_delay = 9, hibernation_delay = 60}"
-    run = prepare(line_text(sim).replace('"dde"', '"ale"').replace("dde-1", "ale-1"), recipe, duration_s=3).go()
+    run = prepare(
+        line_text(sim).replace('"dde"', '"ale"').replace("dde-1", "ale-1"), recipe, duration_s=3
+    ).go()
     assert {write.name for write in run.station.log.writes} == {
-        *("adjust", "sleep_temperature", "sleep_delay", "hibernation_delay", "selected_temperature", "status", "stop_feeding"),
-        *("alarm_high_limit", "alarm_high_delay", "alarm_low_limit", "alarm_low_delay", "clog_detection"),
+        *(
+            "adjust",
+            "sleep_temperature",
+            "sleep_delay",
+            "hibernation_delay",
+            "selected_temperature",
+            "status",
+            "stop_feeding",
+        ),
+        *(
+            "alarm_high_limit",
+            "alarm_high_delay",
+            "alarm_low_limit",
+            "alarm_low_delay",
+            "clog_detection",
+        ),
         *("feeder_mode", "feeder_length", "feeder_speed", "feeder_diameter", "feeder_backward"),
     }
     assert run.facts.outcome == "completed"

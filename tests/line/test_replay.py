@@ -1,4 +1,6 @@
-"""Any trouble in the field becomes a test: a run that was recorded with its wires is lived through again, to the same rows."""
+"""Any trouble in the field becomes a test: a run that was recorded with its wires is lived through
+again, to the same rows.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ TROUBLE = {
     "time-outs": FAULT + '"silence"\nat_s = 4\nfor_s = 2\nevery = 6',
     "late answers": FAULT + '"late"\nby_s = 0.4\nat_s = 4\nfor_s = 3\nevery = 9',
     "an outage": FAULT + '"dropout"\nat_s = 6\nfor_s = 2.5',
-    "two outages": FAULT + '"dropout"\nat_s = 5\nfor_s = 0.7\n' + FAULT + '"dropout"\nat_s = 8\nfor_s = 1.2',
+    "two outages": (
+        FAULT + '"dropout"\nat_s = 5\nfor_s = 0.7\n' + FAULT + '"dropout"\nat_s = 8\nfor_s = 1.2'
+    ),
     "an outage to the end": FAULT + '"dropout"\nat_s = 6\nfor_s = 600',
     "Robot mode off for a while": FAULT + '"nak"\ncode = 5\nat_s = 5\nfor_s = 2',
     "a station that restarts": FAULT + '"restart"\nat_s = 6\nfor_s = 1.5',
@@ -65,12 +69,19 @@ def test_trouble_is_lived_through_again(tmp_path: Path, trouble: str) -> None:
 def test_a_run_that_somebody_ended(tmp_path: Path, second: float) -> None:
     line = line_text(TROUBLE["an outage"])
     run = recorded(
-        tmp_path / "run", line, duration_s=None, arrange=lambda run: run.at(second, lambda: run.driver.end("ended by SIGINT"))
+        tmp_path / "run",
+        line,
+        duration_s=None,
+        arrange=lambda run: run.at(second, lambda: run.driver.end("ended by SIGINT")),
     )
     again, left = relived(tmp_path / "run")
     assert left == {}
     assert_same(run.memory, again)
-    assert any("SIGINT" in row.text for row in read_rows(wire_path(tmp_path / "run", "dde-1")) if row.what == "stopped")
+    assert any(
+        "SIGINT" in row.text
+        for row in read_rows(wire_path(tmp_path / "run", "dde-1"))
+        if row.what == "stopped"
+    )
 
 
 @pytest.mark.parametrize("rate", ["auto", "fit", "max", 3.0])
@@ -84,7 +95,8 @@ def test_every_rate(tmp_path: Path, rate: float | str) -> None:
 def of_station(memory: Memory, name: str) -> Memory:
     samples = [row for row in memory.samples if row[COLUMN["station"]] == name]
     events, settings, counters = (
-        [row for row in rows if row.station == name] for rows in (memory.events, memory.settings, memory.counters)
+        [row for row in rows if row.station == name]
+        for rows in (memory.events, memory.settings, memory.counters)
     )
     return Memory(samples, events, settings, counters, {name: memory.stations[name]})
 
@@ -92,14 +104,16 @@ def of_station(memory: Memory, name: str) -> Memory:
 def test_each_station_of_a_line(tmp_path: Path) -> None:
     """What two of them do at the very same moment has no order."""
     second = line_text(TROUBLE["an outage"]).replace("dde-1", "dde-2").partition("[[station]]")[2]
-    run = recorded(tmp_path / "run", line_text(TROUBLE["an outage"]) + "[[station]]" + second, duration_s=8)
+    run = recorded(
+        tmp_path / "run", line_text(TROUBLE["an outage"]) + "[[station]]" + second, duration_s=8
+    )
     again, left = relived(tmp_path / "run")
     assert left == {}
     for name in ("dde-1", "dde-2"):
         assert_same(of_station(run.memory, name), of_station(again, name))
 
 
-# -- a program that has changed since ----------------------------------------------------------------------------------------
+# -- a program that has changed since --------------------------------------------------------------
 
 
 def ask_less(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,7 +128,9 @@ def values(memory: Memory, column: str, port: int = 1) -> list[object]:
 def test_a_program_that_asks_something_else_goes_on_with_the_tape_as_its_station(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It asks less at the start, so all comes a little earlier; the values of each signal are the same, in the same order."""
+    """It asks less at the start, so all comes a little earlier; the values of each signal are the
+    same, in the same order.
+    """
     run = recorded(tmp_path / "run", line_text(TROUBLE["corrupt frames"]), duration_s=10)
     ask_less(monkeypatch)
     again, left = relived(tmp_path / "run")
@@ -128,7 +144,9 @@ def test_a_program_that_asks_something_else_goes_on_with_the_tape_as_its_station
     assert again.stations["dde-1"].safe_state == run.facts.safe_state
 
 
-def test_a_changed_program_meets_the_outage_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_changed_program_meets_the_outage_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = recorded(tmp_path / "run", line_text(TROUBLE["an outage"]), duration_s=12)
     ask_less(monkeypatch)
     again, _ = relived(tmp_path / "run")
@@ -139,27 +157,39 @@ def test_a_changed_program_meets_the_outage_again(tmp_path: Path, monkeypatch: p
 
 def test_another_recipe_is_refused_by_a_tape_that_never_heard_its_settings(tmp_path: Path) -> None:
     recorded(tmp_path / "run", line_text(), duration_s=3)
-    (tmp_path / "run" / "recipes" / RECIPE_FILE).write_text(RECIPE.replace("select_c = 350", "select_c = 330"))
+    (tmp_path / "run" / "recipes" / RECIPE_FILE).write_text(
+        RECIPE.replace("select_c = 350", "select_c = 330")
+    )
     again, left = relived(tmp_path / "run")
     assert "WST1" in str(left["dde-1"])
     assert again.stations["dde-1"].outcome in ("refused", "gone")
 
 
-def test_a_program_that_never_ends_is_ended_with_its_tape(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_that_never_ends_is_ended_with_its_tape(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     recorded(
-        tmp_path / "run", line_text(), duration_s=None, arrange=lambda run: run.at(4, lambda: run.driver.end("ended by SIGINT"))
+        tmp_path / "run",
+        line_text(),
+        duration_s=None,
+        arrange=lambda run: run.at(4, lambda: run.driver.end("ended by SIGINT")),
     )
     ask_less(monkeypatch)
     again, left = relived(tmp_path / "run")
     assert left
-    assert (again.stations["dde-1"].outcome, again.stations["dde-1"].reason) == ("completed", "ended by SIGINT")
+    assert (again.stations["dde-1"].outcome, again.stations["dde-1"].reason) == (
+        "completed",
+        "ended by SIGINT",
+    )
 
 
-# -- a recording without its end ---------------------------------------------------------------------------------------------
+# -- a recording without its end -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
-def test_a_recording_that_was_cut_off_gives_what_had_been_recorded(tmp_path: Path, share: float) -> None:
+def test_a_recording_that_was_cut_off_gives_what_had_been_recorded(
+    tmp_path: Path, share: float
+) -> None:
     run = recorded(tmp_path / "run", line_text(TROUBLE["an outage"]), duration_s=10)
     path = wire_path(tmp_path / "run", "dde-1")
     path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
@@ -171,15 +201,35 @@ def test_a_recording_that_was_cut_off_gives_what_had_been_recorded(tmp_path: Pat
     assert again.settings
 
 
-# -- nothing is forgotten ----------------------------------------------------------------------------------------------------
+# -- nothing is forgotten --------------------------------------------------------------------------
 
 
 def test_what_a_session_is_ordered_is_in_line_file_recipe_and_wire() -> None:
     """A new field of the order must be kept in the wire's head, and handed on by `plan_of`."""
-    of_line = {"name", "family", "model", "line", "address", "ports", "rated_power_w", "is_replay", "begin"}
+    of_line = {
+        "name",
+        "family",
+        "model",
+        "line",
+        "address",
+        "ports",
+        "rated_power_w",
+        "is_replay",
+        "begin",
+    }
     of_recipe, of_program = {"recipe"}, {"families"}
-    of_head = {"url", "recipe_file", "t0", "duration_s", "rate", "allow_omega_write", "may_be_missing"}
-    assert {field.name for field in fields(StationTask)} == of_line | of_recipe | of_program | of_head
+    of_head = {
+        "url",
+        "recipe_file",
+        "t0",
+        "duration_s",
+        "rate",
+        "allow_omega_write",
+        "may_be_missing",
+    }
+    assert {
+        field.name for field in fields(StationTask)
+    } == of_line | of_recipe | of_program | of_head
 
 
 def test_every_byte_is_kept_with_its_time(tmp_path: Path) -> None:
@@ -193,4 +243,6 @@ def test_every_byte_is_kept_with_its_time(tmp_path: Path) -> None:
     assert struck
     assert all(sent in heard for sent in struck)
     assert [row.at_s for row in rows] == sorted(row.at_s for row in rows)
-    assert len(run.memory.samples) == len([row for row in run.memory.samples if row[COLUMN["station"]] == "dde-1"])
+    assert len(run.memory.samples) == len(
+        [row for row in run.memory.samples if row[COLUMN["station"]] == "dde-1"]
+    )

@@ -1,13 +1,16 @@
-"""A recording with one wrong answer that passes its check byte and that its session rightly asked a second time, served again.
+"""A recording with one wrong answer that passes its check byte and that its session rightly asked a
+second time, served again.
 
-The replay says what the recording says: the wrong answer is never given without the one that contradicts it, and an extra
-question gets what was believed. Over what is asked in slow turns and on each tick, at 1, 3 and 10 times the pace, with late
-answers on the tape and a host that stands still now and then.
+The replay says what the recording says: the wrong answer is never given without the one that
+contradicts it, and an extra question gets what was believed. Over what is asked in slow turns and
+on each tick, at 1, 3 and 10 times the pace, with late answers on the tape and a host that stands
+still now and then.
 
-The events are the same, each kind as often. Where the host stands still or time goes ten times as fast, a slow turn may fall
-out, and with it the mark `read.doubted` of the answer that was wrong in it: that alone may be missing, and nothing may be new.
-Alarm flags are not compared where every 13th answer was late at ten times the pace: their turn may come so much earlier that they
-do not count yet.
+The events are the same, each kind as often. Where the host stands still or time goes ten times as
+fast, a slow turn may fall out, and with it the mark `read.doubted` of the answer that was wrong in
+it: that alone may be missing, and nothing may be new. Alarm flags are not compared where every 13th
+answer was late at ten times the pace: their turn may come so much earlier that they do not count
+yet.
 """
 
 from __future__ import annotations
@@ -51,7 +54,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @cache
-def recording(place: Path, code: str, answers: str, recipe: str = GOES_ON, moment: float = 5.0) -> tuple[Path, Memory]:
+def recording(
+    place: Path, code: str, answers: str, recipe: str = GOES_ON, moment: float = 5.0
+) -> tuple[Path, Memory]:
     """A run in which one answer to a question was wrong."""
 
     def arrange(run: VirtualRun) -> None:
@@ -65,7 +70,9 @@ def recording(place: Path, code: str, answers: str, recipe: str = GOES_ON, momen
     return folder, kept(folder, line, duration_s=SECONDS, arrange=arrange, recipe=recipe)
 
 
-def assert_same_events(place: Path, code: str, answers: str, host: str, speed: int, moment: float) -> None:
+def assert_same_events(
+    place: Path, code: str, answers: str, host: str, speed: int, moment: float
+) -> None:
     folder, first = recording(place, code, answers, moment=moment)
     told = Counter(first.kinds())
     if moment == 5.0:
@@ -93,7 +100,9 @@ def without_alarms(kinds: Counter[str]) -> Counter[str]:
     ],
 )
 @pytest.mark.parametrize("code", CODES)
-def test_nothing_is_told_that_was_not_and_nothing_is_lost(place: Path, code: str, speed: int, answers: str, host: str) -> None:
+def test_nothing_is_told_that_was_not_and_nothing_is_lost(
+    place: Path, code: str, speed: int, answers: str, host: str
+) -> None:
     answers = "in time" if code == "HA1" else answers  # on a full wire it is not its turn again
     assert_same_events(place, code, answers, host, speed, HOT_S if code == "TA1" else 5.0)
 
@@ -104,13 +113,17 @@ def test_nothing_is_told_that_was_not_and_nothing_is_lost(place: Path, code: str
 @pytest.mark.parametrize("answers", ANSWERS)
 @pytest.mark.parametrize("speed", SPEEDS)
 @pytest.mark.parametrize("code", CODES)
-def test_wherever_it_falls(place: Path, code: str, speed: int, answers: str, host: str, moment: float) -> None:
+def test_wherever_it_falls(
+    place: Path, code: str, speed: int, answers: str, host: str, moment: float
+) -> None:
     assert_same_events(place, code, answers, host, speed, moment)
 
 
 @pytest.mark.parametrize("code", ["ST1", "CT1"])
 @pytest.mark.parametrize("answers", ["in time", "50 ms late"])
-def test_a_recipe_that_stops_on_a_difference_does_not_stop(place: Path, code: str, answers: str) -> None:
+def test_a_recipe_that_stops_on_a_difference_does_not_stop(
+    place: Path, code: str, answers: str
+) -> None:
     folder, first = recording(place, code, answers, STOPS)
     again, _ = recorded_again(folder, HOST_S)
     assert again.stations["dde-1"].outcome == first.stations["dde-1"].outcome == "completed"

@@ -1,15 +1,20 @@
-"""A recorded run served as virtual stations and recorded again: decoded tables are equal, by sessions that know nothing of it.
+"""A recorded run served as virtual stations and recorded again: decoded tables are equal, by
+sessions that know nothing of it.
 
-On a virtual clock, where a host's haste is a number: each answer comes up to so much before or after its moment. On a real
-host that is some tenths of a millisecond, and a replay so many times as fast has so many times that.
+On a virtual clock, where a host's haste is a number: each answer comes up to so much before or
+after its moment. On a real host that is some tenths of a millisecond, and a replay so many times as
+fast has so many times that.
 
 What is compared, and what may differ:
 
-- settings, counters, kinds of events and the tools' safe state: all the same; ten times as fast without the events of single
-  slow readings (alarm flags, readings that failed), of which the last may fall behind the end;
-- samples: as many rows; of fast signals and qualities each row the same, but for the share `MAY_DIFFER` where answers came
-  corrupt, late or not at all, for a slow reading that is lost takes the time of the fast ones after it;
-- slow signals: the same readings in the same order, in whichever rows; the last may fall behind the end;
+- settings, counters, kinds of events and the tools' safe state: all the same; ten times as fast
+  without the events of single slow readings (alarm flags, readings that failed), of which the last
+  may fall behind the end;
+- samples: as many rows; of fast signals and qualities each row the same, but for the share
+  `MAY_DIFFER` where answers came corrupt, late or not at all, for a slow reading that is lost takes
+  the time of the fast ones after it;
+- slow signals: the same readings in the same order, in whichever rows; the last may fall behind the
+  end;
 - moments, lateness and scan times: not compared.
 """
 
@@ -27,7 +32,16 @@ from support.virtual.captured_run import kept, recorded_again
 from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, line_text
 
 FAST = ("temperature_c", "power_permille", "status", "cooling", "desoldering", "quality")
-SLOW = ("set_c", "tool", "port_error", "station_error", "alarm_high", "alarm_low", "transformer_c", "transistor_c")
+SLOW = (
+    "set_c",
+    "tool",
+    "port_error",
+    "station_error",
+    "alarm_high",
+    "alarm_low",
+    "transformer_c",
+    "transistor_c",
+)
 HOST_S = 0.0003
 MAY_DIFFER = {1: 0.02, 3: 0.1, 10: 0.12}
 SPEEDS = (1, 3, 10)
@@ -43,13 +57,19 @@ def assert_same(first: Memory, again: Memory, speed: int, may_differ: float = 0.
     """The tables are the same, as far as the head of this file says."""
     assert again.stations.keys() == first.stations.keys()
     for name, facts in first.stations.items():
-        assert (again.stations[name].outcome, again.stations[name].safe_state) == (facts.outcome, facts.safe_state)
+        assert (again.stations[name].outcome, again.stations[name].safe_state) == (
+            facts.outcome,
+            facts.safe_state,
+        )
         assert again.stations[name].period_s == pytest.approx(facts.period_s)
         assert settings(again, name) == settings(first, name)
         assert counters(again, name) == counters(first, name)
         assert kinds(again, name, speed) == kinds(first, name, speed)
         for column in FAST:
-            assert share_of_others(cells(first, name, column), cells(again, name, column)) <= may_differ, (name, column)
+            assert (
+                share_of_others(cells(first, name, column), cells(again, name, column))
+                <= may_differ
+            ), (name, column)
         for column in SLOW:
             assert_same_order(cells(first, name, column), cells(again, name, column))
 
@@ -64,7 +84,11 @@ def counters(memory: Memory, name: str) -> list[tuple[object, ...]]:
 
 def kinds(memory: Memory, name: str, speed: int) -> list[str]:
     left_out = () if speed < 10 else ("alarm.", "read.")
-    return sorted(event.kind for event in memory.events if event.station == name and not event.kind.startswith(left_out))
+    return sorted(
+        event.kind
+        for event in memory.events
+        if event.station == name and not event.kind.startswith(left_out)
+    )
 
 
 def share_of_others(ours: Sequence[object], theirs: Sequence[object]) -> float:
@@ -87,7 +111,7 @@ def changes(values: Sequence[object]) -> list[object]:
     return found
 
 
-# -- several stations, each with a period of its own --------------------------------------------------------------------------
+# -- several stations, each with a period of its own -----------------------------------------------
 
 SECOND = """
 [[station]]
@@ -112,14 +136,16 @@ turnaround_ms = 20.0
 
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_stations_with_periods_of_their_own(tmp_path: Path, speed: int) -> None:
-    first = kept(tmp_path / "run", line_text("noise_c = 0.5") + SECOND, rate="fit", duration_s=SECONDS)
+    first = kept(
+        tmp_path / "run", line_text("noise_c = 0.5") + SECOND, rate="fit", duration_s=SECONDS
+    )
     assert len({facts.period_s for facts in first.stations.values()}) == 3
     again, stations = recorded_again(tmp_path / "run", HOST_S * speed)
     assert_same(first, again, speed)
     assert all(station.strange == 0 for station in stations.values())
 
 
-# -- trouble ------------------------------------------------------------------------------------------------------------------
+# -- trouble ---------------------------------------------------------------------------------------
 
 TROUBLE = {
     "late": FAULT + '"late"\nby_s = 0.3\nat_s = 3\nevery = 31',
@@ -139,7 +165,9 @@ TROUBLE = {
 @pytest.mark.parametrize("speed", SPEEDS)
 @pytest.mark.parametrize("trouble", TROUBLE)
 def test_trouble(tmp_path: Path, trouble: str, speed: int) -> None:
-    first = kept(tmp_path / "run", line_text("noise_c = 0.5\n" + TROUBLE[trouble]), duration_s=SECONDS)
+    first = kept(
+        tmp_path / "run", line_text("noise_c = 0.5\n" + TROUBLE[trouble]), duration_s=SECONDS
+    )
     again, _ = recorded_again(tmp_path / "run", HOST_S * speed)
     assert_same(first, again, speed, MAY_DIFFER[speed])
 
@@ -158,7 +186,9 @@ class Twice:
     def receive(self, data: bytes, now: float) -> list[Reply]:
         said = self._station.receive(data, now)
         self._count += 1
-        return said + [Reply(reply.at + 0.004, reply.data) for reply in said if self._count % 7 == 0]
+        return said + [
+            Reply(reply.at + 0.004, reply.data) for reply in said if self._count % 7 == 0
+        ]
 
     def is_unplugged(self, now: float) -> bool:
         return self._station.is_unplugged(now)
@@ -170,13 +200,15 @@ def say_twice(run: VirtualRun) -> None:
 
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_answers_that_came_twice(tmp_path: Path, speed: int) -> None:
-    first = kept(tmp_path / "run", line_text("noise_c = 0.5"), duration_s=SECONDS, arrange=say_twice)
+    first = kept(
+        tmp_path / "run", line_text("noise_c = 0.5"), duration_s=SECONDS, arrange=say_twice
+    )
     assert sum(first.stations["dde-1"].strays.values()) > 10
     again, _ = recorded_again(tmp_path / "run", HOST_S * speed)
     assert_same(first, again, speed, MAY_DIFFER[speed])
 
 
-# -- nothing is made up ---------------------------------------------------------------------------------------------------------
+# -- nothing is made up ----------------------------------------------------------------------------
 
 
 GOES_ON = f'{RECIPE}on_difference = "continue"\n'
@@ -189,7 +221,13 @@ def turn_down(run: VirtualRun) -> None:
 
 @pytest.mark.parametrize("speed", SPEEDS)
 def test_a_change_at_the_panel_is_found_once_and_no_other(tmp_path: Path, speed: int) -> None:
-    first = kept(tmp_path / "run", line_text("noise_c = 0.5"), duration_s=SECONDS, arrange=turn_down, recipe=GOES_ON)
+    first = kept(
+        tmp_path / "run",
+        line_text("noise_c = 0.5"),
+        duration_s=SECONDS,
+        arrange=turn_down,
+        recipe=GOES_ON,
+    )
     (change,) = first.of_kind("setting.changed")
     again, _ = recorded_again(tmp_path / "run", HOST_S * speed)
     assert_same(first, again, speed)
@@ -198,8 +236,12 @@ def test_a_change_at_the_panel_is_found_once_and_no_other(tmp_path: Path, speed:
 
 
 @pytest.mark.parametrize("longer_s", [0.5, 2.0])
-def test_who_asks_longer_is_not_answered_from_behind_the_order_that_ended_the_run(tmp_path: Path, longer_s: float) -> None:
-    """The tool's state was read, then came the order to sleep: read once more it is what it was before that order."""
+def test_who_asks_longer_is_not_answered_from_behind_the_order_that_ended_the_run(
+    tmp_path: Path, longer_s: float
+) -> None:
+    """The tool's state was read, then came the order to sleep: read once more it is what it was
+    before that order.
+    """
     first = kept(tmp_path / "run", line_text("noise_c = 0.5"), duration_s=5.0)
     again, stations = recorded_again(tmp_path / "run", longer_s=longer_s)
     assert first.of_kind("setting.changed") == again.of_kind("setting.changed") == []
@@ -210,14 +252,22 @@ def test_who_asks_longer_is_not_answered_from_behind_the_order_that_ended_the_ru
     assert len(states) > len(cells(first, "dde-1", "status"))
 
 
-def test_a_host_that_stands_still_costs_the_ticks_at_that_moment_and_none_after_them(tmp_path: Path) -> None:
+def test_a_host_that_stands_still_costs_the_ticks_at_that_moment_and_none_after_them(
+    tmp_path: Path,
+) -> None:
     """A tick that comes late gets the value of the time that it comes at."""
-    first = kept(tmp_path / "run", line_text("noise_c = 0.5", "ports = [1]"), duration_s=SECONDS, rate=10.0)
+    first = kept(
+        tmp_path / "run", line_text("noise_c = 0.5", "ports = [1]"), duration_s=SECONDS, rate=10.0
+    )
     again, stations = recorded_again(tmp_path / "run", HOST_S, stalls=(0.25, 0.13))
     ours, theirs = cells(first, "dde-1", "temperature_c"), cells(again, "dde-1", "temperature_c")
-    late = [late_us > 20_000 for late_us in cells(again, "dde-1", "late_us") if isinstance(late_us, int)]
+    late = [
+        late_us > 20_000 for late_us in cells(again, "dde-1", "late_us") if isinstance(late_us, int)
+    ]
     assert len(ours) == len(theirs) == len(late)
-    others = [place for place, pair in enumerate(zip(ours, theirs, strict=True)) if pair[0] != pair[1]]
+    others = [
+        place for place, pair in enumerate(zip(ours, theirs, strict=True)) if pair[0] != pair[1]
+    ]
     assert others
     assert all(late[place] for place in others)
     assert stations["dde-1"].left_out > 0

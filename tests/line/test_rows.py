@@ -15,7 +15,9 @@ GOING_ON = RECIPE + 'on_difference = "continue"\n'
 
 
 def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+    return "\n[[station.sim.fault]]\n" + "".join(
+        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
+    )
 
 
 def of_family(family: str, sim: str = "", keys: str = "", **more: object) -> VirtualRun:
@@ -29,7 +31,9 @@ def cells(run: VirtualRun, column: str, port: int = 1) -> set[object]:
     return set(run.memory.column(column, port)) - {None}
 
 
-def answered_otherwise(run: VirtualRun, code: str, data: str, begin_s: float, end_s: float, times: int = 1_000_000) -> None:
+def answered_otherwise(
+    run: VirtualRun, code: str, data: str, begin_s: float, end_s: float, times: int = 1_000_000
+) -> None:
     """Let the station say something else to a question for a while, or so many times."""
     asked, left = run.station.device.answer, iter(range(times))
 
@@ -41,11 +45,17 @@ def answered_otherwise(run: VirtualRun, code: str, data: str, begin_s: float, en
     run.station.device.answer = answer  # type: ignore[method-assign]
 
 
-# -- every family --------------------------------------------------------------------------------------------------
+# -- every family ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("family", [name for name, family in FAMILIES.items() if family.protocol == ROBOT])
-@pytest.mark.parametrize("keys", ["", "address = false", "baudrate = 38400\nformat = '8E1'"], ids=["", "no addresses", "8E1"])
+@pytest.mark.parametrize(
+    "family", [name for name, family in FAMILIES.items() if family.protocol == ROBOT]
+)
+@pytest.mark.parametrize(
+    "keys",
+    ["", "address = false", "baudrate = 38400\nformat = '8E1'"],
+    ids=["", "no addresses", "8E1"],
+)
 def test_every_family_is_run_to_the_end(family: str, keys: str) -> None:
     run = of_family(family, "noise_c = 2.0", keys, duration_s=15, rate="fit").go()
     assert run.facts.outcome == "completed", run.facts.reason
@@ -59,7 +69,8 @@ def test_ports_of_hde_are_those_that_answer() -> None:
     run = of_family("hde", duration_s=2).go()
     assert run.facts.ports == [1, 2]
     asked = [one.text for one in run.heard if one.text.startswith("RCT")]
-    assert asked[:6] == ["RCT1", "RCT1", "RCT2", "RCT2", "RCT3", "RCT4"]  # two answers each; a refusal is one
+    # two answers each; a refusal is one
+    assert asked[:6] == ["RCT1", "RCT1", "RCT2", "RCT2", "RCT3", "RCT4"]
 
 
 def test_a_port_that_the_station_does_not_have_is_refused() -> None:
@@ -69,20 +80,26 @@ def test_a_port_that_the_station_does_not_have_is_refused() -> None:
     assert run.writes == []
 
 
-# -- times ---------------------------------------------------------------------------------------------------------
+# -- times -----------------------------------------------------------------------------------------
 
 
 def test_time_is_that_of_the_last_byte_of_the_temperature() -> None:
     run = prepare(line_text("", "ports = [1]"), duration_s=5).go()
     for row in run.memory.samples:
-        asked = [one for one in run.heard if one.text == "RTT1" and run.utc_s(one.at) * 1e6 < int(str(row[COLUMN["time"]]))][-1]
+        asked = [
+            one
+            for one in run.heard
+            if one.text == "RTT1" and run.utc_s(one.at) * 1e6 < int(str(row[COLUMN["time"]]))
+        ][-1]
         answered_s = run.utc_s(asked.at) + 27 * 10 / 19200 + 0.001
         assert int(str(row[COLUMN["time"]])) == pytest.approx(answered_s * 1e6, abs=1)
 
 
 def test_late_is_that_of_the_first_question_and_not_of_its_repetition() -> None:
     run = prepare(
-        line_text(fault("silence", command="tip_temperature", at_s=5, every=7), "ports = [1]"), duration_s=12, rate=2
+        line_text(fault("silence", command="tip_temperature", at_s=5, every=7), "ports = [1]"),
+        duration_s=12,
+        rate=2,
     ).go()
     assert len([one for one in run.heard if one.text == "RTT1"]) > len(run.memory.samples)
     late = [int(str(value)) for value in run.memory.column("late_us") if value is not None]
@@ -90,17 +107,29 @@ def test_late_is_that_of_the_first_question_and_not_of_its_repetition() -> None:
 
 
 def test_late_and_scan_are_told_from_the_questions() -> None:
-    """`late_us`: first question sent minus due; `scan_us`: last answer minus first question of the port."""
+    """`late_us`: first question sent minus due; `scan_us`: last answer minus first question of the
+    port.
+    """
     run = prepare(line_text("", "ports = [1]"), duration_s=5).go()
-    asked = [place for place, one in enumerate(run.heard) if one.text == "RTT1" and run.heard[place - 1].text != "RTT1"]
+    asked = [
+        place
+        for place, one in enumerate(run.heard)
+        if one.text == "RTT1" and run.heard[place - 1].text != "RTT1"
+    ]
     firsts = asked[-len(run.memory.samples) :]
     for row, begin, end in zip(run.memory.samples, firsts, firsts[1:], strict=False):
-        due_s, first_s, last_s = run.t0 + int(str(row[COLUMN["tick"]])) * 0.1, run.heard[begin].at, run.heard[end - 1].at
+        due_s, first_s, last_s = (
+            run.t0 + int(str(row[COLUMN["tick"]])) * 0.1,
+            run.heard[begin].at,
+            run.heard[end - 1].at,
+        )
         assert int(str(row[COLUMN["late_us"]])) == pytest.approx((first_s - due_s) * 1e6, abs=1)
-        assert int(str(row[COLUMN["scan_us"]])) == pytest.approx((last_s - first_s) * 1e6 + 15_062, abs=1100)
+        assert int(str(row[COLUMN["scan_us"]])) == pytest.approx(
+            (last_s - first_s) * 1e6 + 15_062, abs=1100
+        )
 
 
-# -- what the station says -----------------------------------------------------------------------------------------
+# -- what the station says -------------------------------------------------------------------------
 
 
 def test_the_digits_of_the_status_word() -> None:
@@ -118,7 +147,9 @@ def test_the_digits_of_the_status_word() -> None:
 def test_motor_and_feeding_are_columns_of_ale_alone() -> None:
     run = prepare(duration_s=5).go()
     assert cells(run, "motor") == cells(run, "feeding") == set()
-    assert not any("motor" in reasons_in(row) or "feeding" in reasons_in(row) for row in run.memory.samples)
+    assert not any(
+        "motor" in reasons_in(row) or "feeding" in reasons_in(row) for row in run.memory.samples
+    )
 
 
 def test_a_countdown_that_does_not_run_has_no_time_left() -> None:
@@ -143,24 +174,29 @@ def test_station_wide_signals_stand_in_the_first_port_s_rows() -> None:
     assert cells(run, "station_error", 2) == cells(run, "transformer_c", 2) == set()
 
 
-# -- what is not believed at once ----------------------------------------------------------------------------------
+# -- what is not believed at once ------------------------------------------------------------------
 
 
 def test_a_temperature_that_cannot_be_is_null_and_implausible() -> None:
     run = prepare(line_text("", "ports = [1]"), duration_s=8)
     answered_otherwise(run, "TT1", "04711", 5, 6)
     run.go()
-    bad = [row for row in run.memory.samples if reasons_in(row).get("temperature_c") == "implausible"]
+    bad = [
+        row for row in run.memory.samples if reasons_in(row).get("temperature_c") == "implausible"
+    ]
     assert len(bad) == pytest.approx(10, abs=2)
     assert {row[COLUMN["quality"]] for row in bad} == {"implausible"}
     assert max(cells(run, "temperature_c")) < 600  # type: ignore[type-var]
 
 
 @pytest.mark.parametrize(
-    ("code", "data"), [("TT1", "00420"), ("TT1", "04711"), ("PS1", "00001"), ("ST1", "00300"), ("CT1", "00003")]
+    ("code", "data"),
+    [("TT1", "00420"), ("TT1", "04711"), ("PS1", "00001"), ("ST1", "00300"), ("CT1", "00003")],
 )
 def test_one_doubtful_answer_is_asked_again_and_does_nothing(code: str, data: str) -> None:
-    """Two flipped bits pass the check byte once in eleven times; a run is not stopped, nor a value kept, on one answer."""
+    """Two flipped bits pass the check byte once in eleven times; a run is not stopped, nor a value
+    kept, on one answer.
+    """
     run = prepare(line_text("joints_per_minute = 0", "ports = [1]"), duration_s=20)
     answered_otherwise(run, code, data, 10, 20, times=1)
     run.go()
@@ -173,7 +209,9 @@ def test_one_doubtful_answer_is_asked_again_and_does_nothing(code: str, data: st
 
 def test_a_jump_that_stays_is_believed() -> None:
     """A tool that was exchanged for a cold one."""
-    run = prepare(line_text("" + fault("tool", port=1, code=3, at_s=10), "ports = [1]"), duration_s=15).go()
+    run = prepare(
+        line_text("" + fault("tool", port=1, code=3, at_s=10), "ports = [1]"), duration_s=15
+    ).go()
     values = [int(str(value)) for value in run.memory.column("temperature_c") if value is not None]
     assert min(values[90:]) < 60
     reasons = [reasons_in(row).get("temperature_c") for row in run.memory.samples]
@@ -183,14 +221,18 @@ def test_a_jump_that_stays_is_believed() -> None:
 
 def test_what_came_and_answered_nothing_is_counted() -> None:
     run = prepare(
-        line_text(fault("noise", at_s=5, bytes_count=9, every=10) + fault("late", at_s=9, by_s=0.2, every=50)), duration_s=15
+        line_text(
+            fault("noise", at_s=5, bytes_count=9, every=10)
+            + fault("late", at_s=9, by_s=0.2, every=50)
+        ),
+        duration_s=15,
     ).go()
     assert run.facts.garbage_bytes > 50
     assert sum(run.facts.strays.values()) >= 1
     assert set(run.facts.strays) <= {"echo", "address", "code", "late", "unasked"}
 
 
-# -- what the station does not have --------------------------------------------------------------------------------
+# -- what the station does not have ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -202,7 +244,9 @@ def test_what_came_and_answered_nothing_is_counted() -> None:
         ("work_hours", "work_h"),
     ],
 )
-def test_a_signal_that_the_station_does_not_have_is_listed_once_and_not_due(command: str, signal: str) -> None:
+def test_a_signal_that_the_station_does_not_have_is_listed_once_and_not_due(
+    command: str, signal: str
+) -> None:
     run = prepare(line_text(fault("nak", code=4, command=command)), duration_s=25).go()
     assert run.facts.outcome == "completed"
     assert signal in run.facts.not_supported
@@ -214,7 +258,9 @@ def test_a_signal_that_the_station_does_not_have_is_listed_once_and_not_due(comm
 
 
 def test_a_signal_that_was_there_and_is_refused_later_goes_on_being_asked() -> None:
-    run = prepare(line_text(fault("nak", code=4, command="power", at_s=5, for_s=2)), duration_s=12).go()
+    run = prepare(
+        line_text(fault("nak", code=4, command="power", at_s=5, for_s=2)), duration_s=12
+    ).go()
     refused = [row for row in run.memory.samples if reasons_in(row).get("power_permille") == "nak4"]
     assert len(refused) == pytest.approx(40, abs=6)
     assert {row[COLUMN["quality"]] for row in refused} == {"nak"}
@@ -223,7 +269,7 @@ def test_a_signal_that_was_there_and_is_refused_later_goes_on_being_asked() -> N
     assert_account_holds(run)
 
 
-# -- errors of station and ports -----------------------------------------------------------------------------------
+# -- errors of station and ports -------------------------------------------------------------------
 
 
 def rows_of(run: VirtualRun, port: int) -> list[SampleRow]:
@@ -257,7 +303,11 @@ def test_a_port_error_is_told_once_with_its_number_and_once_when_it_is_gone(
 
 @pytest.mark.parametrize(
     ("code", "severity", "words"),
-    [(3, "error", "memory"), (7, "warning", "transformer overload"), (77, "error", "unknown station error 77")],
+    [
+        (3, "error", "memory"),
+        (7, "warning", "transformer overload"),
+        (77, "error", "unknown station error 77"),
+    ],
 )
 def test_a_station_error_is_told_once_with_its_number(code: int, severity: str, words: str) -> None:
     run = prepare(duration_s=25)
@@ -271,24 +321,37 @@ def test_a_station_error_is_told_once_with_its_number(code: int, severity: str, 
     assert cells(run, "station_error") == {0, code}
 
 
-# -- counters ------------------------------------------------------------------------------------------------------
+# -- counters --------------------------------------------------------------------------------------
 
 
 def test_counters_at_start_and_end_and_in_between() -> None:
-    run = prepare(line_text("counters = {work_hours = 811, sleep_cycles = 99999}", "ports = [1]"), duration_s=150).go()
-    found = [(one.value, one.unit, one.raw) for one in run.memory.counters if one.counter == "work_h"]
+    run = prepare(
+        line_text("counters = {work_hours = 811, sleep_cycles = 99999}", "ports = [1]"),
+        duration_s=150,
+    ).go()
+    found = [
+        (one.value, one.unit, one.raw) for one in run.memory.counters if one.counter == "work_h"
+    ]
     assert found == [(811.0, "h", "00811")] * 4  # at the start, twice, at the end
-    assert {one.counter for one in run.memory.counters} == {one.name for one in FAMILIES["dde"].counters}
+    assert {one.counter for one in run.memory.counters} == {
+        one.name for one in FAMILIES["dde"].counters
+    }
 
 
 def test_a_counter_that_cannot_be_read_is_null_with_its_reason() -> None:
-    run = prepare(line_text(fault("silence", command="work_hours", at_s=10), "ports = [1]"), duration_s=65).go()
-    assert [(one.value, one.raw) for one in run.memory.counters if one.counter == "work_h"][1:] == [(None, "<timeout>")] * 2
+    run = prepare(
+        line_text(fault("silence", command="work_hours", at_s=10), "ports = [1]"), duration_s=65
+    ).go()
+    assert [(one.value, one.raw) for one in run.memory.counters if one.counter == "work_h"][1:] == [
+        (None, "<timeout>")
+    ] * 2
     assert_account_holds(run)
 
 
 def test_dispensed_length_is_hexadecimal_and_in_mm() -> None:
     run = of_family("ale", "counters = {dispensed_length = 409.6}", duration_s=2).go()
-    assert {(one.value, one.unit, one.raw) for one in run.memory.counters if one.counter == "dispensed_mm"} == {
-        (409.6, "mm", "01000")
-    }
+    assert {
+        (one.value, one.unit, one.raw)
+        for one in run.memory.counters
+        if one.counter == "dispensed_mm"
+    } == {(409.6, "mm", "01000")}

@@ -1,4 +1,6 @@
-"""Whatever ends a run, what it touched is in its safe state, told from the station's own log of the wire."""
+"""Whatever ends a run, what it touched is in its safe state, told from the station's own log of the
+wire.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,14 @@ from jbclog.sim.port import SimPort
 from jbclog.sim.virtual import build_device
 from support.oracles.account import assert_account_holds
 from support.oracles.listed_writes import strange_writes
-from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, is_cold_in_extractor, line_text, prepare
+from support.virtual.virtual_run import (
+    RECIPE,
+    Memory,
+    VirtualRun,
+    is_cold_in_extractor,
+    line_text,
+    prepare,
+)
 
 ALE_RECIPE = RECIPE + "\n[feeder]\nlength_mm = 7.5\n"
 APPLIED_S = 1.2  # by then the recipe is on the station and the tools are at work
@@ -28,7 +37,9 @@ APPLIED_S = 1.2  # by then the recipe is on the station and the tools are at wor
 
 def fault(kind: str, **keys: object) -> str:
     """A table of the line file."""
-    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+    return "\n[[station.sim.fault]]\n" + "".join(
+        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
+    )
 
 
 def ale_line(sim: str = "") -> str:
@@ -46,7 +57,9 @@ def touched(run: VirtualRun) -> set[int]:
 
 
 def may_be_hot(run: VirtualRun) -> bool:
-    """Whether the third step of the start had begun: before it nothing is written that heats, not even to make a tool safe."""
+    """Whether the third step of the start had begun: before it nothing is written that heats, not
+    even to make a tool safe.
+    """
     return max(context.step for context in run.contexts.values()) > 2
 
 
@@ -60,7 +73,7 @@ def assert_safe(run: VirtualRun) -> None:
     assert run.facts.touched == sorted(touched(run))
 
 
-# -- ways out ------------------------------------------------------------------------------------------------------------
+# -- ways out --------------------------------------------------------------------------------------
 
 
 def test_at_the_end_of_its_duration() -> None:
@@ -86,7 +99,9 @@ def test_ended_at_any_moment(family: str) -> None:
 @pytest.mark.parametrize("away_s", [1.1, 4.0], ids=["starting", "at work"])
 @pytest.mark.parametrize("after_s", [0.1 + 0.05 * step for step in range(8)])
 def test_ended_during_an_outage_that_passes(away_s: float, after_s: float) -> None:
-    """The cable comes back within the three seconds that are allowed. Whether a tool rests may not be learnt in time."""
+    """The cable comes back within the three seconds that are allowed. Whether a tool rests may not
+    be learnt in time.
+    """
     run = prepare(line_text(fault("dropout", at_s=away_s, for_s=2.0)), duration_s=60)
     run.at(away_s + after_s, lambda: run.driver.end("SIGINT"))
     run.go()
@@ -97,8 +112,12 @@ def test_ended_during_an_outage_that_passes(away_s: float, after_s: float) -> No
 @pytest.mark.parametrize("every", [2, pytest.param(1, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("kind", ["silence", "dropout", "nak"])
 def test_ended_in_the_moment_in_which_it_goes_away(kind: str, every: int) -> None:
-    """The end is told once: neither a question that is never answered nor the search for the station swallows it."""
-    keys = {"silence": {"for_s": 1.5}, "dropout": {"for_s": 1.5}, "nak": {"for_s": 1.5, "code": 5}}[kind]
+    """The end is told once: neither a question that is never answered nor the search for the
+    station swallows it.
+    """
+    keys = {"silence": {"for_s": 1.5}, "dropout": {"for_s": 1.5}, "nak": {"for_s": 1.5, "code": 5}}[
+        kind
+    ]
     for step in range(0, 60, every):
         run = prepare(line_text(fault(kind, at_s=4, **keys)), duration_s=None)
         run.at(3.95 + 0.01 * step, lambda run=run: run.driver.end("SIGTERM"))
@@ -131,7 +150,10 @@ def test_a_setting_found_changed_stops_the_run() -> None:
 @pytest.mark.parametrize("at_s", [0.0, 0.3, 0.6, 0.9, 1.0, 1.1, 5.0])
 def test_a_run_that_is_refused_half_way(at_s: float) -> None:
     """The station refuses everything but a status from some moment on, for a while."""
-    run = prepare(line_text(fault("nak", code=3, command="alarm_low_limit", at_s=at_s, for_s=1.0)), duration_s=5).go()
+    run = prepare(
+        line_text(fault("nak", code=3, command="alarm_low_limit", at_s=at_s, for_s=1.0)),
+        duration_s=5,
+    ).go()
     assert_safe(run)
 
 
@@ -182,11 +204,15 @@ def test_a_record_that_cannot_be_kept(after: int) -> None:
     assert_safe(run)
 
 
-# -- what is written, and to whom ------------------------------------------------------------------------------------------
+# -- what is written, and to whom ------------------------------------------------------------------
 
 
-def test_a_fault_of_a_moment_while_it_is_made_safe_costs_no_row_of_the_record(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Memory is refused once, say: the tools rest, and what is read and told after that is in the record, too."""
+def test_a_fault_of_a_moment_while_it_is_made_safe_costs_no_row_of_the_record(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Memory is refused once, say: the tools rest, and what is read and told after that is in the
+    record, too.
+    """
     real, refused = session_run.make_safe, list[str]()
 
     def refusing(context: SessionContext) -> Steps[None]:
@@ -206,7 +232,9 @@ def test_a_fault_of_a_moment_while_it_is_made_safe_costs_no_row_of_the_record(mo
 
 def test_what_was_not_touched_is_not_written_to() -> None:
     """A port without a tool that has nothing to be set: `run` writes to the other one only."""
-    run = prepare(line_text("tools = {2 = 0}"), RECIPE + "require_tool = false\n", duration_s=3).go()
+    run = prepare(
+        line_text("tools = {2 = 0}"), RECIPE + "require_tool = false\n", duration_s=3
+    ).go()
     assert orders(run, 1) == [WORKING, STAND]
     assert WORKING not in orders(run, 2)
 
@@ -228,7 +256,9 @@ def test_the_feeder_is_stopped_before_anything_else() -> None:
     assert run.station.plant.feeder.motor(run.driver.clock.monotonic()) == 0
 
 
-def test_a_feeder_that_the_robot_starts_again_before_its_tool_rests_is_stopped_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_feeder_that_the_robot_starts_again_before_its_tool_rests_is_stopped_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     run = prepare(ale_line(), ALE_RECIPE + 'mode = "continuous"\n', duration_s=5)
     feeder, order = run.station.plant.feeder, SimPort.order
 
@@ -249,7 +279,7 @@ def test_nothing_starts_the_feeder() -> None:
     assert run.station.log.written("start_feeding") == []
 
 
-# -- extractor -----------------------------------------------------------------------------------------------------------------
+# -- extractor -------------------------------------------------------------------------------------
 
 
 OF_002 = ["dde", "nae", "dme", "hde", "ucr", "ale"]
@@ -257,8 +287,13 @@ OF_002 = ["dde", "nae", "dme", "hde", "ucr", "ale"]
 
 def extracts(family: str = "dme", sim: str = "", keys: str = "") -> VirtualRun:
     line = line_text(sim).replace('"dde"', f'"{family}"')
-    recipe = RECIPE.replace('families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]', f'families = ["{family}"]')
-    return prepare(line, f'{recipe}safe_state = "extractor"\n{keys}[sampling]\nrate_hz = 2\n', duration_s=10)
+    recipe = RECIPE.replace(
+        'families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]',
+        f'families = ["{family}"]',
+    )
+    return prepare(
+        line, f'{recipe}safe_state = "extractor"\n{keys}[sampling]\nrate_hz = 2\n', duration_s=10
+    )
 
 
 def told(run: VirtualRun) -> list[tuple[str, str]]:
@@ -278,12 +313,17 @@ def test_the_extractor_state_counts_where_the_tip_cools(family: str) -> None:
 @pytest.mark.parametrize("family", OF_002)
 def test_where_it_does_not_cool_stand_follows_within_three_seconds(family: str) -> None:
     run = extracts(family, "extractor_cools = false").go()
-    first = next(one.at for one in run.writes if one.text.startswith("WPS") and one.text.endswith("00010"))
+    first = next(
+        one.at for one in run.writes if one.text.startswith("WPS") and one.text.endswith("00010")
+    )
     for port in run.facts.touched:
         assert orders(run, port) == [WORKING, EXTRACTOR, STAND]
     assert max(one.at for one in run.writes if one.text.endswith("00001")) - first < 3.0
     assert set(run.facts.safe_state.values()) == {"verified"}
-    assert all(severity == "warning" and "read back: stand; extractor was read back" in text for severity, text in told(run))
+    assert all(
+        severity == "warning" and "read back: stand; extractor was read back" in text
+        for severity, text in told(run)
+    )
 
 
 @pytest.mark.parametrize("family", OF_002)
@@ -291,7 +331,10 @@ def test_where_it_is_refused_stand_follows_and_that_is_told(family: str) -> None
     run = extracts(family, 'quirks = ["extractor_refused"]').go()
     for port in run.facts.touched:
         assert orders(run, port) == [WORKING, STAND]
-    assert all(severity == "warning" and text.endswith("extractor was refused with N 00003.") for severity, text in told(run))
+    assert all(
+        severity == "warning" and text.endswith("extractor was refused with N 00003.")
+        for severity, text in told(run)
+    )
     assert 19 in run.facts.anomalies
 
 
@@ -299,7 +342,12 @@ def test_four_tools_of_which_one_heats_on() -> None:
     run = extracts("dme", "tools = {1 = 2, 2 = 2, 3 = 2, 4 = 2}")
     run.at(2, lambda: setattr(run.station.plant.ports[3].character, "extractor_cools", False))
     run.go()
-    assert [orders(run, port)[1:] for port in (1, 2, 3, 4)] == [[EXTRACTOR], [EXTRACTOR], [EXTRACTOR, STAND], [EXTRACTOR]]
+    assert [orders(run, port)[1:] for port in (1, 2, 3, 4)] == [
+        [EXTRACTOR],
+        [EXTRACTOR],
+        [EXTRACTOR, STAND],
+        [EXTRACTOR],
+    ]
     assert run.facts.safe_state == dict.fromkeys((1, 2, 3, 4), "verified")
 
 
@@ -313,7 +361,7 @@ def test_a_delay_that_is_off_is_no_less_refused_than_with_stand() -> None:
     assert "sleep delay of port 1 off, so a tool told to stand never cools down" in run.facts.reason
 
 
-# -- what cannot be made safe ------------------------------------------------------------------------------------------------
+# -- what cannot be made safe ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -332,13 +380,21 @@ def test_an_unreachable_tool_is_named_with_its_last_temperature(sim: str) -> Non
     assert run.facts.safe_state == {1: "failed", 2: "failed"}
     last = run.memory.column("temperature_c", 2)
     shown = next(value for value in reversed(last) if value is not None)
-    assert any(text.startswith("dde-1 port 2: ") and f"last read {shown} °C" in text for text in run.facts.unsafe)
-    assert [event.severity for event in run.memory.of_kind("safety.not_safe")] == ["critical", "critical"]
+    assert any(
+        text.startswith("dde-1 port 2: ") and f"last read {shown} °C" in text
+        for text in run.facts.unsafe
+    )
+    assert [event.severity for event in run.memory.of_kind("safety.not_safe")] == [
+        "critical",
+        "critical",
+    ]
 
 
 @pytest.mark.parametrize("by_s", [0.3, 0.5, 0.9])
 def test_a_station_that_takes_its_time_to_store_is_not_given_up(by_s: float) -> None:
-    """Its reads are quick; nothing prints how long an acknowledgement takes (docs/reference/contradictions.md, B-13)."""
+    """Its reads are quick; nothing prints how long an acknowledgement takes
+    (docs/reference/contradictions.md, B-13).
+    """
     run = prepare(line_text(fault("late", only="write", by_s=by_s)), duration_s=3).go()
     assert run.facts.outcome == "completed"
     assert run.facts.safe_state == {1: "verified", 2: "verified"}
@@ -367,7 +423,9 @@ def test_no_tool_waits_for_the_tries_of_another() -> None:
 
 
 def test_a_stranger_on_the_cable_is_not_written_to() -> None:
-    """What came back is another model: its 00001 may mean anything (on hot air it switches the heat on)."""
+    """What came back is another model: its 00001 may mean anything (on hot air it switches the heat
+    on).
+    """
     run = prepare(line_text(fault("dropout", at_s=4, for_s=3)), duration_s=12)
     run.at(5, lambda: setattr(run.station.device.identity, "model", "JTSE"))
     run.go()
@@ -389,7 +447,9 @@ JTSE = line_text("tool = 1").replace("dde", "jtse")
 
 
 def exchange(run: VirtualRun, text: str, at_s: float) -> None:
-    """Put the cable into the station that `text` describes, between two questions: the link stands."""
+    """Put the cable into the station that `text` describes, between two questions: the link
+    stands.
+    """
     (other,) = parse_line(text, Path("line.toml")).stations
 
     def exchanged() -> None:
@@ -408,8 +468,12 @@ def exchange(run: VirtualRun, text: str, at_s: float) -> None:
     ],
     ids=["hot air", "another model", "other software"],
 )
-def test_a_stranger_on_a_standing_link_is_not_written_to(text: str, said: str, way_out: str) -> None:
-    """00001 puts a soldering tool to rest and switches hot air on. Nothing broke since the last reading of the counters."""
+def test_a_stranger_on_a_standing_link_is_not_written_to(
+    text: str, said: str, way_out: str
+) -> None:
+    """00001 puts a soldering tool to rest and switches hot air on. Nothing broke since the last
+    reading of the counters.
+    """
     run = prepare(duration_s=12 if way_out == "end" else 60)
     exchange(run, text, at_s=9)
     if way_out != "end":
@@ -427,10 +491,17 @@ def test_a_stranger_on_a_standing_link_is_not_written_to(text: str, said: str, w
 
 @pytest.mark.parametrize("answer", ["silence", "N 1", "N 2", "damage"])
 def test_the_look_at_the_model_delays_the_safe_order_by_a_moment_at_most(answer: str) -> None:
-    """Only another answer is a sign of another station: whatever else comes, a hot tool gets its order."""
+    """Only another answer is a sign of another station: whatever else comes, a hot tool gets its
+    order.
+    """
     run = prepare(duration_s=60)
     ask, ended = run.station.device.answer, run.t0 + 12
-    told = {"silence": None, "N 1": ("N", "SMN00001"), "N 2": ("N", "SMN00002"), "damage": ("A", "SMNDDF")}[answer]
+    told = {
+        "silence": None,
+        "N 1": ("N", "SMN00001"),
+        "N 2": ("N", "SMN00002"),
+        "damage": ("A", "SMNDDF"),
+    }[answer]
     damaged: list[float] = []
 
     def respond(header: str, text: str, now: float) -> tuple[str, str] | None:

@@ -1,4 +1,6 @@
-"""A host that stood still and a station that takes its time make the same ticks late; only the first is told as such."""
+"""A host that stood still and a station that takes its time make the same ticks late; only the
+first is told as such.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,10 @@ from jbclog.session.run.sampling import Standstill
 from support.oracles.account import assert_account_holds
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
-SLOW = 'turnaround_ms = 200.0\n[[station.sim.fault]]\nkind = "silence"\nat_s = 60\nfor_s = 60\nevery = 2\n'
+SLOW = (
+    'turnaround_ms = 200.0\n[[station.sim.fault]]\nkind = "silence"\nat_s = 60\nfor_s = 60\nevery'
+    " = 2\n"
+)
 
 
 def stop_the_host(run: VirtualRun, at_s: float, for_s: float) -> None:
@@ -25,8 +30,14 @@ def skipped(run: VirtualRun) -> int:
 
 
 def test_a_station_that_takes_its_time_is_no_host_that_stood_still() -> None:
-    """Every other question goes unanswered and is asked again: a tick of four ports lasts many seconds."""
-    line = line_text(SLOW).replace("turnaround_ms = 1.0\n", "").replace('family = "dde"', 'family = "dme"')
+    """Every other question goes unanswered and is asked again: a tick of four ports lasts many
+    seconds.
+    """
+    line = (
+        line_text(SLOW)
+        .replace("turnaround_ms = 1.0\n", "")
+        .replace('family = "dde"', 'family = "dme"')
+    )
     run = prepare(line, duration_s=150, rate="fit").go()
     assert run.facts.outcome == "completed", run.facts.reason
     assert run.memory.of_kind("host.suspended") == []
@@ -47,7 +58,10 @@ def test_a_host_that_stood_still_in_the_middle_of_a_question_is() -> None:
 
 
 def test_a_host_that_stood_still_in_an_outage_leaves_no_rows_of_it() -> None:
-    run = prepare(line_text('[[station.sim.fault]]\nkind = "dropout"\nat_s = 8\nfor_s = 120\n'), duration_s=200)
+    run = prepare(
+        line_text('[[station.sim.fault]]\nkind = "dropout"\nat_s = 8\nfor_s = 120\n'),
+        duration_s=200,
+    )
     stop_the_host(run, 20, 90)
     run.go()
     (event,) = run.memory.of_kind("host.suspended")
@@ -65,7 +79,7 @@ def test_short_pauses_are_rows() -> None:
     assert skipped(run) > 70  # two ports
 
 
-# -- a busy host -----------------------------------------------------------------------------------------------------
+# -- a busy host -----------------------------------------------------------------------------------
 
 
 def test_a_busy_host_is_told_with_how_many_ticks_and_how_late() -> None:
@@ -91,7 +105,9 @@ def test_ten_busy_minutes_are_two_events() -> None:
     run.go()
     events = run.memory.of_kind("host.busy")
     assert 2 <= len(events) <= 3
-    assert sum(event.value or 0 for event in events) == run.facts.skipped_by_host == skipped(run) / 2
+    assert (
+        sum(event.value or 0 for event in events) == run.facts.skipped_by_host == skipped(run) / 2
+    )
     assert (run.facts.skipped_by_host or 0) > 115
 
 
@@ -111,7 +127,10 @@ def test_a_host_with_time_tells_nothing() -> None:
 
 def test_what_the_station_made_late_is_not_the_hosts() -> None:
     """It does not answer every other question: its ticks are late, and the host never was."""
-    run = prepare(line_text('[[station.sim.fault]]\nkind = "silence"\nat_s = 5\nfor_s = 40\nevery = 20\n'), duration_s=60).go()
+    run = prepare(
+        line_text('[[station.sim.fault]]\nkind = "silence"\nat_s = 5\nfor_s = 40\nevery = 20\n'),
+        duration_s=60,
+    ).go()
     assert skipped(run) > 20
     assert run.facts.skipped_by_host == 0
     assert run.memory.of_kind("host.busy") == []
@@ -121,7 +140,10 @@ def test_what_the_station_made_late_is_not_the_hosts() -> None:
 
 
 def test_a_question_that_is_never_answered_costs_ticks_and_an_event_says_so() -> None:
-    fault = '[[station.sim.fault]]\nkind = "silence"\nat_s = 0\nfor_s = 3600\ncommand = "transformer_temperature"\n'
+    fault = (
+        '[[station.sim.fault]]\nkind = "silence"\nat_s = 0\nfor_s = 3600\ncommand ='
+        ' "transformer_temperature"\n'
+    )
     run = prepare(line_text(fault), duration_s=20).go()
     (event,) = run.memory.of_kind("station.slow")
     assert (event.severity, event.station) == ("warning", "dde-1")
@@ -140,7 +162,7 @@ def test_each_has_its_own_share() -> None:
     assert skipped(run) / 2 - (run.facts.skipped_by_host or 0) > 5
 
 
-# -- the measure itself --------------------------------------------------------------------------------------------
+# -- the measure itself ----------------------------------------------------------------------------
 
 
 def steps() -> Steps[str]:
@@ -152,7 +174,8 @@ def steps() -> Steps[str]:
 
 
 def watched(*heard: tuple[float, bytes, float] | None) -> Standstill:
-    """What is noted where the wishes came back like that: moment, bytes, by how much the driver was late. They begin at 100 s.
+    """What is noted where the wishes came back like that: moment, bytes, by how much the driver was
+    late. They begin at 100 s.
 
     None: the link breaks there.
     """
@@ -177,7 +200,10 @@ def later() -> Steps[None]:
 
 def spans(*moments: float) -> list[tuple[float, float]]:
     """Where the host stood still if the wishes came back at these moments."""
-    return [(round(begin, 3), round(end, 3)) for begin, end in watched(*((moment, b"", 0.0) for moment in moments)).spans]
+    return [
+        (round(begin, 3), round(end, 3))
+        for begin, end in watched(*((moment, b"", 0.0) for moment in moments)).spans
+    ]
 
 
 def test_what_a_wish_allows_is_no_standstill() -> None:
@@ -199,7 +225,10 @@ def test_an_answer_that_waited_unheard_is_the_hosts_and_a_slow_one_the_stations(
     assert watched((100.45, b"a", 0.4)).late_s == pytest.approx(0.4)
     assert watched((100.45, b"a", 0.0)).late_s == 0.0
     assert watched((100.5, b"", 0.4)).late_s == 0.0  # there was none to be heard
-    assert watched((100.1, b"a", 0.0), (101.1, b"", 0.0), (111.1, b"", 0.9)).late_s == pytest.approx(0.0)  # asleep anyhow
+    # asleep anyhow
+    assert watched(
+        (100.1, b"a", 0.0), (101.1, b"", 0.0), (111.1, b"", 0.9)
+    ).late_s == pytest.approx(0.0)
     assert watched((106.0, b"a", 6.0)).spans == [(100.0, 106.0)]
 
 
@@ -209,4 +238,9 @@ def test_a_question_that_was_out_when_the_link_broke_may_have_taken_its_time() -
 
 
 def test_how_long_a_port_took_that_could_not_be_opened_is_not_known() -> None:
-    assert watched((100.1, b"a", 0.0), (101.1, b"", 0.0), (111.1, b"", 0.0), None, (180.0, b"", 0.0)).spans == []
+    assert (
+        watched(
+            (100.1, b"a", 0.0), (101.1, b"", 0.0), (111.1, b"", 0.0), None, (180.0, b"", 0.0)
+        ).spans
+        == []
+    )

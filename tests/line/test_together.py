@@ -1,4 +1,5 @@
-"""The stations of a run start together: read and check, write what cannot heat, heat; one that fails in a step stops all.
+"""The stations of a run start together: read and check, write what cannot heat, heat; one that
+fails in a step stops all.
 
 What was written is seen on the stations' own side of the wire.
 """
@@ -17,7 +18,14 @@ from jbclog.protocol.commands.status import STAND, WORKING
 from jbclog.session.run.context import StationTask
 from jbclog.sim.virtual import VirtualStation
 from jbclog.transport.start_barrier import SILENT_S
-from support.virtual.virtual_run import RECIPE, Heard, Tap, VirtualRun, is_cold_in_extractor, prepare
+from support.virtual.virtual_run import (
+    RECIPE,
+    Heard,
+    Tap,
+    VirtualRun,
+    is_cold_in_extractor,
+    prepare,
+)
 
 NAMES = ("a", "b", "c")
 STATION = """
@@ -39,7 +47,9 @@ Deaf = Callable[[bytes, float], bool]
 
 @dataclass
 class Cable:
-    """A cable that lets nothing through, or gives up, from the moment on at which `is_deaf` says so of a question."""
+    """A cable that lets nothing through, or gives up, from the moment on at which `is_deaf` says so
+    of a question.
+    """
 
     tap: Tap
     is_deaf: Deaf
@@ -73,17 +83,30 @@ def start_with(sim: str, also: str) -> VirtualRun:
 
 
 def run_with(
-    deaf: Deaf = never, sim: str = "", *, pulled: bool = False, allow_missing: bool = False, also: str = "", duration_s: float = 2.0
+    deaf: Deaf = never,
+    sim: str = "",
+    *,
+    pulled: bool = False,
+    allow_missing: bool = False,
+    also: str = "",
+    duration_s: float = 2.0,
 ) -> VirtualRun:
-    def behind_cable(order: StationTask, session: Steps[StationFacts], tap: object) -> tuple[Steps[StationFacts], Cable]:
+    def behind_cable(
+        order: StationTask, session: Steps[StationFacts], tap: object
+    ) -> tuple[Steps[StationFacts], Cable]:
         return session, Cable(tap, deaf if order.name == "b" else never, pulled)  # type: ignore[arg-type]  # it is a tap
 
     line = line_of({"b": sim, "c": also})
-    return prepare(line, RECIPE, duration_s, 2.0, allow_missing=allow_missing, pulled=behind_cable).go()
+    return prepare(
+        line, RECIPE, duration_s, 2.0, allow_missing=allow_missing, pulled=behind_cable
+    ).go()
 
 
 def nak(command: str, code: int = 3) -> str:
-    return f'\n[[station.sim.fault]]\nkind = "nak"\ncode = {code}\ncommand = "{command}"\nonly = "write"\n'
+    return (
+        f'\n[[station.sim.fault]]\nkind = "nak"\ncode = {code}\ncommand = "{command}"\nonly ='
+        ' "write"\n'
+    )
 
 
 SILENT = '\n[[station.sim.fault]]\nkind = "silence"\n'
@@ -103,7 +126,14 @@ def outcomes(run: VirtualRun) -> list[str]:
 
 
 def code_of(run: VirtualRun) -> Exit:
-    return exit_code(findings([context.facts for context in run.contexts.values()], verdict=None, record=None, cut_short=None))
+    return exit_code(
+        findings(
+            [context.facts for context in run.contexts.values()],
+            verdict=None,
+            record=None,
+            cut_short=None,
+        )
+    )
 
 
 def assert_all_touched_are_safe(run: VirtualRun) -> None:
@@ -120,7 +150,9 @@ def assert_all_touched_are_safe(run: VirtualRun) -> None:
 
 
 def assert_is_not_started(run: VirtualRun, step: int) -> None:
-    """The others were fine and say whose fault it is; nobody sampled; the run ends with 3 and names the station."""
+    """The others were fine and say whose fault it is; nobody sampled; the run ends with 3 and names
+    the station.
+    """
     assert run.memory.samples == []
     for name in ("a", "c"):
         facts = run.contexts[name].facts
@@ -137,17 +169,25 @@ def assert_is_not_started(run: VirtualRun, step: int) -> None:
         assert heated(run) == []
 
 
-# -- all is well -----------------------------------------------------------------------------------------------------------
+# -- all is well -----------------------------------------------------------------------------------
 
 
 def test_a_step_begins_on_no_station_before_all_have_done_the_one_before() -> None:
     run = run_with()
     assert outcomes(run) == ["completed"] * 3
     last_read = max(_first(run, name, "WD1").at for name in NAMES)
-    assert max(_first(run, name, "RA12").at for name in NAMES) < min(_first(run, name, "WD1").at for name in NAMES)
+    assert max(_first(run, name, "RA12").at for name in NAMES) < min(
+        _first(run, name, "WD1").at for name in NAMES
+    )
     for name in NAMES:
-        cool = [one.at for one in run.taps[name].heard if one.is_write and not one.text.startswith((*HEATS, COOLS))]
-        hot = [one.at for other in NAMES for one in run.taps[other].heard if one.text.startswith(HEATS)]
+        cool = [
+            one.at
+            for one in run.taps[name].heard
+            if one.is_write and not one.text.startswith((*HEATS, COOLS))
+        ]
+        hot = [
+            one.at for other in NAMES for one in run.taps[other].heard if one.text.startswith(HEATS)
+        ]
         assert max(cool) < min(hot)
         assert last_read < min(hot)
 
@@ -156,7 +196,7 @@ def _first(run: VirtualRun, name: str, start: str) -> Heard:
     return next(one for one in run.taps[name].heard if one.text.startswith(start))
 
 
-# -- step one --------------------------------------------------------------------------------------------------------------
+# -- step one --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -166,7 +206,10 @@ def _first(run: VirtualRun, name: str, start: str) -> Heard:
         ('model = "NAE"', "family dde"),
         ("robot_mode = false", "Robot mode"),
         ("tool = 0", "no tool in port 1"),
-        ('\n[[station.sim.fault]]\nkind = "nak"\ncode = 99999\ncommand = "alarm_low_limit"\n', "cannot read alarm low limit"),
+        (
+            '\n[[station.sim.fault]]\nkind = "nak"\ncode = 99999\ncommand = "alarm_low_limit"\n',
+            "cannot read alarm low limit",
+        ),
     ],
     ids=["silent", "another model", "no Robot mode", "no tool", "cannot be read"],
 )
@@ -179,13 +222,21 @@ def test_one_that_fails_in_step_one_leaves_all_untouched(sim: str, words: str) -
 def test_every_station_that_fails_in_step_one_is_named() -> None:
     run = run_with(sim=SILENT, also="tool = 0")
     assert outcomes(run) == ["not_started", "gone", "refused"]
-    assert "because of b, c" in run.contexts["a"].facts.reason or "because of c, b" in run.contexts["a"].facts.reason
-    found = findings([context.facts for context in run.contexts.values()], verdict=None, record=None, cut_short=None)
+    assert (
+        "because of b, c" in run.contexts["a"].facts.reason
+        or "because of c, b" in run.contexts["a"].facts.reason
+    )
+    found = findings(
+        [context.facts for context in run.contexts.values()],
+        verdict=None,
+        record=None,
+        cut_short=None,
+    )
     assert {finding.text.partition(":")[0] for finding in found} == {"b", "c"}
     assert [writes(run, name) for name in NAMES] == [[], [], []]
 
 
-# -- step two --------------------------------------------------------------------------------------------------------------
+# -- step two --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("how", ["refused", "silent", "pulled"])
@@ -193,12 +244,18 @@ def test_one_that_fails_in_step_two_heats_nothing_and_what_was_written_is_named(
     def deaf(data: bytes, now: float) -> bool:
         return how != "refused" and b"WHA1" in data
 
-    run = run_with(deaf, nak("alarm_high_limit") if how == "refused" else "", pulled=how == "pulled")
+    run = run_with(
+        deaf, nak("alarm_high_limit") if how == "refused" else "", pulled=how == "pulled"
+    )
     assert_is_not_started(run, 2)
-    assert bool(run.contexts["b"].facts.unsafe) == (how != "refused")  # it was touched and cannot be reached
+    # it was touched and cannot be reached
+    assert bool(run.contexts["b"].facts.unsafe) == (how != "refused")
     assert "step 2 of 3" in run.contexts["b"].facts.reason
     for name in NAMES:
-        assert "written before that and left as it is: sleep delay of port 1 5 min (was 9 min)" in run.contexts[name].facts.reason
+        assert (
+            "written before that and left as it is: sleep delay of port 1 5 min (was 9 min)"
+            in run.contexts[name].facts.reason
+        )
         station = run.stations[name]
         assert isinstance(station, VirtualStation)
         assert station.plant.ports[1].tools[2].sleep_delay == 5  # nothing is rolled back
@@ -208,8 +265,15 @@ def test_one_that_fails_in_step_two_heats_nothing_and_what_was_written_is_named(
 @pytest.mark.parametrize("state", ["extractor", "sleep", "working", "held hot"])
 def test_a_tool_that_rests_when_step_two_fails_is_not_told_to_stand(state: str) -> None:
     """One at work is told, and so is one that its extractor does not cool."""
-    run = start_with(nak("alarm_high_limit"), "extractor_cools = false" if state == "held hot" else "")
-    word = {"extractor": (0, True), "held hot": (0, True), "sleep": (2, False), "working": (0, False)}[state]
+    run = start_with(
+        nak("alarm_high_limit"), "extractor_cools = false" if state == "held hot" else ""
+    )
+    word = {
+        "extractor": (0, True),
+        "held hot": (0, True),
+        "sleep": (2, False),
+        "working": (0, False),
+    }[state]
     for name in NAMES:
         station = run.stations[name]
         assert isinstance(station, VirtualStation)
@@ -223,11 +287,13 @@ def test_a_tool_that_rests_when_step_two_fails_is_not_told_to_stand(state: str) 
     assert ("rests already and is left as it is" in told["c"]) == rests
 
 
-# -- step three ------------------------------------------------------------------------------------------------------------
+# -- step three ------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("command", ["selected_temperature", "status"])
-def test_one_that_fails_in_step_three_puts_all_touched_tools_in_their_safe_state(command: str) -> None:
+def test_one_that_fails_in_step_three_puts_all_touched_tools_in_their_safe_state(
+    command: str,
+) -> None:
     sim = nak(command) + ("for_s = 3\n" if command == "status" else "")
     run = run_with(sim=sim)
     assert_is_not_started(run, 3)
@@ -245,7 +311,7 @@ def test_in_step_three_nobody_who_heats_waits_for_one_that_is_slow_to_fail() -> 
         assert run.utc_s(safe[0]) < failed + 1.0
 
 
-# -- silence ---------------------------------------------------------------------------------------------------------------
+# -- silence ---------------------------------------------------------------------------------------
 
 
 def test_a_station_that_is_silent_delays_the_others_by_ten_seconds_at_the_most() -> None:
@@ -253,7 +319,9 @@ def test_a_station_that_is_silent_delays_the_others_by_ten_seconds_at_the_most()
     assert outcomes(run) == ["not_started", "gone", "not_started"]
     assert "silent for 10 s in step 1" in run.contexts["b"].facts.reason
     assert "because of b" in run.contexts["a"].facts.reason
-    ended = [event.time / 1e6 - run.utc_s(run.t0) for event in run.memory.of_kind("station.not_started")]
+    ended = [
+        event.time / 1e6 - run.utc_s(run.t0) for event in run.memory.of_kind("station.not_started")
+    ]
     assert all(SILENT_S <= at <= SILENT_S + 3 for at in ended)
     assert [writes(run, name) for name in NAMES] == [[], [], []]
 
@@ -266,7 +334,9 @@ def test_a_station_that_is_silent_is_left_out_where_that_is_allowed() -> None:
 
 
 def hung(*, allow_missing: bool) -> VirtualRun:
-    """A run of which one session says nothing for a minute: its driver hangs in opening the port."""
+    """A run of which one session says nothing for a minute: its driver hangs in opening the
+    port.
+    """
 
     def late(session: Steps[StationFacts]) -> Steps[StationFacts]:
         from jbclog.core.io_requests import RunEnded, Wait
@@ -293,7 +363,9 @@ def hung(*, allow_missing: bool) -> VirtualRun:
                 facts = done.value
                 return facts
 
-    def behind(order: StationTask, session: Steps[StationFacts], tap: object) -> tuple[Steps[StationFacts], Tap]:
+    def behind(
+        order: StationTask, session: Steps[StationFacts], tap: object
+    ) -> tuple[Steps[StationFacts], Tap]:
         return (late(session) if order.name == "b" else session), tap  # type: ignore[return-value]  # it is a tap
 
     return prepare(line_of({}), RECIPE, 2.0, 2.0, allow_missing=allow_missing, pulled=behind).go()
@@ -306,12 +378,16 @@ def test_a_slow_station_is_waited_for_as_long_as_it_answers() -> None:
         .replace('url = "b"', 'url = "b"\nbaudrate = 1200')
         .replace("turnaround_ms = 5.0", "turnaround_ms = 5.0\nwire = true")
     )
-    run = prepare(line, RECIPE.replace("[run]", "[sampling]\ncounters_every_s = 600\n\n[run]"), 10.0, 0.2).go()
-    assert outcomes(run) == ["completed"] * 3, [context.facts.reason for context in run.contexts.values()]
+    run = prepare(
+        line, RECIPE.replace("[run]", "[sampling]\ncounters_every_s = 600\n\n[run]"), 10.0, 0.2
+    ).go()
+    assert outcomes(run) == ["completed"] * 3, [
+        context.facts.reason for context in run.contexts.values()
+    ]
     assert _first(run, "a", "WD1").at - run.t0 > SILENT_S
 
 
-# -- without those that are missing -----------------------------------------------------------------------------------------
+# -- without those that are missing ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("step", [1, 2, 3])
@@ -328,12 +404,14 @@ def test_the_others_go_on_without_it_where_that_is_allowed(step: int) -> None:
 
 
 def test_a_run_of_which_no_station_starts_is_refused_whatever_is_allowed() -> None:
-    run = prepare(line_of(dict.fromkeys(NAMES, "tool = 0")), RECIPE, 2.0, 2.0, allow_missing=True).go()
+    run = prepare(
+        line_of(dict.fromkeys(NAMES, "tool = 0")), RECIPE, 2.0, 2.0, allow_missing=True
+    ).go()
     assert outcomes(run) == ["left_out"] * 3
     assert code_of(run) is Exit.STATION
 
 
-# -- the end of the run while it starts --------------------------------------------------------------------------------------
+# -- the end of the run while it starts ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("at_s", [0.2, 0.9, 1.5, 2.2])

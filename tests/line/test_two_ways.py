@@ -1,4 +1,6 @@
-"""A sample is read by `request` and `value`, and by `ask` where the answer is not as expected: both give the same record."""
+"""A sample is read by `request` and `value`, and by `ask` where the answer is not as expected: both
+give the same record.
+"""
 
 from __future__ import annotations
 
@@ -15,26 +17,38 @@ LINKS = {
     "late": fault("late", at_s=BEGUN_S, by_s=0.4, every=31),
     "flipped": fault("flip", at_s=BEGUN_S, every=17),
     "noisy": fault("noise", at_s=BEGUN_S, every=13),
-    "refusing": fault("nak", at_s=BEGUN_S, code=4, command="power", every=7) + fault("nak", at_s=BEGUN_S, code=2, every=29),
+    "refusing": (
+        fault("nak", at_s=BEGUN_S, code=4, command="power", every=7)
+        + fault("nak", at_s=BEGUN_S, code=2, every=29)
+    ),
     "unplugged": fault("dropout", at_s=4.0, for_s=3.0),
-    "of all kinds": "".join(
-        fault(kind, at_s=BEGUN_S, every=every, **more)
-        for kind, every, more in (
-            ("silence", 41, {}),
-            ("late", 37, {"by_s": 0.3}),
-            ("flip", 31, {"bits": 2}),
-            ("noise", 29, {}),
-            ("nak", 43, {"code": 1}),
+    "of all kinds": (
+        "".join(
+            fault(kind, at_s=BEGUN_S, every=every, **more)
+            for kind, every, more in (
+                ("silence", 41, {}),
+                ("late", 37, {"by_s": 0.3}),
+                ("flip", 31, {"bits": 2}),
+                ("noise", 29, {}),
+                ("nak", 43, {"code": 1}),
+            )
         )
-    )
-    + fault("restart", at_s=9.0, for_s=1.0),
+        + fault("restart", at_s=9.0, for_s=1.0)
+    ),
 }
 
 
 def recorded(run: VirtualRun) -> list[object]:
     """All that the run recorded, and all that its station was asked."""
     memory = run.go().memory
-    return [memory.samples, memory.events, memory.settings, memory.counters, memory.stations, run.heard]
+    return [
+        memory.samples,
+        memory.events,
+        memory.settings,
+        memory.counters,
+        memory.stations,
+        run.heard,
+    ]
 
 
 def made(family: str, sim: str) -> VirtualRun:

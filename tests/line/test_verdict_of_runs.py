@@ -1,4 +1,6 @@
-"""Runs from their recipe to their verdict: a cold tip is not accepted, a busy computer is no bad product."""
+"""Runs from their recipe to their verdict: a cold tip is not accepted, a busy computer is no bad
+product.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ STAND = '\n[run]\nstatus = "stand"\n'
 NEVER = "\n[acceptance]\ncoverage_percent = 99.5\nat_work_percent = 0\n"
 
 
-def planned(home: Path, *parts: str, family: str = "dde", sim: str = "tool = 2", seconds: float = 48.5) -> Plan:
+def planned(
+    home: Path, *parts: str, family: str = "dde", sim: str = "tool = 2", seconds: float = 48.5
+) -> Plan:
     line, recipe = home / "line.toml", home / "recipe.toml"
     line.write_text('[line]\nname = "bench"\n' + STATION.format(family=family, sim=sim))
     recipe.write_text("".join([SOLDERING, *parts]).format(name="test"))
@@ -27,7 +31,9 @@ def planned(home: Path, *parts: str, family: str = "dde", sim: str = "tool = 2",
 
 
 def run(home: Path, *parts: str, stalls_s: tuple[float, ...] = (), **more: str) -> Result:
-    return RecordedRun(planned(home, *parts, **more), home / "runs", StallingClock(stalls_s, 0.6)).result  # type: ignore[arg-type]
+    return RecordedRun(
+        planned(home, *parts, **more), home / "runs", StallingClock(stalls_s, 0.6)
+    ).result  # type: ignore[arg-type]
 
 
 def result_of(result: Result, name: str) -> set[object]:
@@ -35,7 +41,9 @@ def result_of(result: Result, name: str) -> set[object]:
 
 
 @pytest.mark.parametrize("order", ["", STAND])
-def test_a_run_that_never_puts_its_tools_to_work_is_inconclusive(tmp_path: Path, order: str) -> None:
+def test_a_run_that_never_puts_its_tools_to_work_is_inconclusive(
+    tmp_path: Path, order: str
+) -> None:
     result = run(tmp_path, order, ONLY_COVERAGE)
     assert (result.manifest.verdict, result.exit_code) == ("INCONCLUSIVE", 1)
     assert result_of(result, "reached") == {"missing"}
@@ -50,9 +58,15 @@ def test_one_that_does_is_accepted(tmp_path: Path) -> None:
 
 
 def test_a_tip_that_stays_cold_although_it_was_told_to_work_is_rejected(tmp_path: Path) -> None:
-    result = run(tmp_path, WORKING, ONLY_COVERAGE, sim="tool = 2\n" + fault("stuck", at_s=0.0, port=1))
+    result = run(
+        tmp_path, WORKING, ONLY_COVERAGE, sim="tool = 2\n" + fault("stuck", at_s=0.0, port=1)
+    )
     assert (result.manifest.verdict, result.exit_code) == ("REJECT", 1)
-    found = {rule["port"]: rule["result"] for rule in result.manifest.verdict_rules if rule["name"] == "reached"}
+    found = {
+        rule["port"]: rule["result"]
+        for rule in result.manifest.verdict_rules
+        if rule["name"] == "reached"
+    }
     assert found == {1: "fail", 2: "pass"}
 
 
@@ -77,7 +91,7 @@ def test_one_tick_of_194_is_accepted(tmp_path: Path) -> None:
     assert (result.manifest.verdict, result.exit_code) == ("ACCEPT", 0)
 
 
-# -- what the plan says of it ---------------------------------------------------------------------------------------------------
+# -- what the plan says of it ----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -85,7 +99,10 @@ def test_one_tick_of_194_is_accepted(tmp_path: Path) -> None:
     [
         (
             (ONLY_COVERAGE,),
-            "no [run] status: the run heats no tool, and if nobody else does, the verdict is INCONCLUSIVE",
+            (
+                "no [run] status: the run heats no tool, and if nobody else does, the verdict is"
+                " INCONCLUSIVE"
+            ),
         ),
         ((STAND, ONLY_COVERAGE), '[run] status = "stand": the run heats no tool'),
         ((), "a cold tool is recorded"),
@@ -94,7 +111,9 @@ def test_one_tick_of_194_is_accepted(tmp_path: Path) -> None:
         ((STAND, NEVER), None),
     ],
 )
-def test_the_plan_says_when_nothing_is_heated(tmp_path: Path, parts: tuple[str, ...], said: str | None) -> None:
+def test_the_plan_says_when_nothing_is_heated(
+    tmp_path: Path, parts: tuple[str, ...], said: str | None
+) -> None:
     notes = [text for text in planned(tmp_path, *parts).notes if "heats no tool" in text]
     assert len(notes) == (said is not None)
     assert said is None or said in notes[0]

@@ -1,4 +1,6 @@
-"""A run writes what its recipe asks for and what makes tools safe, and nothing else: seen from the station's side of the wire."""
+"""A run writes what its recipe asks for and what makes tools safe, and nothing else: seen from the
+station's side of the wire.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from support.oracles.listed_writes import strange_writes
 from support.virtual.virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
 PROFILES = Path(__file__).parents[2] / "profiles"
-LINES = {path.stem: path for path in sorted((PROFILES / "lines").glob("*.toml")) if path.stem != "bench"}
+LINES = {
+    path.stem: path for path in sorted((PROFILES / "lines").glob("*.toml")) if path.stem != "bench"
+}
 FAULTS = """
 [[station.sim.fault]]
 kind = "flip"
@@ -41,7 +45,10 @@ for_s = 1.5
 def run_of(name: str, trouble: str = "") -> tuple[VirtualRun, str]:
     line = LINES[name].read_text()
     recipe = (LINES[name].parent / tomllib.loads(line)["station"][0]["recipe"]).read_text()
-    return prepare(line + trouble, recipe, duration_s=12.0, rate="fit", allow_omega_write=True).go(), recipe
+    return (
+        prepare(line + trouble, recipe, duration_s=12.0, rate="fit", allow_omega_write=True).go(),
+        recipe,
+    )
 
 
 @pytest.mark.parametrize("trouble", ["", FAULTS], ids=["undisturbed", "disturbed"])
@@ -55,9 +62,13 @@ def test_every_write_of_every_family_is_the_recipe_s_or_makes_safe(name: str, tr
         assert len(run.writes) >= 2 or family == "omega"
 
 
-def test_a_condition_of_omega_is_written_as_the_recipe_has_it_and_only_where_that_is_allowed() -> None:
+def test_a_condition_of_omega_is_written_as_in_the_recipe_and_only_where_allowed() -> None:
     line = LINES["omega"].read_text()
-    recipe = (PROFILES / "recipes" / "omega-point.toml").read_text().replace("preheat_s = 0.8", "preheat_s = 0.9")
+    recipe = (
+        (PROFILES / "recipes" / "omega-point.toml")
+        .read_text()
+        .replace("preheat_s = 0.8", "preheat_s = 0.9")
+    )
     for allowed in (True, False):
         run = prepare(line, recipe, duration_s=5.0, allow_omega_write=allowed).go()
         assert [one.text for one in run.heard if one.text[0] == "D"] == (
@@ -69,36 +80,68 @@ def test_a_condition_of_omega_is_written_as_the_recipe_has_it_and_only_where_tha
 @pytest.mark.parametrize("allowed", [True, False])
 def test_omega_s_condition_is_on_the_list_only_where_that_is_allowed(allowed: bool) -> None:
     recipe = (PROFILES / "recipes" / "omega-point.toml").read_text()
-    run = prepare(LINES["omega"].read_text(), recipe, duration_s=5.0, allow_omega_write=allowed).go()
+    run = prepare(
+        LINES["omega"].read_text(), recipe, duration_s=5.0, allow_omega_write=allowed
+    ).go()
     (context,) = run.contexts.values()
     condition = condition_of(context.recipe, context.family)
     assert condition is not None
-    with nullcontext() if allowed else pytest.raises(WriteForbidden, match="the run does not allow"):
+    with (
+        nullcontext() if allowed else pytest.raises(WriteForbidden, match="the run does not allow")
+    ):
         listed(context)(context.command("store_condition"), condition, None, None)
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        *("WST100355", "WST300350", "WA1200001", "WPS100010", "WPS100002", "WSTP00000", "WRST00000", "WRSP", "WNVS00000"),
-        *("WMAT00400", "WSAD00002", "WIFE00001", "WSTR00000", "WD1200006", "WHD100.60", "WHA199999", "WXX1"),
+        *(
+            "WST100355",
+            "WST300350",
+            "WA1200001",
+            "WPS100010",
+            "WPS100002",
+            "WSTP00000",
+            "WRST00000",
+            "WRSP",
+            "WNVS00000",
+        ),
+        *(
+            "WMAT00400",
+            "WSAD00002",
+            "WIFE00001",
+            "WSTR00000",
+            "WD1200006",
+            "WHD100.60",
+            "WHA199999",
+            "WXX1",
+        ),
     ],
 )
 def test_the_list_is_no_sieve(text: str) -> None:
     assert strange_writes([Heard(0.0, text, None, None)], "dde", RECIPE, (1, 2)) == [text]
 
 
-# -- what the run's own client refuses ---------------------------------------------------------------------------------------
+# -- what the run's own client refuses -------------------------------------------------------------
 
 
 def test_the_table_names_commands_that_there_are_and_none_that_is_dangerous() -> None:
-    known = {name: command for family in FAMILIES.values() for name, command in family.commands.items()}
+    known = {
+        name: command for family in FAMILIES.values() for name, command in family.commands.items()
+    }
     assert set(WRITES) <= set(known)
-    assert [name for name in WRITES if known[name].dangerous] == ["store_condition"]  # which wants --allow-omega-write
+    # which wants --allow-omega-write
+    assert [name for name in WRITES if known[name].dangerous] == ["store_condition"]
     assert all(known[name].writable for name in WRITES)
 
 
-def slips_in(monkeypatch: pytest.MonkeyPatch, name: str, value: object, port: int | None, tool: int | None = None) -> None:
+def slips_in(
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    value: object,
+    port: int | None,
+    tool: int | None = None,
+) -> None:
     """A fault of this program: in the middle of a run it writes what nobody asked for."""
     counters = chapters.read_counters
 
@@ -113,8 +156,20 @@ def slips_in(monkeypatch: pytest.MonkeyPatch, name: str, value: object, port: in
 @pytest.mark.parametrize(
     ("name", "value", "port", "tool", "why"),
     [
-        ("restart", 0, None, None, "dde-1: restart is nothing that a run may write; it was not sent"),
-        ("maximum_temperature", 400, None, None, "dde-1: maximum temperature is nothing that a run may write; it was not sent"),
+        (
+            "restart",
+            0,
+            None,
+            None,
+            "dde-1: restart is nothing that a run may write; it was not sent",
+        ),
+        (
+            "maximum_temperature",
+            400,
+            None,
+            None,
+            "dde-1: maximum temperature is nothing that a run may write; it was not sent",
+        ),
         (
             "selected_temperature",
             355,
@@ -136,13 +191,30 @@ def slips_in(monkeypatch: pytest.MonkeyPatch, name: str, value: object, port: in
             None,
             "dde-1: sleep delay of port 1: the run does not allow 350; it was not sent",
         ),  # 350 °C are another's
-        ("sleep_delay", 5, 1, 9, "dde-1: sleep delay of port 1: the run does not allow 5; it was not sent"),
+        (
+            "sleep_delay",
+            5,
+            1,
+            9,
+            "dde-1: sleep delay of port 1: the run does not allow 5; it was not sent",
+        ),
         ("adjust", 1, 1, 2, "dde-1: adjust of port 1: the run does not allow 1; it was not sent"),
-        ("status", (0, 0, 0, 1, 0), 1, None, "dde-1: status of port 1: the run does not allow 00010; it was not sent"),
+        (
+            "status",
+            (0, 0, 0, 1, 0),
+            1,
+            None,
+            "dde-1: status of port 1: the run does not allow 00010; it was not sent",
+        ),
     ],
 )
 def test_what_is_not_on_the_list_is_refused_and_the_tools_are_made_safe(
-    monkeypatch: pytest.MonkeyPatch, name: str, value: object, port: int | None, tool: int | None, why: str
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+    value: object,
+    port: int | None,
+    tool: int | None,
+    why: str,
 ) -> None:
     assert name in FAMILIES["dde"].commands
     slips_in(monkeypatch, name, value, port, tool)

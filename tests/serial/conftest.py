@@ -11,7 +11,9 @@ from support.command import BENCH, WireLog
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[tuple[Path, WireLog]]:
-    """The bench of four virtual stations in a process of their own: the line file for a run, and the stations' log."""
+    """The bench of four virtual stations in a process of their own: the line file for a run, and
+    the stations' log.
+    """
     log = tmp_path / "wire.jsonl"
     with SimProcess(BENCH, tmp_path / "bench", log=log) as stations:
         yield stations.line_path, WireLog(log)

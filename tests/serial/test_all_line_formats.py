@@ -1,6 +1,8 @@
-"""Every line format of the older stations (manual 000, 2.1), opened on a real terminal, and a run on all twelve rates at once.
+"""Every line format of the older stations (manual 000, 2.1), opened on a real terminal, and a run
+on all twelve rates at once.
 
-250000, 460800 and 500000 are no rates of the old terminal interface; Linux takes any number by the newer one.
+250000, 460800 and 500000 are no rates of the old terminal interface; Linux takes any number by the
+newer one.
 """
 
 from __future__ import annotations
@@ -25,7 +27,9 @@ FORMATS = tuple(f"8{parity}{stop}" for parity, stop in product("NEO", (1, 2)))
 
 @pytest.mark.parametrize("baudrate", BAUDRATES)
 def test_a_terminal_is_set_to_each(baudrate: int) -> None:
-    """The rate to the bit, the stop bits, and what a pseudo-terminal keeps of the parity: that it is odd."""
+    """The rate to the bit, the stop bits, and what a pseudo-terminal keeps of the parity: that it
+    is odd.
+    """
     with terminal() as far:
         for form in FORMATS:
             port = open_port(far.url, LineFormat(baudrate, form))
@@ -55,18 +59,37 @@ wire = false
 turnaround_ms = 0
 """
 RECIPE = (
-    '[recipe]\nname = "menu"\nrevision = 1\nfamilies = ["soldering"]\n[temperature]\nselect_c = 320\n[run]\nstatus = "working"\n'
+    '[recipe]\nname = "menu"\nrevision = 1\nfamilies = ["soldering"]\n[temperature]\nselect_c ='
+    ' 320\n[run]\nstatus = "working"\n'
 )
 
 
 def test_stations_at_all_rates_are_recorded_side_by_side(tmp_path: Path) -> None:
-    """Through the ports of this machine; each virtual station goes by the line format that its client has set."""
+    """Through the ports of this machine; each virtual station goes by the line format that its
+    client has set.
+    """
     line, recipe = tmp_path / "menu.toml", tmp_path / "recipe.toml"
     formats = [FORMATS[place % len(FORMATS)] for place in range(len(BAUDRATES))]
-    line.write_text(LINE + "".join(STATION.format(baudrate=rate, form=form) for rate, form in zip(BAUDRATES, formats, strict=True)))
+    line.write_text(
+        LINE
+        + "".join(
+            STATION.format(baudrate=rate, form=form)
+            for rate, form in zip(BAUDRATES, formats, strict=True)
+        )
+    )
     recipe.write_text(RECIPE)
     with SimProcess(line, tmp_path / "sim") as sim:
-        arguments = ("--line", sim.line_path, "--out", tmp_path / "runs", "--rate", "fit", "--duration", "5s", "--json")
+        arguments = (
+            "--line",
+            sim.line_path,
+            "--out",
+            tmp_path / "runs",
+            "--rate",
+            "fit",
+            "--duration",
+            "5s",
+            "--json",
+        )
         said = jbclog("run", recipe, *arguments)
         assert [one.format for one in load_line(sim.line_path).stations] == formats
     assert said.returncode == 0, said.stderr

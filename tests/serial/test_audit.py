@@ -1,4 +1,6 @@
-"""`jbclog audit` on real pseudo-terminals: nothing is written, a run is left alone, and what was read is kept whatever happens."""
+"""`jbclog audit` on real pseudo-terminals: nothing is written, a run is left alone, and what was
+read is kept whatever happens.
+"""
 
 from __future__ import annotations
 
@@ -31,13 +33,16 @@ from support.faults.small_disk import small_disk
 
 STATIONS = ("dde-1", "ucr-1", "jtse-1")
 SOURCE = '[line]\nname = "bench"\n' + "".join(
-    f'[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "{name[:-2]}"\n[station.sim]\nwire = false\ntool = {tool}\n'
+    f'[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "{name[:-2]}"\n[station.sim]\nwire ='
+    f" false\ntool = {tool}\n"
     for name, tool in (("dde-1", 2), ("ucr-1", 9), ("jtse-1", 1))
 )
 
 
 class Bench:
-    """Three virtual stations, not paced, that all tests here share; `questions` are those since the test began."""
+    """Three virtual stations, not paced, that all tests here share; `questions` are those since the
+    test began.
+    """
 
     def __init__(self, line: Path, log: WireLog) -> None:
         self.line = line
@@ -52,7 +57,9 @@ class Bench:
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, WireLog]]:
     folder = tmp_path_factory.mktemp("served")
     (folder / "source.toml").write_text(SOURCE, encoding="utf-8")
-    with SimProcess(folder / "source.toml", folder / "bench", log=folder / "wire.jsonl") as stations:
+    with SimProcess(
+        folder / "source.toml", folder / "bench", log=folder / "wire.jsonl"
+    ) as stations:
         yield stations.line_path, WireLog(folder / "wire.jsonl")
 
 
@@ -78,7 +85,12 @@ def test_every_station_is_read_and_none_written_or_cleared(bench: Bench, tmp_pat
     assert ended.exit_code == 0, ended.stderr
     seen = observed(ledger)
     assert {(one.seen, one.source) for one in seen.values()} == {(True, "wire")}
-    assert [count.standing for one in seen.values() for count in one.counts if count.standing is not Standing.OK] == []
+    assert [
+        count.standing
+        for one in seen.values()
+        for count in one.counts
+        if count.standing is not Standing.OK
+    ] == []
     for name in seen:
         asked = bench.questions(name)
         assert len(asked) > 20
@@ -86,7 +98,11 @@ def test_every_station_is_read_and_none_written_or_cleared(bench: Bench, tmp_pat
         assert [text for text in asked if text.startswith("RTA")] == []
     assert not (tmp_path / "counters.jsonl.lock").exists()
     assert (tmp_path / "a.html").read_text(encoding="utf-8").startswith("<!")
-    assert (tmp_path / "a.csv").read_text(encoding="utf-8-sig").startswith("schema,audit,line,station,")
+    assert (
+        (tmp_path / "a.csv")
+        .read_text(encoding="utf-8-sig")
+        .startswith("schema,audit,line,station,")
+    )
 
 
 def test_for_cron_it_says_nothing_where_all_is_fine(bench: Bench, tmp_path: Path) -> None:
@@ -94,8 +110,21 @@ def test_for_cron_it_says_nothing_where_all_is_fine(bench: Bench, tmp_path: Path
     assert (ended.exit_code, ended.output) == (0, "")
     tasks = tmp_path / "tasks.toml"
     tasks.write_text('[[task]]\nname = "old"\nlife_days = 30\n', encoding="utf-8")
-    done = ("maintenance", "done", "-s", "dde-1", "--task", "old", "--at", "2024-01-01", "--by", "W")
-    CliRunner().invoke(app, [*done, "--tasks", str(tasks), "--ledger", str(tmp_path / "counters.jsonl")])
+    done = (
+        "maintenance",
+        "done",
+        "-s",
+        "dde-1",
+        "--task",
+        "old",
+        "--at",
+        "2024-01-01",
+        "--by",
+        "W",
+    )
+    CliRunner().invoke(
+        app, [*done, "--tasks", str(tasks), "--ledger", str(tmp_path / "counters.jsonl")]
+    )
     ended = audit(bench.line, tmp_path / "counters.jsonl", "--quiet", "--tasks", tasks)
     assert ended.exit_code == 1
     assert "OVERDUE" in ended.stdout
@@ -113,7 +142,9 @@ def test_two_audits_in_a_row_agree(bench: Bench, tmp_path: Path) -> None:
     assert kinds <= {"zero", "normal"}
 
 
-def test_a_run_is_left_alone_and_its_record_read(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_is_left_alone_and_its_record_read(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     ledger, out, opened = tmp_path / "counters.jsonl", tmp_path / "runs", list[str]()
     _note_opened(monkeypatch, opened)
     run = started("run", RECIPE, "--line", bench.line, "--out", out, "-d", "60s", "-s", "ucr-1")
@@ -132,7 +163,10 @@ def test_a_run_is_left_alone_and_its_record_read(bench: Bench, tmp_path: Path, m
     for one in (first, second):
         assert (one.seen, one.source) == (True, f"run:{folder}")
         assert one.identity is not None
-        assert (one.identity.model, {count.standing for count in one.counts}) == ("UCR245", {Standing.OK})
+        assert (one.identity.model, {count.standing for count in one.counts}) == (
+            "UCR245",
+            {Standing.OK},
+        )
         assert {"dispensed_mm", "work_h"} <= {count.counter for count in one.counts}
         assert one.parameters["1.sleep_delay"] == "5"
         assert (one.errors.station, one.errors.ports) == ("ok", {1: "ok"})
@@ -159,7 +193,9 @@ def _note_opened(monkeypatch: pytest.MonkeyPatch, opened: list[str]) -> None:
 
 
 def _began_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As if each run began between the look for runs and the opening of the port: the lock decides."""
+    """As if each run began between the look for runs and the opening of the port: the lock
+    decides.
+    """
     real, looks = survey.run_that_holds, []
 
     def holds(url: str) -> Path | None:
@@ -169,17 +205,26 @@ def _began_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(survey, "run_that_holds", holds)
 
 
-def test_a_run_without_counters_yet_says_when_to_try_again(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_without_counters_yet_says_when_to_try_again(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = tmp_path / "runs" / "20261121T013000Z-bench-abcd"
     folder.mkdir(parents=True)
-    monkeypatch.setattr(survey, "run_that_holds", lambda url: folder if url.endswith("dde-1") else None)
+    monkeypatch.setattr(
+        survey, "run_that_holds", lambda url: folder if url.endswith("dde-1") else None
+    )
     ended = audit(bench.line, tmp_path / "counters.jsonl")
     assert ended.exit_code == 3
-    assert f"dde-1: the run {folder} holds this station and has not asked it yet; it was not read. Audit again" in ended.stderr
+    assert (
+        f"dde-1: the run {folder} holds this station and has not asked it yet; it was not read."
+        " Audit again" in ended.stderr
+    )
     assert not observed(tmp_path / "counters.jsonl")["dde-1"].seen
 
 
-def test_what_some_stations_said_is_kept_when_others_do_not_answer(bench: Bench, tmp_path: Path) -> None:
+def test_what_some_stations_said_is_kept_when_others_do_not_answer(
+    bench: Bench, tmp_path: Path
+) -> None:
     lost = tmp_path / "line.toml"
     lost.write_text(SOURCE.replace('url = "ucr-1"', 'url = "gone"'), encoding="utf-8")
     for name in STATIONS:
@@ -189,7 +234,11 @@ def test_what_some_stations_said_is_kept_when_others_do_not_answer(bench: Bench,
     assert json.loads(ended.stdout)["exit_code"] == 3
     assert "no such port; check that it is plugged in" in ended.stderr
     seen = observed(tmp_path / "counters.jsonl")
-    assert {name: one.seen for name, one in seen.items()} == {"dde-1": True, "ucr-1": False, "jtse-1": True}
+    assert {name: one.seen for name, one in seen.items()} == {
+        "dde-1": True,
+        "ucr-1": False,
+        "jtse-1": True,
+    }
     assert "ucr-1" in (tmp_path / "a.csv").read_text(encoding="utf-8")
     assert audit(lost, tmp_path / "counters.jsonl", "--fail-on", "due").exit_code == 0
 
@@ -215,7 +264,9 @@ def test_a_damaged_ledger_is_told_and_still_added_to(bench: Bench, tmp_path: Pat
     assert len(ledger.read_bytes().splitlines()) == 6
 
 
-def test_a_ledger_that_cannot_be_written_takes_nothing_from_what_is_told(bench: Bench, tmp_path: Path) -> None:
+def test_a_ledger_that_cannot_be_written_takes_nothing_from_what_is_told(
+    bench: Bench, tmp_path: Path
+) -> None:
     ended = audit(bench.line, Path("/proc/counters.jsonl"), "--json", "--csv", tmp_path / "a.csv")
     assert ended.exit_code == 4
     told = json.loads(ended.stdout)
@@ -237,7 +288,9 @@ def test_a_full_disk_takes_nothing_from_what_is_told(bench: Bench, tmp_path: Pat
 
 def test_ctrl_c_leaves_what_was_read_in_the_ledger(tmp_path: Path) -> None:
     ledger, source = tmp_path / "counters.jsonl", tmp_path / "source.toml"
-    tables = (f'[[station]]\nname = "d-{one}"\nurl = "d-{one}"\nfamily = "dde"\n' for one in range(16))
+    tables = (
+        f'[[station]]\nname = "d-{one}"\nurl = "d-{one}"\nfamily = "dde"\n' for one in range(16)
+    )
     source.write_text('[line]\nname = "l"\n' + "".join(tables), encoding="utf-8")
     with SimProcess(source, tmp_path / "served") as stations:
         process = started("audit", "--line", stations.line_path, "--ledger", ledger, "--json")
@@ -248,15 +301,24 @@ def test_ctrl_c_leaves_what_was_read_in_the_ledger(tmp_path: Path) -> None:
     assert book.wrong == []
     assert 0 < len(book.observations) < 16
     told = json.loads(out)
-    assert {one["station"] for one in told["stations"] if one["seen"]} == {one.station for one in book.observations}
+    assert {one["station"] for one in told["stations"] if one["seen"]} == {
+        one.station for one in book.observations
+    }
     assert "stopped before this station was read" in out
     assert process.returncode == told["exit_code"] == 130, notes
 
 
-def test_stations_behind_one_port_are_asked_one_after_the_other(bench: Bench, tmp_path: Path) -> None:
-    """Another line file names the same wire; what is no address of it does not answer, and costs seconds."""
+def test_stations_behind_one_port_are_asked_one_after_the_other(
+    bench: Bench, tmp_path: Path
+) -> None:
+    """Another line file names the same wire; what is no address of it does not answer, and costs
+    seconds.
+    """
     other, port = tmp_path / "other.toml", bench.line.parent / "dde-1"
-    other.write_text(f'[line]\nname = "other"\n[[station]]\nname = "dde-7"\nurl = "{port}"\nfamily = "dde"\naddress = 7\n')
+    other.write_text(
+        f'[line]\nname = "other"\n[[station]]\nname = "dde-7"\nurl = "{port}"\nfamily ='
+        ' "dde"\naddress = 7\n'
+    )
     ended = audit(bench.line, tmp_path / "counters.jsonl", "--line", other)
     assert ended.exit_code == 3
     seen = observed(tmp_path / "counters.jsonl")
@@ -266,7 +328,20 @@ def test_stations_behind_one_port_are_asked_one_after_the_other(bench: Bench, tm
 
 def test_the_ledger_is_shared_with_maintenance(bench: Bench, tmp_path: Path) -> None:
     ledger = tmp_path / "counters.jsonl"
-    done = ("maintenance", "done", "--station", "dde-1", "--task", "tip-change", "--tip", "T-17", "-p", "1", "--by", "A. Rossi")
+    done = (
+        "maintenance",
+        "done",
+        "--station",
+        "dde-1",
+        "--task",
+        "tip-change",
+        "--tip",
+        "T-17",
+        "-p",
+        "1",
+        "--by",
+        "A. Rossi",
+    )
     assert audit(bench.line, ledger).exit_code == 0
     told = CliRunner().invoke(app, [*done, "--ledger", str(ledger)])
     assert (told.exit_code, told.stderr) == (0, "")
@@ -301,8 +376,12 @@ def test_nothing_but_a_page_is_written_over(
     assert [bench.questions(name) for name in STATIONS] == [[]] * 3
 
 
-@pytest.mark.parametrize(("file", "says"), [("pipe", "is a pipe"), ("folder", "is a folder"), ("link", "is a link")])
-def test_a_ledger_that_is_no_file_takes_nothing_from_what_is_told(bench: Bench, tmp_path: Path, file: str, says: str) -> None:
+@pytest.mark.parametrize(
+    ("file", "says"), [("pipe", "is a pipe"), ("folder", "is a folder"), ("link", "is a link")]
+)
+def test_a_ledger_that_is_no_file_takes_nothing_from_what_is_told(
+    bench: Bench, tmp_path: Path, file: str, says: str
+) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     (tmp_path / "link").symlink_to("elsewhere.jsonl")
@@ -323,16 +402,31 @@ def test_what_is_no_ledger_is_never_added_to(bench: Bench, tmp_path: Path) -> No
     assert json.loads(ended.stdout)["trouble"] == [
         f"{other} is not a ledger: none of its lines is valid. Nothing was added; name another file"
     ]
-    done = ("maintenance", "done", "-s", "dde-1", "--task", "service", "--by", "W", "--line", str(bench.line))
+    done = (
+        "maintenance",
+        "done",
+        "-s",
+        "dde-1",
+        "--task",
+        "service",
+        "--by",
+        "W",
+        "--line",
+        str(bench.line),
+    )
     assert CliRunner().invoke(app, [*done, "--ledger", str(other)]).exit_code == 4
     assert other.read_text(encoding="utf-8") == '[line]\nname = "other"\n'
 
 
-def test_what_runs_saw_since_last_time_counts_once(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_runs_saw_since_last_time_counts_once(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(records, "LAG", timedelta(0))
     ledger, out = tmp_path / "counters.jsonl", tmp_path / "runs"
     tasks = tmp_path / "tasks.toml"
-    tasks.write_text('[[task]]\nname = "verification"\nlife_days = 30\nstations = ["dde-1"]\n', encoding="utf-8")
+    tasks.write_text(
+        '[[task]]\nname = "verification"\nlife_days = 30\nstations = ["dde-1"]\n', encoding="utf-8"
+    )
     ended = audit(bench.line, ledger, "--runs", out, "--tasks", tasks)
     assert (ended.exit_code, f"{out}: no such folder" in ended.stderr) == (4, True)
     assert f"no verification in {out / 'verifications.jsonl'} or the ledger" in ended.stdout
@@ -352,10 +446,15 @@ def _a_run_with_an_error(out: Path) -> None:
     folder.mkdir(parents=True)
     line = LineFile("bench", "line.toml", "0" * 64)
     stations = [StationFacts("dde-1", "url", "dde", "DDE", "1", ports=[1], tools={})]
-    write_manifest(folder, Manifest(folder.name, started="2026-11-21T01:30:00.000000Z", line=line, stations=stations))
+    write_manifest(
+        folder,
+        Manifest(folder.name, started="2026-11-21T01:30:00.000000Z", line=line, stations=stations),
+    )
     store = LiveStore(folder, seal_every_s=None)
     store.start()
-    store.event(EventRow(int(time.time() * 1e6), "port.error", Severity.ERROR, "it happened", "dde-1", 1))
+    store.event(
+        EventRow(int(time.time() * 1e6), "port.error", Severity.ERROR, "it happened", "dde-1", 1)
+    )
     store.commit_now()
     store.close()
     store.release()

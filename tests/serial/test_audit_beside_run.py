@@ -1,4 +1,6 @@
-"""A run that starts while an audit has its port, and an audit that starts while a run has it: one of them wins, both say so."""
+"""A run that starts while an audit has its port, and an audit that starts while a run has it: one
+of them wins, both say so.
+"""
 
 from __future__ import annotations
 
@@ -36,14 +38,20 @@ class Bench:
     """One virtual station on a real pseudo-terminal, and what it was asked."""
 
     def __init__(self, folder: Path, stations: SimProcess) -> None:
-        self.folder, self.line, self.log = folder, stations.line_path, WireLog(folder / "wire.jsonl")
+        self.folder, self.line, self.log = (
+            folder,
+            stations.line_path,
+            WireLog(folder / "wire.jsonl"),
+        )
 
     def run(self) -> tuple[str | Path, ...]:
         return ("run", RECIPE, "--line", self.line, "--out", self.folder / "runs", "-d", "60s")
 
     def audit(self) -> tuple[int, str]:
         ledger = self.folder / "counters.jsonl"
-        ended = CliRunner().invoke(app, ["audit", "--line", str(self.line), "--ledger", str(ledger), "--json"])
+        ended = CliRunner().invoke(
+            app, ["audit", "--line", str(self.line), "--ledger", str(ledger), "--json"]
+        )
         assert json.loads(ended.stdout)["exit_code"] == ended.exit_code
         return ended.exit_code, ended.stderr
 
@@ -55,7 +63,9 @@ class Bench:
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
     (tmp_path / "source.toml").write_text(SOURCE, encoding="utf-8")
-    with SimProcess(tmp_path / "source.toml", tmp_path / "bench", log=tmp_path / "wire.jsonl") as stations:
+    with SimProcess(
+        tmp_path / "source.toml", tmp_path / "bench", log=tmp_path / "wire.jsonl"
+    ) as stations:
         yield Bench(tmp_path, stations)
 
 
@@ -84,7 +94,9 @@ def test_the_audit_was_first(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_the_run_was_first(bench: Bench) -> None:
-    """The run goes on as if nobody had come, and the audit takes from its record what it has, or says that it has nothing yet."""
+    """The run goes on as if nobody had come, and the audit takes from its record what it has, or
+    says that it has nothing yet.
+    """
     run = started(*bench.run())
     try:
         assert until(lambda: bench.log.path.exists() and len(bench.log.questions("ucr-1")) > 0)

@@ -1,4 +1,6 @@
-"""`jbclog batch` as a person starts it: real pseudo-terminals, real processes, killed and started again."""
+"""`jbclog batch` as a person starts it: real pseudo-terminals, real processes, killed and started
+again.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ STAND = "WPS100001"
 
 
 def test_killed_and_started_again_every_job_is_done_once(bench: Bench, tmp_path: Path) -> None:
-    """A job is killed, then the executor: nothing is lost, nothing done twice, and what was half done is told."""
+    """A job is killed, then the executor: nothing is lost, nothing done twice, and what was half
+    done is told.
+    """
     line, wire = bench
     jobs = write_batch(tmp_path, line, seconds=2.5, count=3)
     out = tmp_path / "runs"
@@ -35,7 +39,9 @@ def test_killed_and_started_again_every_job_is_done_once(bench: Bench, tmp_path:
     told = json.loads(again.stdout)
     assert again.returncode == 0, again.stderr
     assert "is recovered and recorded as half done, and the job is done again" in again.stderr
-    assert {job["name"]: job["state"] for job in told["jobs"]} == dict.fromkeys(("a1", "a2", "b1"), "done")
+    assert {job["name"]: job["state"] for job in told["jobs"]} == dict.fromkeys(
+        ("a1", "a2", "b1"), "done"
+    )
     assert [run["state"] for job in told["jobs"] for run in job["runs"]].count("half done") == 1
     assert faults(Trial(out)) == []
     for station in ("dde-1", "ucr-1"):
@@ -46,8 +52,12 @@ def test_killed_and_started_again_every_job_is_done_once(bench: Bench, tmp_path:
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)])
-def test_a_signal_ends_what_runs_with_its_tools_safe(bench: Bench, tmp_path: Path, number: signal.Signals, code: int) -> None:
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)]
+)
+def test_a_signal_ends_what_runs_with_its_tools_safe(
+    bench: Bench, tmp_path: Path, number: signal.Signals, code: int
+) -> None:
     line, wire = bench
     out = tmp_path / "runs"
     batch = started("batch", write_batch(tmp_path, line, seconds=60.0), "--out", out, "--json")
@@ -58,7 +68,12 @@ def test_a_signal_ends_what_runs_with_its_tools_safe(bench: Bench, tmp_path: Pat
     told = json.loads(said)
     assert (batch.returncode, told["exit_code"], told["finished"]) == (code, code, False), notes
     states = {job["name"]: job["state"] for job in told["jobs"]}
-    assert states == {"a1": "half done", "a2": "not started", "b1": "half done", "c1": "not started"}
+    assert states == {
+        "a1": "half done",
+        "a2": "not started",
+        "b1": "half done",
+        "c1": "not started",
+    }
     for job in told["jobs"]:
         for run in job["runs"]:
             assert check(Path(run["run"])) == []
@@ -70,7 +85,9 @@ def test_a_signal_ends_what_runs_with_its_tools_safe(bench: Bench, tmp_path: Pat
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("step", range(1, 150, 4))
-def test_killed_at_each_step_every_job_is_done_once(bench: Bench, tmp_path: Path, step: int, counted: Callable[..., None]) -> None:
+def test_killed_at_each_step_every_job_is_done_once(
+    bench: Bench, tmp_path: Path, step: int, counted: Callable[..., None]
+) -> None:
     jobs, out = write_batch(tmp_path, bench[0], seconds=1.0, count=3), tmp_path / "runs"
     killed = program("faults.killed_batch", step, "batch", jobs, "--out", out)
     first = subprocess.run(killed, capture_output=True, text=True, timeout=200, check=False)
@@ -93,8 +110,17 @@ def test_whatever_is_killed_when_every_job_is_done_once(
     trial = disturbed(tmp_path, bench[0], random.Random(seed), kills=4)
     kills, runs = trial.kills, trial.runs()
     counted(
-        batches=1, sittings=trial.sittings, executors_killed=kills["executor"], jobs_killed=kills["job"], terminated=kills["term"]
+        batches=1,
+        sittings=trial.sittings,
+        executors_killed=kills["executor"],
+        jobs_killed=kills["job"],
+        terminated=kills["term"],
     )
     not_once = sum(" was done " in fault for fault in trial.wrong)
-    counted(runs=len(runs), runs_half_done=runs.count("half done"), jobs_not_done_once=not_once, wrong=len(trial.wrong))
+    counted(
+        runs=len(runs),
+        runs_half_done=runs.count("half done"),
+        jobs_not_done_once=not_once,
+        wrong=len(trial.wrong),
+    )
     assert trial.wrong == []

@@ -1,4 +1,6 @@
-"""Real sessions over real pseudo-terminals: the drivers between the station client and the transport."""
+"""Real sessions over real pseudo-terminals: the drivers between the station client and the
+transport.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,10 @@ from jbclog.transport.reactor import Reactor
 from support.virtual.virtual_run import RECIPE, Memory, order_for
 
 DDE = FAMILIES["dde"].commands
-STATION = '[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "dde"\nports = [1]\n[station.sim]\n{sim}\n'
+STATION = (
+    '[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "dde"\nports ='
+    " [1]\n[station.sim]\n{sim}\n"
+)
 DROPOUT = '[[station.sim.fault]]\nkind = "dropout"\nat_s = 4\nfor_s = 1.0\n'
 
 
@@ -66,7 +71,10 @@ def test_a_whole_run_of_two_stations_of_which_one_drops_out(served: Callable[...
     line = served("", DROPOUT)
     memory, clock, reactor = Memory(), SystemClock(), Reactor()
     recipe = parse_recipe(RECIPE + 'on_difference = "continue"\n')
-    contexts = [SessionContext(order_for(spec, recipe, clock, 8.0, None), memory, UtcOffset(clock)) for spec in line.stations]
+    contexts = [
+        SessionContext(order_for(spec, recipe, clock, 8.0, None), memory, UtcOffset(clock))
+        for spec in line.stations
+    ]
     for context, spec in zip(contexts, line.stations, strict=True):
         reactor.add(run_station(context), opener(spec))
     reactor.run()

@@ -1,6 +1,8 @@
-"""A link that is faster than its line file says: a station at 57600 or 115200 bit/s behind a real TCP server.
+"""A link that is faster than its line file says: a station at 57600 or 115200 bit/s behind a real
+TCP server.
 
-A scan cannot set a rate there, so it reckons with 19200 8N1 and writes that; answers come before their bytes could at that rate.
+A scan cannot set a rate there, so it reckons with 19200 8N1 and writes that; answers come before
+their bytes could at that rate.
 """
 
 from __future__ import annotations
@@ -23,7 +25,10 @@ from support.command import RECIPE, jbclog
 @contextmanager
 def served(folder: Path, baudrate: int) -> Iterator[str]:
     """The url of a virtual UCR that speaks at `baudrate` behind a TCP server."""
-    keys = f'name = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\nbaudrate = {baudrate}\n[station.sim]\nturnaround_ms = 0.5\n'
+    keys = (
+        'name = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\nbaudrate ='
+        f" {baudrate}\n[station.sim]\nturnaround_ms = 0.5\n"
+    )
     (folder / "bench.toml").write_text(f'[line]\nname = "bench"\n[[station]]\n{keys}')
     with SimProcess(folder / "bench.toml", folder / "virtual", tcp="127.0.0.1:0") as sim:
         yield load_line(sim.line_path).stations[0].url
@@ -36,16 +41,24 @@ def test_the_line_file_is_written_and_says_it(tmp_path: Path, baudrate: int) -> 
         scan = jbclog("scan", url, "--write", file)
     assert scan.returncode == 0, scan.stderr
     assert "0.00 ms median" in scan.stdout
-    assert "the link is faster than its stated 19200 8N1: a question and its answer take" in scan.stdout
+    assert (
+        "the link is faster than its stated 19200 8N1: a question and its answer take"
+        in scan.stdout
+    )
     assert load_line(file).stations[0].turnaround_ms == 0.0
     assert "# The link is faster than its stated 19200 8N1" in file.read_text()
 
 
 def test_every_command_takes_it(tmp_path: Path) -> None:
-    """Nothing is lost by a rate that is stated too low, but rate; each command that asks the station works and none is negative."""
+    """Nothing is lost by a rate that is stated too low, but rate; each command that asks the
+    station works and none is negative.
+    """
     file, stated = tmp_path / "line.toml", 9600
     with served(tmp_path, 115200) as url:
-        keys = f'name = "ucr-1"\nurl = "{url}"\nfamily = "ucr"\nbaudrate = {stated}\nturnaround_ms = 0\n'
+        keys = (
+            f'name = "ucr-1"\nurl = "{url}"\nfamily = "ucr"\nbaudrate = {stated}\nturnaround_ms'
+            " = 0\n"
+        )
         file.write_text(f'[line]\nname = "bench"\n[[station]]\n{keys}')
         plan = here("plan", RECIPE, "--line", file, "--rate", "fit")
         assert f"at 0 ms the link may be faster than {stated} 8N1" in plan.stdout, plan.stderr
@@ -56,7 +69,19 @@ def test_every_command_takes_it(tmp_path: Path) -> None:
         audit = here("audit", "--line", file, "--ledger", tmp_path / "ledger.sqlite")
         assert audit.exit_code == 0, audit.stderr
         for rate, seconds in (("fit", "1s"), ("max", "0.3s")):
-            words = ("run", RECIPE, "--line", file, "--out", tmp_path / "runs", "-d", seconds, "--rate", rate, "--json")
+            words = (
+                "run",
+                RECIPE,
+                "--line",
+                file,
+                "--out",
+                tmp_path / "runs",
+                "-d",
+                seconds,
+                "--rate",
+                rate,
+                "--json",
+            )
             run = jbclog(*words)
             assert json.loads(run.stdout)["safe_state"]["ucr-1"] == {"1": "verified"}, run.stderr
             folder = Path(json.loads(run.stdout)["run"])
@@ -64,7 +89,10 @@ def test_every_command_takes_it(tmp_path: Path) -> None:
             (station,) = json.loads((folder / "manifest.json").read_text())["stations"]
             assert station["turnaround_us"]["median"] == 0.0 <= station["turnaround_us"]["p99"]
             assert station["turnaround_us"]["faster_by"] > 1000
-            assert f"answers in 0.00 ms (median) (the link is faster than its stated {stated} 8N1" in _ready(folder)
+            assert (
+                f"answers in 0.00 ms (median) (the link is faster than its stated {stated} 8N1"
+                in _ready(folder)
+            )
 
 
 def here(*words: str | Path) -> Result:

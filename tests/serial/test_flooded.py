@@ -1,4 +1,5 @@
-"""Ports that are flooded from the start, or when a recorder dies: every verb says so in time, and safe orders go out.
+"""Ports that are flooded from the start, or when a recorder dies: every verb says so in time, and
+safe orders go out.
 
 By default one verb is tried; ``pytest -n0 -m campaign tests/serial/test_flooded.py`` does all.
 """
@@ -38,15 +39,23 @@ class Bench:
 
 
 @contextmanager
-def bench(folder: Path, transport: str, shape: str, after: str = "", begin_s: float = 0.0) -> Iterator[Bench]:
+def bench(
+    folder: Path, transport: str, shape: str, after: str = "", begin_s: float = 0.0
+) -> Iterator[Bench]:
     (folder / "source.toml").write_text(line("", ""))
     (folder / "recipe.toml").write_text(RECIPE + 'on_difference = "continue"\n')
     log = folder / "wire.jsonl"
     with SimProcess(folder / "source.toml", folder / "sim", log=log) as sim:
         near = str(folder / "near") if transport == "pty" else ""
-        plan = Flooded(near, str(folder / "sim" / "dde-1"), shape, 0.0, begin_s, FOR_EVER, after=after)
+        plan = Flooded(
+            near, str(folder / "sim" / "dde-1"), shape, 0.0, begin_s, FOR_EVER, after=after
+        )
         with Flooders(folder / "flooders.json", [plan]) as served:
-            text = re.sub(r'(name = "dde-1"\n(?:.*\n)*?url = )".*?"', rf'\1"{served.urls[0]}"', sim.line_path.read_text())
+            text = re.sub(
+                r'(name = "dde-1"\n(?:.*\n)*?url = )".*?"',
+                rf'\1"{served.urls[0]}"',
+                sim.line_path.read_text(),
+            )
             flooded = folder / "sim" / "flooded.toml"
             flooded.write_text(text)
             yield Bench(flooded, folder / "recipe.toml", served.urls[0], WireLog(log))
@@ -58,9 +67,12 @@ def told(wire: WireLog, station: str) -> set[str]:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(
-    ("transport", "shape"), [("tcp", "noise"), ("tcp", "another model's answers"), ("pty", "copies of an answer")]
+    ("transport", "shape"),
+    [("tcp", "noise"), ("tcp", "another model's answers"), ("pty", "copies of an answer")],
 )
-def test_what_is_flooded_from_the_start_is_said_to_be_so(transport: str, shape: str, tmp_path: Path) -> None:
+def test_what_is_flooded_from_the_start_is_said_to_be_so(
+    transport: str, shape: str, tmp_path: Path
+) -> None:
     with bench(tmp_path, transport, shape) as made:
         began = time.monotonic()
         scanned = jbclog("scan", made.url)
@@ -70,7 +82,9 @@ def test_what_is_flooded_from_the_start_is_said_to_be_so(transport: str, shape: 
         assert "dde-1" in examined.stdout
         assert "the link is flooded" in examined.stdout
         assert examined.returncode == 1
-        run = jbclog("run", made.recipe, "--line", made.line, "--out", tmp_path / "runs", "-d", "5s")
+        run = jbclog(
+            "run", made.recipe, "--line", made.line, "--out", tmp_path / "runs", "-d", "5s"
+        )
         assert run.returncode == 3
         assert "dde-1: the link is flooded" in run.stderr
         read = jbclog("read", "dde-1", "tip_temperature", "--line", made.line)
@@ -89,13 +103,20 @@ def test_safe_tells_a_flooded_station_and_does_not_call_it_safe(tmp_path: Path) 
         flooded, other = json.loads(ended.stdout)["stations"]
         assert [tool["state"] for tool in flooded["tools"]] == [None, None]
         assert all("its link is flooded" in tool["problem"] for tool in flooded["tools"]), flooded
-        assert {tool["state"] for tool in other["tools"]} <= {"stand", "sleep", "hibernation", "extractor"}
+        assert {tool["state"] for tool in other["tools"]} <= {
+            "stand",
+            "sleep",
+            "hibernation",
+            "extractor",
+        }
 
 
 @pytest.mark.campaign
 def test_a_guard_tells_a_flooded_station_and_the_others_in_time(tmp_path: Path) -> None:
     with bench(tmp_path, "tcp", "all answers in turn", after="WPS2", begin_s=1.0) as made:
-        run = started("run", made.recipe, "--line", made.line, "--out", tmp_path / "runs", "--rate", "5")
+        run = started(
+            "run", made.recipe, "--line", made.line, "--out", tmp_path / "runs", "--rate", "5"
+        )
         try:
             assert until(lambda: "WPS200000" in told(made.wire, "dde-2"), 20)
             time.sleep(2.5)  # it is flooded by now
@@ -109,13 +130,27 @@ def test_a_guard_tells_a_flooded_station_and_the_others_in_time(tmp_path: Path) 
             run.kill()
     _, said = run.communicate(timeout=60)
     assert "dde-2 port 1: the tool was put in its safe state by the guard" in said
-    assert re.search(r"dde-1 port 1: the tool was told .* does not confirm it \(its link is flooded\)", said)
+    assert re.search(
+        r"dde-1 port 1: the tool was told .* does not confirm it \(its link is flooded\)", said
+    )
 
 
 @pytest.mark.campaign
 def test_the_capture_of_a_flood_is_bounded_and_lived_through_again(tmp_path: Path) -> None:
     with bench(tmp_path, "tcp", "noise", after="WPS2", begin_s=1.0) as made:
-        run = jbclog("run", made.recipe, "--line", made.line, "--out", tmp_path / "runs", "-d", "6s", "--rate", "5", "--wire")
+        run = jbclog(
+            "run",
+            made.recipe,
+            "--line",
+            made.line,
+            "--out",
+            tmp_path / "runs",
+            "-d",
+            "6s",
+            "--rate",
+            "5",
+            "--wire",
+        )
     folder = Path(run.stdout.splitlines()[-1])
     (captured,) = (folder / "wire").glob("dde-1*")
     assert captured.stat().st_size < 300_000

@@ -48,7 +48,9 @@ status = "working"
 def line(tmp_path: Path) -> Iterator[Path]:
     """Two stations that solder quickly, and a recipe without limits beside their line file."""
     path = tmp_path / "two.toml"
-    path.write_text('[line]\nname = "two"\n' + "".join(STATION.format(name=name) for name in ("a", "b")))
+    path.write_text(
+        '[line]\nname = "two"\n' + "".join(STATION.format(name=name) for name in ("a", "b"))
+    )
     (tmp_path / "job.toml").write_text(RECIPE)
     with SimProcess(path, tmp_path / "bench") as stations:
         yield stations.line_path
@@ -83,8 +85,15 @@ def typed(stdin: IO[str], text: str) -> None:
 
 
 def units(line: Path, *more: str, lines: list[str]) -> subprocess.CompletedProcess[str]:
-    words = [sys.executable, "-c", "from jbclog.cli import main; main()", *arguments(line, "--units", "-", *more)]
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+    words = [
+        sys.executable,
+        "-c",
+        "from jbclog.cli import main; main()",
+        *arguments(line, "--units", "-", *more),
+    ]
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
         assert run.stdin is not None
         assert until(lambda: is_sampling(line.parents[1] / "runs"))
         for text in lines:
@@ -110,13 +119,21 @@ def test_a_run_that_its_duration_ends_short_of_both_numbers_is_not_fine(line: Pa
     _, manifest = left(line)
     assert done.returncode == manifest.exit_code == 1
     assert manifest.exit_status == "success"
-    assert "exit 1: Units finished: 0, wanted: 2. Unit SN-1 was on the bench when the run ended" in done.stderr
+    assert (
+        "exit 1: Units finished: 0, wanted: 2. Unit SN-1 was on the bench when the run ended"
+        in done.stderr
+    )
     assert [goal.is_met for goal in manifest.goals] == [False, False]
 
 
 @pytest.mark.campaign
 def test_a_signal_cuts_a_run_short_that_was_to_end_with_a_number(line: Path) -> None:
-    words = [sys.executable, "-c", "from jbclog.cli import main; main()", *arguments(line, "--until-joints", "900")]
+    words = [
+        sys.executable,
+        "-c",
+        "from jbclog.cli import main; main()",
+        *arguments(line, "--until-joints", "900"),
+    ]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
         assert until(lambda: is_sampling(line.parents[1] / "runs"))
         run.terminate()

@@ -1,4 +1,6 @@
-"""The units' commands, allowed no more than the units allow: system calls, addresses, rights, folders (`faults.confined`)."""
+"""The units' commands, allowed no more than the units allow: system calls, addresses, rights,
+folders (`faults.confined`).
+"""
 
 from __future__ import annotations
 
@@ -67,25 +69,60 @@ def test_what_confines_them_does(state: Path, tmp_path: Path) -> None:
     assert (done.stdout, done.stderr) == ("nice 1\n", "")
 
 
-def test_the_unit_lets_a_run_be_recorded_and_sealed_and_the_line_be_made_safe(bench: tuple[Path, WireLog], state: Path) -> None:
+def test_the_unit_lets_a_run_be_recorded_and_sealed_and_the_line_be_made_safe(
+    bench: tuple[Path, WireLog], state: Path
+) -> None:
     line, wire = bench
-    command = under(UNIT, state, *JBCLOG, "run", RECIPE, "--line", line, "--out", state / "runs", "-s", "ale-1", "--rate", "5")
+    command = under(
+        UNIT,
+        state,
+        *JBCLOG,
+        "run",
+        RECIPE,
+        "--line",
+        line,
+        "--out",
+        state / "runs",
+        "-s",
+        "ale-1",
+        "--rate",
+        "5",
+    )
     run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert until(lambda: is_sampling(state / "runs"))
     run.send_signal(signal.SIGTERM)
     told = run.communicate(timeout=100)[1]
     (folder,) = (state / "runs").iterdir()
     manifest = read_manifest(folder)
-    assert (manifest.state, manifest.guard, manifest.lost, check(folder)) == ("sealed", "on", None, []), told
+    assert (manifest.state, manifest.guard, manifest.lost, check(folder)) == (
+        "sealed",
+        "on",
+        None,
+        [],
+    ), told
     assert wire.writes("ale-1")[-1] == "WPS100001"
     safe = output(under(UNIT, state, *JBCLOG, "safe", "--line", line))
     assert safe.returncode == 0, safe.stderr
 
 
-def test_the_unit_lets_an_audit_be_made(bench: tuple[Path, WireLog], state: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_unit_lets_an_audit_be_made(
+    bench: tuple[Path, WireLog], state: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     line, _ = bench
     monkeypatch.setenv("MPLCONFIGDIR", str(state / "matplotlib"))  # as the unit sets it
-    files = ("--ledger", state / "counters.jsonl", "--html", state / "page.html", "--csv", state / "all.csv")
+    files = (
+        "--ledger",
+        state / "counters.jsonl",
+        "--html",
+        state / "page.html",
+        "--csv",
+        state / "all.csv",
+    )
     done = output(under(AUDIT, state, *JBCLOG, "audit", "--line", line, *files))
     assert done.returncode == 0, done.stderr
-    assert sorted(path.name for path in state.iterdir()) == ["all.csv", "counters.jsonl", "matplotlib", "page.html"]
+    assert sorted(path.name for path in state.iterdir()) == [
+        "all.csv",
+        "counters.jsonl",
+        "matplotlib",
+        "page.html",
+    ]

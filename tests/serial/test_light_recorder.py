@@ -22,10 +22,18 @@ HEAVY = (
 )
 
 
-def test_a_whole_run_loads_no_heavy_package(bench: tuple[Path, WireLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_whole_run_loads_no_heavy_package(
+    bench: tuple[Path, WireLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")  # each import is a line on stderr
     line, _ = bench
-    ended = fresh("run", RECIPE, "--line", line, "--out", tmp_path, "-d", "2s", "-s", "ale-1", "--rate", "5")
+    ended = fresh(
+        "run", RECIPE, "--line", line, "--out", tmp_path, "-d", "2s", "-s", "ale-1", "--rate", "5"
+    )
     loaded = set(re.findall(r"^import time:.*\| +([\w.]+)$", ended.stderr, re.MULTILINE))
-    assert {"jbclog.session.run.station_run", "jbclog.analysis.verdict.verdict", "pyarrow.lib"} <= loaded
+    assert {
+        "jbclog.session.run.station_run",
+        "jbclog.analysis.verdict.verdict",
+        "pyarrow.lib",
+    } <= loaded
     assert [name for name in loaded if name in HEAVY] == []

@@ -1,4 +1,6 @@
-"""A pseudo-terminal has no wire, but it knows what its client has set: virtual stations go by that."""
+"""A pseudo-terminal has no wire, but it knows what its client has set: virtual stations go by
+that.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ ANSWER = b"\x020100ASMN  DDE\x03"
 def line_file(folder: Path, *formats: tuple[int, str]) -> Path:
     path = folder / "bench.toml"
     stations = (
-        f'[[station]]\nname = "s{n}"\nfamily = "dde"\nurl = "s{n}"\nbaudrate = {rate}\nformat = "{form}"\n{UNPACED}'
+        f'[[station]]\nname = "s{n}"\nfamily = "dde"\nurl = "s{n}"\nbaudrate = {rate}\nformat ='
+        f' "{form}"\n{UNPACED}'
         for n, (rate, form) in enumerate(formats, 1)
     )
     path.write_text('[line]\nname = "bench"\n' + "".join(stations))
@@ -27,7 +30,9 @@ def line_file(folder: Path, *formats: tuple[int, str]) -> Path:
 
 
 def asked(url: str, baudrate: int, form: str = "8N1", count: int = 17) -> bytes:
-    with serial.serial_for_url(url, baudrate, parity=form[1], stopbits=int(form[2]), timeout=0.15) as port:
+    with serial.serial_for_url(
+        url, baudrate, parity=form[1], stopbits=int(form[2]), timeout=0.15
+    ) as port:
         port.write(READ)
         return bytes(port.read(count))
 
@@ -41,8 +46,12 @@ def test_only_a_client_at_the_stations_rate_is_answered(tmp_path: Path) -> None:
             assert asked(station.url, station.baudrate, station.format)[:-1] == ANSWER
 
 
-@pytest.mark.parametrize(("client", "understood"), [("8N1", True), ("8N2", True), ("8E1", True), ("8O1", False)])
-def test_of_parity_a_terminal_tells_only_the_odd_one(tmp_path: Path, client: str, understood: bool) -> None:
+@pytest.mark.parametrize(
+    ("client", "understood"), [("8N1", True), ("8N2", True), ("8E1", True), ("8O1", False)]
+)
+def test_of_parity_a_terminal_tells_only_the_odd_one(
+    tmp_path: Path, client: str, understood: bool
+) -> None:
     """Linux drops PARENB on pseudo-terminals and keeps PARODD: even and none are the same there."""
     with SimProcess(line_file(tmp_path, (19200, "8N1")), tmp_path / "sim") as sim:
         url = load_line(sim.line_path).station("s1").url
@@ -50,7 +59,9 @@ def test_of_parity_a_terminal_tells_only_the_odd_one(tmp_path: Path, client: str
 
 
 def asked_and_changed(url: str) -> bytes:
-    """What comes after the change; nothing where a busy machine had not even read the question by then."""
+    """What comes after the change; nothing where a busy machine had not even read the question by
+    then.
+    """
     with serial.serial_for_url(url, 9600, timeout=0.3) as port:
         port.write(READ)
         port.timeout = 0.05  # the question is read by then, and its answer not sent yet

@@ -42,7 +42,10 @@ def test_a_limit_that_is_high_enough_is_left_alone() -> None:
 
 def test_a_hard_limit_is_said_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resource, "getrlimit", lambda _: (1024, 1024))
-    with pytest.raises(UsageError, match=r"5000 ports need \d+ open files .* only 1024; .*ulimit -Hn \d+.*LimitNOFILE=\d+"):
+    with pytest.raises(
+        UsageError,
+        match=r"5000 ports need \d+ open files .* only 1024; .*ulimit -Hn \d+.*LimitNOFILE=\d+",
+    ):
         allow_ports(5000)
 
 
@@ -57,7 +60,10 @@ def _refuse() -> None:
     raise ValueError("current limit exceeds maximum limit")
 
 
-@pytest.mark.skipif(resource.getrlimit(resource.RLIMIT_NOFILE)[1] < 2048, reason="the hard limit on open files is below 2048")
+@pytest.mark.skipif(
+    resource.getrlimit(resource.RLIMIT_NOFILE)[1] < 2048,
+    reason="the hard limit on open files is below 2048",
+)
 def test_300_ports_beyond_descriptor_1023() -> None:
     with _soft_limit(2048), contextlib.ExitStack() as stack:
         for _ in range(1024):  # fill the numbers that select() can watch
@@ -74,7 +80,8 @@ def _talk_on(stack: contextlib.ExitStack, fars: list[Terminal]) -> None:
     assert len(set(descriptors)) == MANY
     for number, (far, port) in enumerate(zip(fars, ports, strict=True)):
         port.write(b"question %d" % number)
-        assert os.read(far.far, 100) == b"question %d" % number  # select() could not wait for this one either
+        # select() could not wait for this one either
+        assert os.read(far.far, 100) == b"question %d" % number
         far.say(b"answer %d" % number)
     for number, port in enumerate(ports):
         assert port.read(1.0) == b"answer %d" % number

@@ -20,7 +20,20 @@ def test_a_run_leaves_its_metrics_and_does_not_wait_for_them(
 ) -> None:
     monkeypatch.delenv(OFF)
     line, _ = bench
-    ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "3s", "-s", "ale-1", "--rate", "5")
+    ended = jbclog(
+        "run",
+        RECIPE,
+        "--line",
+        line,
+        "--out",
+        tmp_path / "runs",
+        "-d",
+        "3s",
+        "-s",
+        "ale-1",
+        "--rate",
+        "5",
+    )
     folder = Path(ended.stdout.splitlines()[-1])
     assert not (folder / "metrics.parquet").exists()
     assert check(folder) == []

@@ -1,4 +1,6 @@
-"""An OMEGA through real pseudo-terminals, as a person meets it: plan, run, and a joint made by hand."""
+"""An OMEGA through real pseudo-terminals, as a person meets it: plan, run, and a joint made by
+hand.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ RECIPE = PROFILES / "recipes" / "omega-point.toml"
 
 @pytest.fixture
 def line(tmp_path: Path) -> Iterator[Path]:
-    """A virtual OMEGA, served; the line file for a run. It holds condition 101 as the recipe has it."""
+    """A virtual OMEGA, served; the line file for a run. It holds condition 101 as the recipe has
+    it.
+    """
     (tmp_path / "line.toml").write_text(LINE)
     with SimProcess(tmp_path / "line.toml", tmp_path / "virtual") as stations:
         yield stations.line_path
@@ -37,7 +41,9 @@ def line(tmp_path: Path) -> Iterator[Path]:
 
 def test_a_run_that_proves_a_condition(line: Path, tmp_path: Path) -> None:
     planned = jbclog("plan", RECIPE, "--line", line)
-    assert "78.4% of the link at 250 ms, the manual's maximum; highest rate 1.2 Hz" in planned.stdout
+    assert (
+        "78.4% of the link at 250 ms, the manual's maximum; highest rate 1.2 Hz" in planned.stdout
+    )
     assert "note: omega-1 has no safe state that can be set" in planned.stderr
     ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "2s")
     assert ended.returncode == 0, ended.stderr
@@ -52,9 +58,22 @@ def test_a_run_that_proves_a_condition(line: Path, tmp_path: Path) -> None:
 def test_another_condition_is_written_with_leave(line: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.toml"
     other.write_text(RECIPE.read_text().replace("rise_s = 0.3", "rise_s = 0.9"))
-    written = jbclog("run", other, "--line", line, "--out", tmp_path / "runs", "-d", "1s", "--allow-omega-write", "--json")
+    written = jbclog(
+        "run",
+        other,
+        "--line",
+        line,
+        "--out",
+        tmp_path / "runs",
+        "-d",
+        "1s",
+        "--allow-omega-write",
+        "--json",
+    )
     assert written.returncode == 0, written.stderr
-    settings = pd.read_parquet(Path(json.loads(written.stdout)["run"]) / "settings").set_index("setting")
+    settings = pd.read_parquet(Path(json.loads(written.stdout)["run"]) / "settings").set_index(
+        "setting"
+    )
     assert settings.loc["condition_101.rise_s", "readback"] == "0.9"
     assert set(settings["outcome"]) == {"confirmed"}
 
@@ -63,7 +82,16 @@ def test_a_joint_made_by_hand_is_waited_for(line: Path, tmp_path: Path) -> None:
     asked = jbclog("write", "omega-1", "run_condition", "101", "--line", line)
     assert asked.returncode == 2
     done = jbclog(
-        *("write", "omega-1", "run_condition", "101", "--yes-i-mean", "omega-1", "--snapshot", tmp_path / "before.json"),
+        *(
+            "write",
+            "omega-1",
+            "run_condition",
+            "101",
+            "--yes-i-mean",
+            "omega-1",
+            "--snapshot",
+            tmp_path / "before.json",
+        ),
         *("--line", line),
     )
     assert done.returncode == 0, done.stderr

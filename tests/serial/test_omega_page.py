@@ -1,4 +1,6 @@
-"""An OMEGA that knows no more than its printed page, on a real pseudo-terminal: recorded, reported, judged."""
+"""An OMEGA that knows no more than its printed page, on a real pseudo-terminal: recorded, reported,
+judged.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,10 @@ from jbclog.record.check import check
 from support.command import jbclog
 from support.oracles.printed_omega import PageOmega, served
 
-RECIPE = '[recipe]\nname = "states"\nrevision = 1\nfamilies = ["omega"]\n[acceptance]\ncoverage_percent = 90\nlongest_gap_s = 5\n'
+RECIPE = (
+    '[recipe]\nname = "states"\nrevision = 1\nfamilies = ["omega"]\n[acceptance]\ncoverage_percent'
+    " = 90\nlongest_gap_s = 5\n"
+)
 
 
 def test_a_controller_that_says_a_and_no_more(tmp_path: Path) -> None:
@@ -22,9 +27,25 @@ def test_a_controller_that_says_a_and_no_more(tmp_path: Path) -> None:
     line, recipe = tmp_path / "line.toml", tmp_path / "states.toml"
     recipe.write_text(RECIPE)
     with served(controller) as far:
-        line.write_text(f'[line]\nname = "x"\n[[station]]\nname = "omega-1"\nurl = "{far.url}"\nfamily = "omega"\n')
-        controller.receive(b"\x02RSMN\x03\x03", 0.0)  # somebody looked for a JBC station: the first A is swallowed
-        run = jbclog("run", recipe, "--line", line, "--out", tmp_path / "runs", "-d", "2s", "--rate", "1", "--json")
+        line.write_text(
+            f'[line]\nname = "x"\n[[station]]\nname = "omega-1"\nurl = "{far.url}"\nfamily ='
+            ' "omega"\n'
+        )
+        # somebody looked for a JBC station: the first A is swallowed
+        controller.receive(b"\x02RSMN\x03\x03", 0.0)
+        run = jbclog(
+            "run",
+            recipe,
+            "--line",
+            line,
+            "--out",
+            tmp_path / "runs",
+            "-d",
+            "2s",
+            "--rate",
+            "1",
+            "--json",
+        )
     folder = Path(json.loads(run.stdout)["run"])
     assert check(folder) == []
     assert set(controller.texts) == {"A", "B", "F"}
@@ -33,7 +54,12 @@ def test_a_controller_that_says_a_and_no_more(tmp_path: Path) -> None:
     assert set(samples["reasons"]) == {"solder_shortage=no_digit;clogged=no_digit"}
     assert CliRunner().invoke(app, ["report", str(folder)]).exit_code in (0, 1)
     verdict = json.loads((folder / "report.json").read_text())["verdict"]
-    coverage, gap = (rule for name in ("coverage", "longest_gap") for rule in verdict["rules"] if rule["name"] == name)
+    coverage, gap = (
+        rule
+        for name in ("coverage", "longest_gap")
+        for rule in verdict["rules"]
+        if rule["name"] == name
+    )
     assert (verdict["word"], run.returncode) == ("INCONCLUSIVE", 1)
     assert coverage["text"] == "Every answer lacked the digit of the state, so no state is known."
     assert (gap["result"], gap["text"]) == (coverage["result"], coverage["text"])

@@ -27,12 +27,22 @@ from jbclog.transport.port import ObjectPort, Port
 from jbclog.transport.system_ports import holder_of, process_text
 from serial import rfc2217
 from support.command import until
-from support.links.far_ends import Server, Terminal, open_descriptors, rfc2217_server, server, terminal
+from support.links.far_ends import (
+    Server,
+    Terminal,
+    open_descriptors,
+    rfc2217_server,
+    server,
+    terminal,
+)
 
 LINE = LineFormat()
 EVERY_BYTE = bytes(range(256))
 TIOCGEXCL = 0x80045440  # asks whether TIOCEXCL holds; Python has no name for it
-rfc2217_of_python_3_11 = pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # in pyserial
+# in pyserial
+rfc2217_of_python_3_11 = pytest.mark.filterwarnings(
+    "ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning"
+)
 
 
 def test_every_byte_passes_a_device_both_ways() -> None:
@@ -92,7 +102,8 @@ def test_rate_and_format_are_set() -> None:
         port.close()
 
 
-@pytest.mark.parametrize("baudrate", [1200, 250000])  # the ends of manual 000's list that are no termios constant or slow
+# the ends of manual 000's list that are no termios constant or slow
+@pytest.mark.parametrize("baudrate", [1200, 250000])
 def test_the_printed_rates_open(baudrate: int) -> None:
     with terminal() as far:
         open_port(far.url, LineFormat(baudrate)).close()
@@ -117,10 +128,20 @@ def test_a_loop_has_no_descriptor_and_works() -> None:
 
 
 @pytest.mark.parametrize(
-    "url", ["spy://{far}?file={file}", "SPY://{far}?file={file}", "spy:///dev/null?file={file}", "alt://{far}"]
+    "url",
+    [
+        "spy://{far}?file={file}",
+        "SPY://{far}?file={file}",
+        "spy:///dev/null?file={file}",
+        "alt://{far}",
+    ],
 )
-def test_a_kind_of_port_that_writes_files_or_loads_code_is_not_even_parsed(tmp_path: Path, url: str) -> None:
-    """pyserial's spy:// opens the file that the url names for writing as soon as it reads the url."""
+def test_a_kind_of_port_that_writes_files_or_loads_code_is_not_even_parsed(
+    tmp_path: Path, url: str
+) -> None:
+    """pyserial's spy:// opens the file that the url names for writing as soon as it reads the
+    url.
+    """
     file = tmp_path / "precious"
     file.write_text("precious")
     with terminal() as far, pytest.raises(LinkError, match="not a port that may be opened"):
@@ -143,7 +164,8 @@ def test_rfc2217_both_ways(monkeypatch: pytest.MonkeyPatch) -> None:
         far.say(b"\x02ASMN DDE\x03\x00")
         assert _heard(port, 11) == b"\x02ASMN DDE\x03\x00"
         with monkeypatch.context() as patch:
-            patch.delattr(rfc2217.Serial, "_reconfigure_port")  # which setting its time-out anew calls: 0.05 s each time
+            # which setting its time-out anew calls: 0.05 s each time
+            patch.delattr(rfc2217.Serial, "_reconfigure_port")
             assert [port.read(0.0) for _ in range(3)] == 3 * [b""]
         port.close()
 
@@ -156,9 +178,13 @@ def test_ser2net(tmp_path: Path) -> None:
     with terminal() as far:
         configuration = tmp_path / "ser2net.yaml"
         configuration.write_text(SER2NET.format(number=number, device=far.url))
-        with subprocess.Popen(["ser2net", "-d", "-u", "-c", configuration], stderr=subprocess.DEVNULL) as running:
+        with subprocess.Popen(
+            ["ser2net", "-d", "-u", "-c", configuration], stderr=subprocess.DEVNULL
+        ) as running:
             try:
-                _talk_through(_opened_within(5.0, f"rfc2217://127.0.0.1:{number}?ign_set_control"), far)
+                _talk_through(
+                    _opened_within(5.0, f"rfc2217://127.0.0.1:{number}?ign_set_control"), far
+                )
             finally:
                 running.kill()
 
@@ -210,7 +236,7 @@ def test_a_port_costs_one_descriptor() -> None:
         assert open_descriptors() == before
 
 
-# -- who holds it --------------------------------------------------------------------------------------------------------
+# -- who holds it ----------------------------------------------------------------------------------
 
 
 def test_a_second_opening_is_refused_and_says_that_it_is_us() -> None:
@@ -273,10 +299,15 @@ def test_a_link_to_a_held_device_is_busy_too(tmp_path: Path) -> None:
 
 
 def test_a_program_that_took_no_lock_is_found_by_its_open_files() -> None:
-    script = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print('open', flush=True); sys.stdin.read()"
+    script = (
+        "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print('open', flush=True);"
+        " sys.stdin.read()"
+    )
     with (
         terminal() as far,
-        subprocess.Popen([sys.executable, "-c", script, far.url], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other,
+        subprocess.Popen(
+            [sys.executable, "-c", script, far.url], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        ) as other,
     ):
         assert other.stdout is not None
         assert other.stdout.readline() == b"open\n"
@@ -289,13 +320,18 @@ def test_a_program_that_took_no_lock_is_found_by_its_open_files() -> None:
 
 
 def _holding(far: Terminal) -> subprocess.Popen[str]:
-    holder = subprocess.Popen([sys.executable, "-c", HOLD, far.url], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, far.url],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert holder.stdout is not None
     assert holder.stdout.readline() == "held\n"
     return holder
 
 
-# -- what cannot be opened -----------------------------------------------------------------------------------------------
+# -- what cannot be opened -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -320,7 +356,11 @@ def test_what_is_no_port_is_a_link_error_with_the_url(url: str, sentence: str) -
 @pytest.mark.parametrize(
     ("number", "kind", "sentence"),
     [
-        (errno.EACCES, PortForbidden, "no permission to open it; add the user to the group that owns the device"),
+        (
+            errno.EACCES,
+            PortForbidden,
+            "no permission to open it; add the user to the group that owns the device",
+        ),
         (errno.ENODEV, PortMissing, "no such port; check that it is plugged in"),
         (errno.EMFILE, LinkError, "may not open more files; raise the limit"),
     ],
@@ -367,7 +407,9 @@ def test_a_failed_opening_leaves_nothing_open() -> None:
 
 
 @pytest.mark.parametrize("step", ["_keep_others_out", "DescriptorPort"])
-def test_an_opening_that_memory_is_refused_for_locks_nobody_out(step: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_opening_that_memory_is_refused_for_locks_nobody_out(
+    step: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A guard tries again, and must not find the port in its own hands."""
 
     def refuse(*_: object) -> None:
@@ -393,7 +435,9 @@ def test_the_far_end_sees_the_client_go_at_once() -> None:
 
 
 @rfc2217_of_python_3_11
-def test_an_rfc2217_server_that_sends_without_end_has_to_wait(capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_rfc2217_server_that_sends_without_end_has_to_wait(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
     """pyserial would keep all of it."""
     is_over = Event()
     with terminal() as device, rfc2217_server(device) as server:

@@ -43,7 +43,8 @@ def test_a_question_goes_out_and_its_answer_comes_back() -> None:
         b"\x02RSMN" + MAXIMUM,
         MODEL[:-1],
         b"\x02RSMN\x03\x02",  # a wrong check byte
-        b"\x02RS\x02WRST\x03\x02\x03" + bytes([0x52 ^ 0x53 ^ 0x02 ^ 0x57 ^ 0x52 ^ 0x53 ^ 0x54 ^ 0x03 ^ 0x02 ^ 0x02 ^ 0x03]),
+        b"\x02RS\x02WRST\x03\x02\x03"
+        + bytes([0x52 ^ 0x53 ^ 0x02 ^ 0x57 ^ 0x52 ^ 0x53 ^ 0x54 ^ 0x03 ^ 0x02 ^ 0x02 ^ 0x03]),
         b"\x02ASMN  DDE\x03\x00",
         b"\x00",
         b"",
@@ -61,7 +62,8 @@ def test_all_else_is_refused_and_not_a_byte_of_it_is_sent(data: bytes) -> None:
 
 def test_what_a_question_is_the_caller_says() -> None:
     with terminal() as far:
-        port = ReadOnly(open_port(far.url, LineFormat()), lambda data: data == b"\x02A\x0341")  # 003: OMEGA's information request
+        # 003: OMEGA's information request
+        port = ReadOnly(open_port(far.url, LineFormat()), lambda data: data == b"\x02A\x0341")
         port.write(b"\x02A\x0341")
         assert far.heard() == b"\x02A\x0341"
         with pytest.raises(WriteForbidden):

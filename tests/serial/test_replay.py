@@ -60,7 +60,15 @@ every = 23
 HZ, SECONDS = 5, 3
 EXIT_STATION = 3
 FAST = ["temperature_c", "power_permille", "status"]
-SLOW = ["set_c", "tool", "port_error", "station_error", "alarm_high", "transformer_c", "transistor_c"]
+SLOW = [
+    "set_c",
+    "tool",
+    "port_error",
+    "station_error",
+    "alarm_high",
+    "transformer_c",
+    "transistor_c",
+]
 
 
 def only_run(out: Path) -> Path:
@@ -84,7 +92,8 @@ def served(run: Path, folder: Path, *options: str) -> Iterator[subprocess.Popen[
 def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run in the field: corrupt frames and an outage on one station, time-outs on the other.
 
-    The cable is out at a fixed time of the station's life: on a busy machine that can be when the run ends. Then another is made.
+    The cable is out at a fixed time of the station's life: on a busy machine that can be when the
+    run ends. Then another is made.
     """
     for _ in range(5):
         place = tmp_path_factory.mktemp("field")
@@ -98,7 +107,18 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def recorded_in(place: Path) -> subprocess.CompletedProcess[str]:
     (place / "line.toml").write_text(LINE)
     with SimProcess(place / "line.toml", place / "bench") as stations:
-        options = ("--line", stations.line_path, "--out", place / "runs", "-d", f"{SECONDS}s", "--rate", str(HZ), "--order", "A 7")
+        options = (
+            "--line",
+            stations.line_path,
+            "--out",
+            place / "runs",
+            "-d",
+            f"{SECONDS}s",
+            "--rate",
+            str(HZ),
+            "--order",
+            "A 7",
+        )
         return jbclog("run", RECIPE, *options, "--wire")
 
 
@@ -113,7 +133,12 @@ def test_every_byte_is_in_the_runs_folder(original: Path) -> None:
     assert manifest.wire == "whole"
     assert {file.path for file in manifest.files} >= {"wire/dde-1.tsv.gz", "wire/ucr-1.tsv.gz"}
     passed = list(read_rows(wire_path(original, "dde-1")))
-    assert [row.what for row in passed if row.what in ("opened", "lost", "closed")] == ["opened", "lost", "opened", "closed"]
+    assert [row.what for row in passed if row.what in ("opened", "lost", "closed")] == [
+        "opened",
+        "lost",
+        "opened",
+        "closed",
+    ]
     assert any(row.what == "failed" for row in passed)
     (station,) = (facts for facts in manifest.stations if facts.name == "dde-1")
     assert station.outages == 1
@@ -155,34 +180,49 @@ def test_recorded_again_at_its_own_pace(original: Path, tmp_path: Path) -> None:
         assert len(theirs) == len(ours) == HZ * SECONDS
         for column in (*FAST, *SLOW):
             assert is_in_order(theirs[column], ours[column]), column
-        if was_on_time(ours) and was_on_time(theirs) and all(abs(theirs[one].count() - ours[one].count()) <= 1 for one in FAST):
+        if (
+            was_on_time(ours)
+            and was_on_time(theirs)
+            and all(abs(theirs[one].count() - ours[one].count()) <= 1 for one in FAST)
+        ):
             for column in FAST:
                 assert share_of_same(ours[column], theirs[column]) > 0.8, column
-            for column in SLOW:  # when the wire has room for them is a matter of fractions of a millisecond
+            # when the wire has room for them is a matter of fractions of a millisecond
+            for column in SLOW:
                 assert abs(theirs[column].count() - ours[column].count()) <= 1, column
         written = ["port", "setting", "requested", "written", "readback", "outcome"]
-        pd.testing.assert_frame_equal(first.settings(station)[written], second.settings(station)[written])
+        pd.testing.assert_frame_equal(
+            first.settings(station)[written], second.settings(station)[written]
+        )
         assert second.counters(station)["raw"].to_list() == first.counters(station)["raw"].to_list()
         assert kinds(second, station) == kinds(first, station)
 
 
 def was_on_time(samples: pd.DataFrame) -> bool:
-    """Whether the host asked each tick's first question in the first tenth of the tick: else values move to other ticks."""
+    """Whether the host asked each tick's first question in the first tenth of the tick: else values
+    move to other ticks.
+    """
     return bool(samples["late_us"].max() < 0.1e6 / HZ)
 
 
 def share_of_same(ours: pd.Series, theirs: pd.Series) -> float:
-    """Share of their values that are ours at that tick or at a neighbour of it; 1.0 where there are none to compare.
+    """Share of their values that are ours at that tick or at a neighbour of it; 1.0 where there are
+    none to compare.
 
-    A busy host answers a tick's question late, and then the served run gives the value of the next tick.
+    A busy host answers a tick's question late, and then the served run gives the value of the next
+    tick.
     """
     both = ours.notna() & theirs.notna()
-    same = pd.concat([ours.shift(by) == theirs for by in (-1, 0, 1)], axis=1).fillna(False).any(axis=1)
+    same = (
+        pd.concat([ours.shift(by) == theirs for by in (-1, 0, 1)], axis=1).fillna(False).any(axis=1)
+    )
     return float(same[both].mean()) if both.any() else 1.0
 
 
 def is_in_order(read: pd.Series, of: pd.Series) -> bool:
-    """Whether the values that were read are values of the other, in its order, each for as many ticks as it may be."""
+    """Whether the values that were read are values of the other, in its order, each for as many
+    ticks as it may be.
+    """
     left = iter(changes(of))
     return all(value in left for value in changes(read))
 
@@ -194,7 +234,9 @@ def changes(column: pd.Series) -> list[int]:
 
 
 def kinds(run: Run, station: str) -> list[str]:
-    """What happened; that a slow signal was not read may fall behind the end, and a busy host costs ticks."""
+    """What happened; that a slow signal was not read may fall behind the end, and a busy host costs
+    ticks.
+    """
     of_the_host = ("read.", "alarm.", "host.", "station.slow")
     return [kind for kind in run.events(station)["kind"] if not kind.startswith(of_the_host)]
 
@@ -206,16 +248,32 @@ CALM = re.sub(r"\[\[station.sim.fault\]\].*?(?=\n\n|\Z)", "", LINE, flags=re.DOT
 def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two stations of which nothing is wrong, at periods of their own."""
     place = tmp_path_factory.mktemp("calm")
-    (place / "line.toml").write_text(CALM.replace("noise_c = 0.5", "noise_c = 0.5\nturnaround_ms = 60.0", 1))
+    (place / "line.toml").write_text(
+        CALM.replace("noise_c = 0.5", "noise_c = 0.5\nturnaround_ms = 60.0", 1)
+    )
     with SimProcess(place / "line.toml", place / "bench") as stations:
-        ended = jbclog("run", RECIPE, "--line", stations.line_path, "--out", place / "runs", "-d", "6s", "--rate", "fit", "--wire")
+        ended = jbclog(
+            "run",
+            RECIPE,
+            "--line",
+            stations.line_path,
+            "--out",
+            place / "runs",
+            "-d",
+            "6s",
+            "--rate",
+            "fit",
+            "--wire",
+        )
     assert ended.returncode in (0, 1), ended.stderr
     return only_run(place / "runs")
 
 
 @pytest.mark.campaign
 def test_recorded_again_it_has_the_same_rows(calm: Path, tmp_path: Path) -> None:
-    """Each station as many rows as then, at its own rate, and where the host lost no tick the same values in them."""
+    """Each station as many rows as then, at its own rate, and where the host lost no tick the same
+    values in them.
+    """
     with served(calm, tmp_path / "served") as replaying:
         assert replaying.stderr is not None
         replaying.stderr.readline()
@@ -224,7 +282,9 @@ def test_recorded_again_it_has_the_same_rows(calm: Path, tmp_path: Path) -> None
     assert ended.returncode in (0, 1), ended.stderr
     again = only_run(tmp_path / "runs")
     first, second = read_manifest(calm), read_manifest(again)
-    assert [one.period_s for one in second.stations] == pytest.approx([one.period_s for one in first.stations])
+    assert [one.period_s for one in second.stations] == pytest.approx(
+        [one.period_s for one in first.stations]
+    )
     assert len({one.period_s for one in first.stations}) == 2
     for station in ("dde-1", "ucr-1"):
         ours, theirs = rows(calm, station), rows(again, station)
@@ -233,10 +293,13 @@ def test_recorded_again_it_has_the_same_rows(calm: Path, tmp_path: Path) -> None
         for column in FAST:
             assert share_of_same(ours[on_time][column], theirs[on_time][column]) > 0.9
         assert set(kinds(open_run(calm), station)) <= set(kinds(open_run(again), station))
-        assert open_run(again).counters(station)["raw"].to_list() == open_run(calm).counters(station)["raw"].to_list()
+        assert (
+            open_run(again).counters(station)["raw"].to_list()
+            == open_run(calm).counters(station)["raw"].to_list()
+        )
 
 
-# -- nothing compared is no success ---------------------------------------------------------------------------------------------
+# -- nothing compared is no success ----------------------------------------------------------------
 
 
 @pytest.fixture
@@ -258,7 +321,9 @@ def test_a_station_whose_wire_is_gone_is_told_and_no_success(copied: Path, tmp_p
 
 
 @pytest.mark.parametrize("size", [2500, 6000])
-def test_a_wire_that_was_cut_is_told_with_its_share_and_no_success(copied: Path, tmp_path: Path, size: int) -> None:
+def test_a_wire_that_was_cut_is_told_with_its_share_and_no_success(
+    copied: Path, tmp_path: Path, size: int
+) -> None:
     for station in ("dde-1", "ucr-1"):
         os.truncate(wire_path(copied, station), size)
     code, told = held(copied, tmp_path / "again")
@@ -269,8 +334,12 @@ def test_a_wire_that_was_cut_is_told_with_its_share_and_no_success(copied: Path,
     assert told["uncompared"]
 
 
-def test_a_row_too_many_is_a_difference(copied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is compared as far as both go finds no row that came on top: only a recording that was cut is compared so."""
+def test_a_row_too_many_is_a_difference(
+    copied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is compared as far as both go finds no row that came on top: only a recording that was
+    cut is compared so.
+    """
     from jbclog.app.run.run_record import RunRecord
     from jbclog.core.rows import EventRow, Severity
 
@@ -278,7 +347,13 @@ def test_a_row_too_many_is_a_difference(copied: Path, tmp_path: Path, monkeypatc
 
     def with_another(run_record: RunRecord) -> str | None:
         run_record.journal.event(
-            EventRow(run_record.utc.micros(run_record.clock.monotonic()), "x.more", Severity.INFO, "More.", "dde-1")
+            EventRow(
+                run_record.utc.micros(run_record.clock.monotonic()),
+                "x.more",
+                Severity.INFO,
+                "More.",
+                "dde-1",
+            )
         )
         return close(run_record)
 
@@ -292,7 +367,15 @@ def test_a_row_too_many_is_a_difference(copied: Path, tmp_path: Path, monkeypatc
 def test_a_recorder_that_was_killed_leaves_all_but_the_last_second(tmp_path: Path) -> None:
     (tmp_path / "line.toml").write_text(LINE.replace("dropout", "overheat"))
     with SimProcess(tmp_path / "line.toml", tmp_path / "bench") as stations:
-        options = ("--line", stations.line_path, "--out", tmp_path / "runs", "--rate", str(HZ), "--wire")
+        options = (
+            "--line",
+            stations.line_path,
+            "--out",
+            tmp_path / "runs",
+            "--rate",
+            str(HZ),
+            "--wire",
+        )
         recorder = started("run", RECIPE, *options)
         assert until(lambda: is_sampling(tmp_path / "runs"))
         run = only_run(tmp_path / "runs")
@@ -309,15 +392,25 @@ def test_a_recorder_that_was_killed_leaves_all_but_the_last_second(tmp_path: Pat
     again = jbclog("replay", run, "--record", tmp_path / "again", "--json")
     assert again.returncode == 0, again.stdout + again.stderr
     told = json.loads(again.stdout)
-    assert (told["run"], told["same"], told["differences"]) == (str(only_run(tmp_path / "again")), True, [])
-    assert re.search(r"dde-1: the recording ends [\d.]+ s after the run's start, before its session did", told["left"][0])
+    assert (told["run"], told["same"], told["differences"]) == (
+        str(only_run(tmp_path / "again")),
+        True,
+        [],
+    )
+    assert re.search(
+        r"dde-1: the recording ends [\d.]+ s after the run's start, before its session did",
+        told["left"][0],
+    )
 
 
 def test_wrong_usage(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     for arguments, why in (
-        ([str(original), "--record", "again", "--dir", "x"], "--record serves no stations: omit --dir and --tcp"),
+        (
+            [str(original), "--record", "again", "--dir", "x"],
+            "--record serves no stations: omit --dir and --tcp",
+        ),
         (["nowhere"], "no such folder"),
         (["empty"], "only a run recorded with --wire can be replayed"),
         ([str(original), "--dir", str(original)], "would be overwritten"),

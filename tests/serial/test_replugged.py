@@ -1,7 +1,8 @@
-"""Adapters that come back under another name, or under each other's, on real pseudo-terminals with links as udev makes them.
+"""Adapters that come back under another name, or under each other's, on real pseudo-terminals with
+links as udev makes them.
 
-The default run has one adapter that gets another number; ``pytest -n0 -m campaign tests/serial/test_replugged.py`` swaps two, ten
-times, and sets one right again.
+The default run has one adapter that gets another number; ``pytest -n0 -m campaign
+tests/serial/test_replugged.py`` swaps two, ten times, and sets one right again.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ for_s = {for_s}
 
 
 def line(**hours: int) -> str:
-    stations = (STATION.format(name=name, hours=hours[name], out_s=OUT_S, for_s=FOR_S) for name in hours)
+    stations = (
+        STATION.format(name=name, hours=hours[name], out_s=OUT_S, for_s=FOR_S) for name in hours
+    )
     return '[line]\nname = "udev"\n' + "".join(stations)
 
 
@@ -62,9 +65,13 @@ class Udev:
         return os.path.realpath(path) if path.exists() else ""
 
 
-def run(udev: Udev, served: ServedLine, out: Path, meanwhile: Callable[[], object]) -> tuple[int, Path]:
+def run(
+    udev: Udev, served: ServedLine, out: Path, meanwhile: Callable[[], object]
+) -> tuple[int, Path]:
     """`jbclog run`; what happens while the adapters are out. Its exit code and folder."""
-    recorder = started("run", served.recipe, "--line", udev.line, "--out", out, "-d", f"{RUN_S}s", "--rate", "fit")
+    recorder = started(
+        "run", served.recipe, "--line", udev.line, "--out", out, "-d", f"{RUN_S}s", "--rate", "fit"
+    )
     assert until(lambda: all(not udev.device(name) for name in served.stations), 60)
     meanwhile()
     said, errors = recorder.communicate(timeout=200)
@@ -84,7 +91,9 @@ def assert_only_asked_writes(served: ServedLine) -> None:
 
 
 def take_number(device: str, held: list[int]) -> bool:
-    """Hold the pseudo-terminal of this number; the lower ones are given out first. False where another process has it."""
+    """Hold the pseudo-terminal of this number; the lower ones are given out first. False where
+    another process has it.
+    """
     while True:
         ours, theirs = os.openpty()
         taken = os.ttyname(theirs)
@@ -98,7 +107,9 @@ def take_number(device: str, held: list[int]) -> bool:
 
 
 def test_an_adapter_comes_back_under_another_name(tmp_path: Path) -> None:
-    """Another test may hold its number while it is out, and give it back in time: that trial shows nothing."""
+    """Another test may hold its number while it is out, and give it back in time: that trial shows
+    nothing.
+    """
     assert any(renamed(tmp_path / str(trial)) for trial in range(4))
 
 
@@ -109,7 +120,10 @@ def renamed(tmp_path: Path) -> bool:
         udev = Udev(tmp_path / "dev", served)
         before, held = udev.device("one"), list[int]()
         code, folder = run(
-            udev, served, tmp_path / "runs", lambda: until(lambda: take_number(before, held), FOR_S / 2, every_s=0.01)
+            udev,
+            served,
+            tmp_path / "runs",
+            lambda: until(lambda: take_number(before, held), FOR_S / 2, every_s=0.01),
         )
         after = udev.device("one")
         for descriptor in held:
@@ -118,7 +132,11 @@ def renamed(tmp_path: Path) -> bool:
             return False
         assert code == 0
         told = kinds(folder, "one")
-        assert (told.count("link.lost"), told.count("link.back"), told.count("identity.changed")) == (1, 1, 0)
+        assert (
+            told.count("link.lost"),
+            told.count("link.back"),
+            told.count("identity.changed"),
+        ) == (1, 1, 0)
         assert check(folder) == []
         assert_only_asked_writes(served)
         assert served.at_work() == 0

@@ -31,7 +31,20 @@ def only_run(out: Path) -> Path:
 
 def test_a_run_leaves_the_folder_that_the_reference_describes(bench: Bench, tmp_path: Path) -> None:
     line, wire = bench
-    ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "4s", "-s", "ale-1", "--rate", "5")
+    ended = jbclog(
+        "run",
+        RECIPE,
+        "--line",
+        line,
+        "--out",
+        tmp_path / "runs",
+        "-d",
+        "4s",
+        "-s",
+        "ale-1",
+        "--rate",
+        "5",
+    )
     folder = Path(ended.stdout.splitlines()[-1])
     assert folder == only_run(tmp_path / "runs")
     assert sorted(path.name for path in folder.iterdir()) == [
@@ -56,29 +69,59 @@ def test_a_run_leaves_the_folder_that_the_reference_describes(bench: Bench, tmp_
 
 def test_the_record_proves_each_setting(bench: Bench, tmp_path: Path) -> None:
     line, wire = bench
-    ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "2s", "-s", "ale-1", "--rate", "5")
+    ended = jbclog(
+        "run",
+        RECIPE,
+        "--line",
+        line,
+        "--out",
+        tmp_path / "runs",
+        "-d",
+        "2s",
+        "-s",
+        "ale-1",
+        "--rate",
+        "5",
+    )
     settings = pd.read_parquet(Path(ended.stdout.split()[-1]) / "settings").set_index("setting")
     written = settings[settings["outcome"] == "confirmed"]
     assert (written["requested"] == written["readback"]).all()
     assert settings.loc["feeder_length", "readback"] == "5.00"
     assert settings.loc["sleep_delay", "outcome"] == "unchanged"
-    assert not any(text.startswith("WD1") for text in wire.writes("ale-1"))  # what already holds is not written
+    # what already holds is not written
+    assert not any(text.startswith("WD1") for text in wire.writes("ale-1"))
 
 
 def test_json_gives_one_object_with_the_run(bench: Bench, tmp_path: Path) -> None:
     line, _ = bench
-    ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "2s", "-s", "ucr-1", "--json")
+    ended = jbclog(
+        "run",
+        RECIPE,
+        "--line",
+        line,
+        "--out",
+        tmp_path / "runs",
+        "-d",
+        "2s",
+        "-s",
+        "ucr-1",
+        "--json",
+    )
     told = json.loads(ended.stdout)
     assert told["run"] == str(only_run(tmp_path / "runs"))
     assert told["exit_code"] == ended.returncode
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)]
+)
 def test_a_signal_cuts_a_stated_duration_short_and_leaves_the_tools_safe(
     bench: Bench, tmp_path: Path, number: signal.Signals, code: int
 ) -> None:
     line, wire = bench
-    run = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "--rate", "auto")
+    run = started(
+        "run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "--rate", "auto"
+    )
     assert until(lambda: is_sampling(tmp_path / "runs"))
     run.send_signal(number)
     run.send_signal(number)  # impatience changes nothing
@@ -91,9 +134,13 @@ def test_a_signal_cuts_a_stated_duration_short_and_leaves_the_tools_safe(
     assert check(only_run(tmp_path / "runs")) == []
 
 
-def test_signals_without_end_do_not_keep_a_record_from_being_sealed(bench: Bench, tmp_path: Path) -> None:
+def test_signals_without_end_do_not_keep_a_record_from_being_sealed(
+    bench: Bench, tmp_path: Path
+) -> None:
     line, _ = bench
-    run = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1")
+    run = started(
+        "run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1"
+    )
     assert until(lambda: is_sampling(tmp_path / "runs"))
     while run.poll() is None:
         run.send_signal(signal.SIGINT)
@@ -118,29 +165,47 @@ def test_ctrl_c_is_the_normal_end_of_a_run_without_duration(bench: Bench, tmp_pa
 
 def test_a_second_recorder_is_told_who_holds_the_port(bench: Bench, tmp_path: Path) -> None:
     line, _ = bench
-    first = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1")
+    first = started(
+        "run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1"
+    )
     assert until(lambda: is_sampling(tmp_path / "runs"))
-    second = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "others", "-d", "2s", "-s", "ucr-1")
+    second = jbclog(
+        "run", RECIPE, "--line", line, "--out", tmp_path / "others", "-d", "2s", "-s", "ucr-1"
+    )
     first.terminate()
     first.communicate(timeout=200)
     assert second.returncode == 3
     (folder,) = (tmp_path / "runs").iterdir()
-    assert f"ucr-1: the run {folder} (process {first.pid}) holds this port; nothing was sent" in second.stderr
+    assert (
+        f"ucr-1: the run {folder} (process {first.pid}) holds this port; nothing was sent"
+        in second.stderr
+    )
     refused = only_run(tmp_path / "others")
     assert second.stdout == f"{refused}\n"
-    assert (read_manifest(refused).exit_status, read_manifest(refused).exit_code, check(refused)) == ("failed", 3, [])
+    assert (
+        read_manifest(refused).exit_status,
+        read_manifest(refused).exit_code,
+        check(refused),
+    ) == ("failed", 3, [])
 
 
 def test_a_second_run_through_a_server_s_port_is_refused_too(tmp_path: Path) -> None:
     source = tmp_path / "source.toml"
-    source.write_text('[line]\nname = "l"\n[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\n[station.sim]\n')
+    source.write_text(
+        '[line]\nname = "l"\n[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily ='
+        ' "ucr"\n[station.sim]\n'
+    )
     with SimProcess(source, tmp_path / "bench", tcp="127.0.0.1:0") as stations:
-        first = started("run", RECIPE, "--line", stations.line_path, "--out", tmp_path / "runs", "-d", "60s")
+        first = started(
+            "run", RECIPE, "--line", stations.line_path, "--out", tmp_path / "runs", "-d", "60s"
+        )
         try:
             assert until(lambda: is_sampling(tmp_path / "runs"))
             other = tmp_path / "other.toml"
             other.write_text(stations.line_path.read_text().replace("127.0.0.1", "localhost"))
-            second = jbclog("run", RECIPE, "--line", other, "--out", tmp_path / "others", "-d", "2s")
+            second = jbclog(
+                "run", RECIPE, "--line", other, "--out", tmp_path / "others", "-d", "2s"
+            )
         finally:
             first.terminate()
             first.communicate(timeout=200)
@@ -150,7 +215,9 @@ def test_a_second_run_through_a_server_s_port_is_refused_too(tmp_path: Path) -> 
 
 def test_what_was_committed_before_a_kill_is_recovered(bench: Bench, tmp_path: Path) -> None:
     line, _ = bench
-    run = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1")
+    run = started(
+        "run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1"
+    )
     assert until(lambda: is_sampling(tmp_path / "runs"))
     run.kill()
     run.communicate(timeout=200)
@@ -165,7 +232,9 @@ def test_what_was_committed_before_a_kill_is_recovered(bench: Bench, tmp_path: P
     assert (folder / "manifest.json").read_bytes() == manifest  # twice is as good as once
 
 
-def test_a_folder_that_cannot_hold_a_record_stops_the_run_before_any_question(bench: Bench, tmp_path: Path) -> None:
+def test_a_folder_that_cannot_hold_a_record_stops_the_run_before_any_question(
+    bench: Bench, tmp_path: Path
+) -> None:
     line, wire = bench
     (tmp_path / "runs").write_text("a file, not a folder")
     ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "2s")
@@ -181,14 +250,18 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
         pytest.skip("mount (as root) is needed for a small disk")
     folder = tmp_path / "small"
     folder.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", folder], capture_output=True, check=False)
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=8m", "tmpfs", folder], capture_output=True, check=False
+    )
     if mounted.returncode:
         pytest.skip("mount is not allowed here")
     yield folder
     subprocess.run(["umount", folder], check=True)
 
 
-def test_a_full_disk_ends_the_run_with_the_tools_safe(bench: Bench, tmp_path: Path, small_disk: Path) -> None:
+def test_a_full_disk_ends_the_run_with_the_tools_safe(
+    bench: Bench, tmp_path: Path, small_disk: Path
+) -> None:
     line, wire = bench
     run = started("run", RECIPE, "--line", line, "--out", small_disk, "-d", "60s", "--rate", "auto")
     assert until(lambda: is_sampling(small_disk))
@@ -201,4 +274,6 @@ def test_a_full_disk_ends_the_run_with_the_tools_safe(bench: Bench, tmp_path: Pa
                 break
         _, notes = run.communicate(timeout=200)
     assert run.returncode == 4, notes
-    assert all(STAND in wire.writes(station)[-2:] for station in ("dde-1", "dde-2", "ucr-1", "ale-1"))
+    assert all(
+        STAND in wire.writes(station)[-2:] for station in ("dde-1", "dde-2", "ucr-1", "ale-1")
+    )

@@ -1,4 +1,6 @@
-"""`jbclog safe` on real pseudo-terminals: beside no run, a run that listens, a run that hangs, and a port in foreign hands."""
+"""`jbclog safe` on real pseudo-terminals: beside no run, a run that listens, a run that hangs, and
+a port in foreign hands.
+"""
 
 from __future__ import annotations
 
@@ -64,9 +66,18 @@ def test_without_a_run_all_stations_at_once(line: ServedLine) -> None:
     assert len(ended.stdout.splitlines()) == TOOLS + 1
     assert "ale-1: feeder stopped" in ended.stdout
     places = {(order.station, order.port) for order in told(line, now)}
-    assert places == {("dde-1", 1), ("dde-1", 2), ("dde-2", 2), ("ucr-1", 1), ("ale-1", 0), ("ale-1", 1)}
+    assert places == {
+        ("dde-1", 1),
+        ("dde-1", 2),
+        ("dde-2", 2),
+        ("ucr-1", 1),
+        ("ale-1", 0),
+        ("ale-1", 1),
+    }
     assert (line.at_work(), line.motor("ale-1"), asleep.doing.state) == (0, False, HIBERNATION)
-    assert max(order.at for order in told(line, now)) - min(order.at for order in told(line, now)) < 10
+    assert (
+        max(order.at for order in told(line, now)) - min(order.at for order in told(line, now)) < 10
+    )
 
 
 def test_four_tools_that_heat_on_in_their_extractor_state_are_told_to_stand(tmp_path: Path) -> None:
@@ -82,7 +93,11 @@ def test_four_tools_that_heat_on_in_their_extractor_state_are_told_to_stand(tmp_
         ended = jbclog("safe", "--line", line.path)
         orders = line.orders(now)
     assert ended.returncode == 0, ended.stderr
-    assert sorted((order.port, order.value) for order in orders) == [(1, STAND), (3, STAND), (4, STAND)]
+    assert sorted((order.port, order.value) for order in orders) == [
+        (1, STAND),
+        (3, STAND),
+        (4, STAND),
+    ]
     assert orders[-1].at - now < 2 * ALLOWED_S  # the start of a process is in it
 
 
@@ -97,7 +112,9 @@ def running(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Pope
         run.communicate(timeout=200)
 
 
-def test_a_run_that_holds_the_line_is_asked_to_end_and_its_record_is_whole(line: ServedLine, tmp_path: Path) -> None:
+def test_a_run_that_holds_the_line_is_asked_to_end_and_its_record_is_whole(
+    line: ServedLine, tmp_path: Path
+) -> None:
     with running(line, tmp_path / "runs") as run:
         now = time.monotonic()
         ended = jbclog("safe", "--line", line.path, "--json")
@@ -106,7 +123,8 @@ def test_a_run_that_holds_the_line_is_asked_to_end_and_its_record_is_whole(line:
     assert ended.returncode == 0, ended.stderr
     assert facts["runs"] == [{"run": str(folder), "ended": "asked"}]
     assert f"the run {folder} holds this line and gets SIGTERM" in ended.stderr
-    assert {tool["rested"] for station in facts["stations"] for tool in station["tools"]} == {True}  # the run had done it
+    # the run had done it
+    assert {tool["rested"] for station in facts["stations"] for tool in station["tools"]} == {True}
     assert told(line, now + 0.1)
     assert line.at_work() == 0
     assert (read_manifest(folder).exit_status, check(folder)) == ("success", [])
@@ -122,14 +140,19 @@ def test_a_run_that_hangs_is_ended(line: ServedLine, tmp_path: Path, guard: bool
     facts = json.loads(ended.stdout)
     assert ended.returncode == 0, ended.stderr
     ends = [run["ended"] for run in facts["runs"]]
-    assert ends in ([["asked"], ["killed"], []] if guard else [["killed"]])  # a guard is faster, where it gets the processor
+    # a guard is faster, where it gets the processor
+    assert ends in ([["asked"], ["killed"], []] if guard else [["killed"]])
     if ends:
-        assert {tool["rested"] for station in facts["stations"] for tool in station["tools"]} == {ends == ["asked"]}
+        assert {tool["rested"] for station in facts["stations"] for tool in station["tools"]} == {
+            ends == ["asked"]
+        }
     assert {order.at - now < 30 for order in told(line, now + 0.1)} == {True}
     assert (line.at_work(), line.motor("ale-1")) == (0, False)
 
 
-def test_the_service_does_it_when_its_run_was_killed_without_a_guard(line: ServedLine, tmp_path: Path) -> None:
+def test_the_service_does_it_when_its_run_was_killed_without_a_guard(
+    line: ServedLine, tmp_path: Path
+) -> None:
     with running(line, tmp_path / "runs", "--no-guard") as run:
         run.kill()
         run.communicate(timeout=200)
@@ -140,7 +163,9 @@ def test_the_service_does_it_when_its_run_was_killed_without_a_guard(line: Serve
     assert (line.at_work(), line.motor("ale-1")) == (0, False)
 
 
-def test_a_port_in_foreign_hands_keeps_nobody_else_from_being_safe(line: ServedLine, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_in_foreign_hands_keeps_nobody_else_from_being_safe(
+    line: ServedLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(safe_state, "CONNECT_S", 0.5)
     put_to_work(line)
     foreign = open_port(line.url("ucr-1"), LineFormat())
@@ -156,8 +181,12 @@ def test_a_port_in_foreign_hands_keeps_nobody_else_from_being_safe(line: ServedL
 
 
 @pytest.mark.parametrize("cools", [True, False])
-def test_waiting_on_real_ports(line: ServedLine, monkeypatch: pytest.MonkeyPatch, cools: bool) -> None:
-    """Six tools whose heaters are off, from 340 °C down; where one stands instead, it stays above and is named."""
+def test_waiting_on_real_ports(
+    line: ServedLine, monkeypatch: pytest.MonkeyPatch, cools: bool
+) -> None:
+    """Six tools whose heaters are off, from 340 °C down; where one stands instead, it stays above
+    and is named.
+    """
     monkeypatch.setattr(safe_state, "COLD_EVERY_S", 0.3)
     monkeypatch.setattr(safe_state, "COLD_WITHIN_S", 60.0 if cools else 2.0)
     for port in line.tools():

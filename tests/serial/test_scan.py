@@ -1,4 +1,6 @@
-"""`jbclog scan` and `jbclog doctor` on real terminals and TCP, against virtual stations and against what is none."""
+"""`jbclog scan` and `jbclog doctor` on real terminals and TCP, against virtual stations and against
+what is none.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ from support.links.far_ends import Terminal, terminal
 Bench = tuple[Path, WireLog]
 NAMES = ("dde-1", "dde-2", "ucr-1", "ale-1")
 TCGETS2 = 0x802C542A
-SHORT = ScanPlan((Trial(LineFormat()), Trial(LineFormat(250000, "8E1"), listens_s=0.5)), addresses=(1, None))
+SHORT = ScanPlan(
+    (Trial(LineFormat()), Trial(LineFormat(250000, "8E1"), listens_s=0.5)), addresses=(1, None)
+)
 
 
 def urls(line: Path) -> list[str]:
@@ -46,8 +50,24 @@ def test_what_a_scan_writes_runs_as_it_is(bench: Bench, tmp_path: Path) -> None:
     assert [port["station"]["model"] for port in found["ports"]] == ["DDE", "DDE", "UCR245", "ALE"]
     assert all(port["station"]["turnaround_ms"]["median"] > 0.9 for port in found["ports"])
     assert not any(wire.writes(name) for name in NAMES)
-    assert sum(one["count"] for one in found["sent"]) == sum(len(wire.questions(name)) for name in NAMES)
-    run = jbclog("run", RECIPE, "--line", file, "--out", tmp_path / "runs", "-d", "1s", "--rate", "fit", "-s", "ucr-1", "--json")
+    assert sum(one["count"] for one in found["sent"]) == sum(
+        len(wire.questions(name)) for name in NAMES
+    )
+    run = jbclog(
+        "run",
+        RECIPE,
+        "--line",
+        file,
+        "--out",
+        tmp_path / "runs",
+        "-d",
+        "1s",
+        "--rate",
+        "fit",
+        "-s",
+        "ucr-1",
+        "--json",
+    )
     assert json.loads(run.stdout)["safe_state"]["ucr-1"] == {"1": "verified"}
 
 
@@ -80,7 +100,19 @@ def test_wrong_usage(arguments: tuple[str, ...], why: str) -> None:
 
 def test_a_run_is_not_disturbed_by_either(bench: Bench, tmp_path: Path) -> None:
     line, wire = bench
-    run = started("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-s", "ucr-1", "--rate", "5", "--wire")
+    run = started(
+        "run",
+        RECIPE,
+        "--line",
+        line,
+        "--out",
+        tmp_path / "runs",
+        "-s",
+        "ucr-1",
+        "--rate",
+        "5",
+        "--wire",
+    )
     try:
         assert until(lambda: is_sampling(tmp_path / "runs"))
         ucr = load_line(line).station("ucr-1").url
@@ -112,14 +144,23 @@ def test_a_station_behind_a_tcp_server(tmp_path: Path) -> None:
         assert load_line(tmp_path / "line.toml").stations[0].url == url
 
 
-@pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # in pyserial, of Python 3.11
+# in pyserial, of Python 3.11
+@pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")
 @pytest.mark.skipif(shutil.which("ser2net") is None, reason="ser2net is not installed")
 def test_the_line_format_behind_ser2net_is_found(tmp_path: Path) -> None:
-    """ser2net starts at 19200 8N1; the scan sets the rate over rfc2217, and the station goes by what its terminal is set to."""
+    """ser2net starts at 19200 8N1; the scan sets the rate over rfc2217, and the station goes by
+    what its terminal is set to.
+    """
     file = tmp_path / "bench.toml"
-    station = '[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\nbaudrate = 38400\n[station.sim]\n'
+    station = (
+        '[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\nbaudrate ='
+        " 38400\n[station.sim]\n"
+    )
     file.write_text(f'[line]\nname = "bench"\n{station}')
-    with SimProcess(file, tmp_path / "bench") as sim, ser2net(tmp_path, Path(urls(sim.line_path)[0]).resolve()) as url:
+    with (
+        SimProcess(file, tmp_path / "bench") as sim,
+        ser2net(tmp_path, Path(urls(sim.line_path)[0]).resolve()) as url,
+    ):
         plan = ScanPlan((Trial(LineFormat()), Trial(LineFormat(38400))), addresses=(1,))
         (report,) = search([(url, plan)])
     assert report.station is not None, report
@@ -131,12 +172,20 @@ def ser2net(folder: Path, device: Path) -> Iterator[str]:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     file = folder / "ser2net.yaml"
-    accepter, connector = f"telnet(rfc2217),tcp,127.0.0.1,{port}", f"serialdev,{device},19200n81,local"
+    accepter, connector = (
+        f"telnet(rfc2217),tcp,127.0.0.1,{port}",
+        f"serialdev,{device},19200n81,local",
+    )
     file.write_text(f"connection: &con\n  accepter: {accepter}\n  connector: {connector}\n")
-    with subprocess.Popen(["ser2net", "-d", "-u", "-c", file], stderr=subprocess.DEVNULL) as running:
+    with subprocess.Popen(
+        ["ser2net", "-d", "-u", "-c", file], stderr=subprocess.DEVNULL
+    ) as running:
         try:
-            assert until(lambda: f":{port:04X} 00000000:0000 0A" in Path("/proc/net/tcp").read_text(), 5)
-            yield f"rfc2217://127.0.0.1:{port}?ign_set_control"  # a pseudo-terminal has no control lines
+            assert until(
+                lambda: f":{port:04X} 00000000:0000 0A" in Path("/proc/net/tcp").read_text(), 5
+            )
+            # a pseudo-terminal has no control lines
+            yield f"rfc2217://127.0.0.1:{port}?ign_set_control"
         finally:
             running.kill()
 
@@ -152,12 +201,14 @@ def test_no_usb_port_is_said_with_what_to_do(monkeypatch: pytest.MonkeyPatch) ->
     assert said.stdout.startswith("no USB serial port found: plug the adapter in")
 
 
-# -- what is no station -----------------------------------------------------------------------------------------------------
+# -- what is no station ----------------------------------------------------------------------------
 
 
 @contextmanager
 def answered(reply: Callable[[bytes, int], bytes], every_s: float = 0.1) -> Iterator[Terminal]:
-    """A far end that says `reply(what it heard, the rate that the client has set)`, also when it heard nothing for a while."""
+    """A far end that says `reply(what it heard, the rate that the client has set)`, also when it
+    heard nothing for a while.
+    """
     over = threading.Event()
 
     def serve(far: Terminal) -> None:

@@ -1,6 +1,8 @@
-"""Whole runs through ser2net, which other people wrote: its server is killed in the middle and started again.
+"""Whole runs through ser2net, which other people wrote: its server is killed in the middle and
+started again.
 
-`ign_set_control` is pyserial's own: a pseudo-terminal has no control lines, so the server does not confirm them.
+`ign_set_control` is pyserial's own: a pseudo-terminal has no control lines, so the server does not
+confirm them.
 """
 
 from __future__ import annotations
@@ -42,22 +44,29 @@ tool = 9
 
 
 class Ser2net:
-    """The server, with one port before the device at `device`; killed and started as often as one likes."""
+    """The server, with one port before the device at `device`; killed and started as often as one
+    likes.
+    """
 
     def __init__(self, folder: Path, scheme: str, device: Path) -> None:
         with socket.create_server(("127.0.0.1", 0)) as probe:
             port = probe.getsockname()[1]
-        self.url = f"{scheme}://127.0.0.1:{port}" + ("?ign_set_control" if scheme == "rfc2217" else "")
+        self.url = f"{scheme}://127.0.0.1:{port}" + (
+            "?ign_set_control" if scheme == "rfc2217" else ""
+        )
         self._configuration = folder / "ser2net.yaml"
         self._configuration.write_text(
-            f"connection: &con\n  accepter: {ACCEPTERS[scheme].format(port=port)}\n  connector: serialdev,{device},19200n81,local\n"
+            f"connection: &con\n  accepter: {ACCEPTERS[scheme].format(port=port)}\n  connector:"
+            f" serialdev,{device},19200n81,local\n"
         )
         self.port = port
         self._running: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
         command = ["ser2net", "-d", "-u", "-c", self._configuration]
-        self._running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        self._running = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
         assert until(self._listens, 5)
 
     def kill(self) -> None:
@@ -67,14 +76,22 @@ class Ser2net:
             self._running = None
 
     def _listens(self) -> bool:
-        """Told by the system: a connection made to find out would be the one client that the server takes."""
+        """Told by the system: a connection made to find out would be the one client that the server
+        takes.
+        """
         rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
-        return any(int(row[1].split(":")[1], 16) == self.port and row[3] == LISTENING for row in rows)
+        return any(
+            int(row[1].split(":")[1], 16) == self.port and row[3] == LISTENING for row in rows
+        )
 
 
 @pytest.fixture(params=ACCEPTERS)
-def networked(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Path, Ser2net, WireLog]]:
-    """A virtual station on a pseudo-terminal, ser2net before it, and a line file that goes through the server."""
+def networked(
+    request: pytest.FixtureRequest, tmp_path: Path
+) -> Iterator[tuple[Path, Ser2net, WireLog]]:
+    """A virtual station on a pseudo-terminal, ser2net before it, and a line file that goes through
+    the server.
+    """
     served, log = tmp_path / "served.toml", tmp_path / "wire.jsonl"
     served.write_text(STATION.format(url="ucr-1"))
     with SimProcess(served, tmp_path / "bench", log=log):
@@ -95,10 +112,14 @@ def plain_recipe(folder: Path) -> Path:
     return recipe
 
 
-def test_a_run_outlives_its_server(networked: tuple[Path, Ser2net, WireLog], tmp_path: Path) -> None:
+def test_a_run_outlives_its_server(
+    networked: tuple[Path, Ser2net, WireLog], tmp_path: Path
+) -> None:
     line, server, wire = networked
     runs = tmp_path / "runs"
-    run = started("run", plain_recipe(tmp_path), "--line", line, "--out", runs, "-d", "6s", "--rate", "5")
+    run = started(
+        "run", plain_recipe(tmp_path), "--line", line, "--out", runs, "-d", "6s", "--rate", "5"
+    )
     try:
         assert until(lambda: is_sampling(runs))
         server.kill()
@@ -117,17 +138,22 @@ def test_a_run_outlives_its_server(networked: tuple[Path, Ser2net, WireLog], tmp
     assert station["safe_state"] == {"1": "verified"}
     assert_rows_tell_the_outage(folder)
     assert wire.writes("ucr-1")[-1] == "WPS100001"
-    assert sum(text == "WPS100000" for text in wire.writes("ucr-1")) == 1, "it was heated again after the outage"
+    assert sum(text == "WPS100000" for text in wire.writes("ucr-1")) == 1, (
+        "it was heated again after the outage"
+    )
 
 
 def assert_rows_tell_the_outage(folder: Path) -> None:
-    """Rows before it, rows of it without values, rows after it, on one grid without a gap; and its two events."""
+    """Rows before it, rows of it without values, rows after it, on one grid without a gap; and its
+    two events.
+    """
     samples, events = pd.read_parquet(folder / "samples"), pd.read_parquet(folder / "events")
     assert len(samples) == 30
     assert (samples["tick"].diff().dropna() == 1).all()
     away = samples["quality"] == "disconnected"
     assert away.sum() >= 5 * OUTAGE_S - 1
-    assert samples.loc[away, "temperature_c"].isna().mean() > 0.8  # the tick in which it went may have been read
+    # the tick in which it went may have been read
+    assert samples.loc[away, "temperature_c"].isna().mean() > 0.8
     assert not away.iloc[0]
     assert not away.iloc[-1]
     assert away.ne(away.shift()).cumsum().max() == 3  # before, away, after
@@ -141,7 +167,9 @@ def test_a_server_that_serves_somebody_else_is_told_without_a_traceback(
 ) -> None:
     line, server, wire = networked
     with socket.create_connection(("127.0.0.1", server.port), timeout=5):
-        ended = jbclog("run", plain_recipe(tmp_path), "--line", line, "--out", tmp_path / "runs", "-d", "2s")
+        ended = jbclog(
+            "run", plain_recipe(tmp_path), "--line", line, "--out", tmp_path / "runs", "-d", "2s"
+        )
     assert ended.returncode == 3
     assert "ucr-1: " in ended.stderr
     assert "Traceback" not in ended.stderr
@@ -153,7 +181,9 @@ def test_the_guard_gets_through_the_server_too(
     networked: tuple[Path, Ser2net, WireLog], tmp_path: Path, number: signal.Signals
 ) -> None:
     line, _, wire = networked
-    run = started("run", plain_recipe(tmp_path), "--line", line, "--out", tmp_path / "runs", "--rate", "5")
+    run = started(
+        "run", plain_recipe(tmp_path), "--line", line, "--out", tmp_path / "runs", "--rate", "5"
+    )
     try:
         assert until(lambda: "WPS100000" in wire.writes("ucr-1"))
         run.send_signal(number)
@@ -161,4 +191,7 @@ def test_the_guard_gets_through_the_server_too(
         _, notes = run.communicate(timeout=200)
     finally:
         run.kill()
-    assert "jbclog guard: ucr-1 port 1: the tool was put in its safe state by the guard, as read back: stand" in notes
+    assert (
+        "jbclog guard: ucr-1 port 1: the tool was put in its safe state by the guard, as read back:"
+        " stand" in notes
+    )

@@ -1,4 +1,6 @@
-"""Virtual stations as a process of their own, on real pseudo-terminals and TCP, through pyserial."""
+"""Virtual stations as a process of their own, on real pseudo-terminals and TCP, through
+pyserial.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,10 @@ READ = Frame("R", "TT1", 0, 1).encode()
 def line_file(folder: Path, *stations: str) -> Path:
     """A line file of these tables, each beginning with its url."""
     path = folder / "bench.toml"
-    tables = (f'[[station]]\nname = "s{n}"\nfamily = "dde"\nurl = {text}\n' for n, text in enumerate(stations, 1))
+    tables = (
+        f'[[station]]\nname = "s{n}"\nfamily = "dde"\nurl = {text}\n'
+        for n, text in enumerate(stations, 1)
+    )
     path.write_text('[line]\nname = "bench"\n' + "".join(tables))
     return path
 
@@ -69,7 +74,8 @@ def test_a_paced_exchange_takes_what_its_bytes_take_and_hardly_more(tmp_path: Pa
             begun = time.monotonic()
             assert len(asked(port)) == 16
             took_ms.append((time.monotonic() - begun) * 1000)
-    assert READ_MS <= min(took_ms) < READ_MS + 1.0  # of a hundred, because others have the processors, too
+    # of a hundred, because others have the processors, too
+    assert READ_MS <= min(took_ms) < READ_MS + 1.0
 
 
 def test_the_turnaround_comes_on_top(tmp_path: Path) -> None:
@@ -86,7 +92,9 @@ def test_stations_are_linked_where_their_urls_say_and_nowhere_else(tmp_path: Pat
     line = line_file(tmp_path, '"a/b"', f'"{device}"', '"socket://localhost:1"')
     with SimProcess(line, tmp_path / "sim") as sim:
         served = load_line(sim.line_path)
-        assert [station.url for station in served.stations] == [str(tmp_path / "sim" / name) for name in ("a/b", "s2", "s3")]
+        assert [station.url for station in served.stations] == [
+            str(tmp_path / "sim" / name) for name in ("a/b", "s2", "s3")
+        ]
         assert all(Path(station.url).is_symlink() for station in served.stations)
         for station in served.stations:
             with opened(sim.line_path, station.name) as port:
@@ -97,18 +105,32 @@ def test_stations_are_linked_where_their_urls_say_and_nowhere_else(tmp_path: Pat
 
 def test_the_line_file_for_the_run_says_what_the_original_says(tmp_path: Path) -> None:
     extra = (
-        'address = false\nbaudrate = 9600\nformat = "8E1"\nports = [2]\nturnaround_ms = 1.5\nrecipe = "r.toml"\nrated_power_w = 90'
+        'address = false\nbaudrate = 9600\nformat = "8E1"\nports = [2]\nturnaround_ms = 1.5\nrecipe'
+        ' = "r.toml"\nrated_power_w = 90'
     )
     line = line_file(tmp_path, f'"s1"\n{extra}', '"s2"')
     with SimProcess(line, tmp_path / "sim") as sim:
         served, original = load_line(sim.line_path), load_line(line)
-    same = {"name", "family", "baudrate", "format", "address", "ports", "turnaround_ms", "recipe", "rated_power_w"}
+    same = {
+        "name",
+        "family",
+        "baudrate",
+        "format",
+        "address",
+        "ports",
+        "turnaround_ms",
+        "recipe",
+        "rated_power_w",
+    }
     assert served.name == original.name
     for one, other in zip(served.stations, original.stations, strict=True):
         assert one.model_dump(include=same) == other.model_dump(include=same)
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root may open a terminal that a client has marked as its own and left")
+@pytest.mark.skipif(
+    os.geteuid() != 0,
+    reason="only root may open a terminal that a client has marked as its own and left",
+)
 def test_a_client_that_closes_leaves_the_port_to_the_next(tmp_path: Path) -> None:
     with SimProcess(line_file(tmp_path, '"s1"'), tmp_path / "sim") as sim:
         with opened(sim.line_path, "s1") as port:
@@ -143,7 +165,9 @@ def test_a_dropout_hangs_up_and_comes_back_on_the_same_link(tmp_path: Path) -> N
 
 def test_tcp_serves_a_port_for_each_station_and_one_client_at_a_time(tmp_path: Path) -> None:
     fault = "[[station.sim.fault]]\nkind = 'dropout'\nat_s = 0.3\nfor_s = 0.3"
-    with SimProcess(line_file(tmp_path, f'"s1"\n{fault}', '"s2"'), tmp_path / "sim", tcp="127.0.0.1:0") as sim:
+    with SimProcess(
+        line_file(tmp_path, f'"s1"\n{fault}', '"s2"'), tmp_path / "sim", tcp="127.0.0.1:0"
+    ) as sim:
         urls = [station.url for station in load_line(sim.line_path).stations]
         assert all(url.startswith("socket://127.0.0.1:") for url in urls)
         assert len(set(urls)) == 2
@@ -169,7 +193,10 @@ def _answers(line: Path, station: str) -> bool:
 
 def test_the_wire_is_written_down_on_request(tmp_path: Path) -> None:
     log = tmp_path / "wire.jsonl"
-    with SimProcess(line_file(tmp_path, '"s1"'), tmp_path / "sim", log=log) as sim, opened(sim.line_path, "s1") as port:
+    with (
+        SimProcess(line_file(tmp_path, '"s1"'), tmp_path / "sim", log=log) as sim,
+        opened(sim.line_path, "s1") as port,
+    ):
         asked(port, Frame("W", "ST100330", 0, 1).encode(), 11)
     notes = [json.loads(text) for text in log.read_text().splitlines()]
     assert [(note["station"], note["kind"], note["text"]) for note in notes] == [
@@ -184,7 +211,10 @@ def test_a_file_in_the_way_is_left_alone_and_named(tmp_path: Path) -> None:
     folder = tmp_path / "sim"
     folder.mkdir()
     (folder / "s2").write_text("mine")
-    with pytest.raises(UsageError, match="s2 is there already"), SimProcess(line_file(tmp_path, '"s1"', '"s2"'), folder):
+    with (
+        pytest.raises(UsageError, match="s2 is there already"),
+        SimProcess(line_file(tmp_path, '"s1"', '"s2"'), folder),
+    ):
         pass
     assert (folder / "s2").read_text() == "mine"
     assert not (folder / "s1").is_symlink()
@@ -192,7 +222,10 @@ def test_a_file_in_the_way_is_left_alone_and_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("urls", [('"s2"', '"/dev/null"'), ('"line.toml"',)])
 def test_two_uses_of_one_path_are_an_error(tmp_path: Path, urls: tuple[str, ...]) -> None:
-    with pytest.raises(UsageError, match="has another use"), SimProcess(line_file(tmp_path, *urls), tmp_path / "sim"):
+    with (
+        pytest.raises(UsageError, match="has another use"),
+        SimProcess(line_file(tmp_path, *urls), tmp_path / "sim"),
+    ):
         pass
 
 
@@ -212,7 +245,14 @@ def test_a_wrong_line_file_is_an_error_with_its_reason(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signals_end_it_in_good_order(tmp_path: Path, number: signal.Signals) -> None:
-    command = [sys.executable, "-m", "jbclog.sim", str(line_file(tmp_path, '"s1"')), "--dir", str(tmp_path / "sim")]
+    command = [
+        sys.executable,
+        "-m",
+        "jbclog.sim",
+        str(line_file(tmp_path, '"s1"')),
+        "--dir",
+        str(tmp_path / "sim"),
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as serving:
         assert serving.stdout is not None
         assert serving.stdout.readline().strip() == str(tmp_path / "sim" / "line.toml")
@@ -223,11 +263,17 @@ def test_signals_end_it_in_good_order(tmp_path: Path, number: signal.Signals) ->
 
 def test_it_ends_when_its_parent_dies(tmp_path: Path) -> None:
     parent = (
-        "import os, sys, time; from pathlib import Path; from jbclog.sim.process import SimProcess\n"
-        "sim = SimProcess(Path(sys.argv[1]), Path(sys.argv[2])).__enter__()\n"
-        "print(sim.pid, flush=True); os.kill(os.getpid(), 9)"
+        "import os, sys, time; from pathlib import Path; from jbclog.sim.process import"
+        " SimProcess\nsim = SimProcess(Path(sys.argv[1]),"
+        " Path(sys.argv[2])).__enter__()\nprint(sim.pid, flush=True); os.kill(os.getpid(), 9)"
     )
-    command = [sys.executable, "-c", parent, str(line_file(tmp_path, '"s1"')), str(tmp_path / "sim")]
+    command = [
+        sys.executable,
+        "-c",
+        parent,
+        str(line_file(tmp_path, '"s1"')),
+        str(tmp_path / "sim"),
+    ]
     told = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
     assert told.returncode == -signal.SIGKILL
     assert int(told.stdout) > 0

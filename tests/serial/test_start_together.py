@@ -1,4 +1,6 @@
-"""Stations that start together, on real pseudo-terminals: what `jbclog run` writes where one of them does not start."""
+"""Stations that start together, on real pseudo-terminals: what `jbclog run` writes where one of
+them does not start.
+"""
 
 from __future__ import annotations
 
@@ -24,18 +26,37 @@ turnaround_ms = 1.0
 settings = {{sleep_delay = 9, selected_temperature = 300}}
 """
 LINE = '[line]\nname = "bench"\n' + STATION.format(name="a") + STATION.format(name="b")
-REFUSES = '\n[[station.sim.fault]]\nkind = "nak"\ncode = 3\ncommand = "alarm_high_limit"\nonly = "write"\n'
+REFUSES = (
+    '\n[[station.sim.fault]]\nkind = "nak"\ncode = 3\ncommand = "alarm_high_limit"\nonly ='
+    ' "write"\n'
+)
 MISSING = '\n[[station]]\nname = "c"\nurl = "c"\nfamily = "dde"\nports = [1]\n'
 HEATS = ("WST", "WA1", "WS1", "WPS100000")
 
 
-def run_of(tmp_path: Path, sim: str = "", missing: str = "", *options: str) -> tuple[int, str, Manifest, WireLog]:
-    """Exit code, notes, manifest and the stations' log of a run with these stations; `missing` are in its line file only."""
+def run_of(
+    tmp_path: Path, sim: str = "", missing: str = "", *options: str
+) -> tuple[int, str, Manifest, WireLog]:
+    """Exit code, notes, manifest and the stations' log of a run with these stations; `missing` are
+    in its line file only.
+    """
     (tmp_path / "sim.toml").write_text(LINE + sim)
     log = tmp_path / "wire.jsonl"
     with SimProcess(tmp_path / "sim.toml", tmp_path / "bench", log=log) as stations:
         stations.line_path.write_text(stations.line_path.read_text() + missing)
-        ended = jbclog("run", RECIPE, "--line", stations.line_path, "--out", tmp_path / "runs", "-d", "3s", "--rate", "4", *options)
+        ended = jbclog(
+            "run",
+            RECIPE,
+            "--line",
+            stations.line_path,
+            "--out",
+            tmp_path / "runs",
+            "-d",
+            "3s",
+            "--rate",
+            "4",
+            *options,
+        )
         (folder,) = (tmp_path / "runs").iterdir()
         assert check(folder) == []
         return ended.returncode, ended.stderr, read_manifest(folder), WireLog(log)
@@ -50,18 +71,25 @@ def test_where_one_is_missing_nothing_is_written_to_any(tmp_path: Path) -> None:
     assert "did not start because of c" in manifest.stations[0].reason
 
 
-def test_where_one_refuses_a_setting_that_cannot_heat_none_is_heated_and_what_was_written_is_named(tmp_path: Path) -> None:
+def test_where_one_refuses_a_setting_that_cannot_heat_none_is_heated_and_what_was_written_is_named(
+    tmp_path: Path,
+) -> None:
     code, said, manifest, wire = run_of(tmp_path, REFUSES)
     assert code == 3
     assert "exit 3: b: alarm high limit of port 1" in said
     assert [text for name in "ab" for text in wire.writes(name) if text.startswith(HEATS)] == []
-    assert [text for name in "ab" for text in wire.writes(name) if text.startswith("WPS")] == []  # they rest, and are spared
+    # they rest, and are spared
+    assert [text for name in "ab" for text in wire.writes(name) if text.startswith("WPS")] == []
     assert all("sleep delay of port 1 5 min (was 9 min)" in one.reason for one in manifest.stations)
     assert all(one.safe_state == {1: "verified"} for one in manifest.stations)
 
 
-@pytest.mark.parametrize(("sim", "missing"), [("", MISSING), (REFUSES, "")], ids=["missing", "refused"])
-def test_the_others_run_without_it_where_that_is_allowed(tmp_path: Path, sim: str, missing: str) -> None:
+@pytest.mark.parametrize(
+    ("sim", "missing"), [("", MISSING), (REFUSES, "")], ids=["missing", "refused"]
+)
+def test_the_others_run_without_it_where_that_is_allowed(
+    tmp_path: Path, sim: str, missing: str
+) -> None:
     code, said, manifest, _ = run_of(tmp_path, sim, missing, "--allow-missing")
     assert "exit 3" not in said
     assert [one.outcome for one in manifest.stations if one.outcome == "left_out"] == ["left_out"]
@@ -73,8 +101,14 @@ def test_the_others_run_without_it_where_that_is_allowed(tmp_path: Path, sim: st
     assert set(samples["station"]) == ({"a", "b"} if missing else {"a"})
 
 
-@pytest.mark.parametrize(("sim", "missing"), [("", ""), ("", MISSING), (REFUSES, "")], ids=["all well", "missing", "refused"])
-def test_a_kept_start_is_lived_through_again_by_each_station_alone(tmp_path: Path, sim: str, missing: str) -> None:
+@pytest.mark.parametrize(
+    ("sim", "missing"),
+    [("", ""), ("", MISSING), (REFUSES, "")],
+    ids=["all well", "missing", "refused"],
+)
+def test_a_kept_start_is_lived_through_again_by_each_station_alone(
+    tmp_path: Path, sim: str, missing: str
+) -> None:
     _, _, manifest, _ = run_of(tmp_path, sim, missing, "--wire")
     folder = next((tmp_path / "runs").iterdir())
     kept = pd.read_parquet(folder / "settings").astype(object)
@@ -84,4 +118,7 @@ def test_a_kept_start_is_lived_through_again_by_each_station_alone(tmp_path: Pat
         one.name: (one.outcome, one.reason) for one in manifest.stations
     }
     mine = {(row.station, row.setting, row.outcome, row.readback) for row in again.settings}
-    assert mine == {(row.station, row.setting, row.outcome, row.readback) for row in kept.where(kept.notna(), None).itertuples()}
+    assert mine == {
+        (row.station, row.setting, row.outcome, row.readback)
+        for row in kept.where(kept.notna(), None).itertuples()
+    }

@@ -1,4 +1,6 @@
-"""Taking over on real pseudo-terminals: who is saved, who is left alone, and what is tried again."""
+"""Taking over on real pseudo-terminals: who is saved, who is left alone, and what is tried
+again.
+"""
 
 from __future__ import annotations
 
@@ -70,9 +72,22 @@ def lease(line: ServedLine, name: str) -> StationLease:
     """What a run that put all tools of a station to work has leased."""
     device = line.stations[name].device
     ports = tuple(line.stations[name].plant.ports)
-    family, software = device.family.name, device.identity.software if "software_version" in device.family.commands else None
+    family, software = (
+        device.family.name,
+        (device.identity.software if "software_version" in device.family.commands else None),
+    )
     return StationLease(
-        name, line.url(name), 19200, "8N1", 1, family, device.identity.model, software, "stand", ports, name == "ale-1"
+        name,
+        line.url(name),
+        19200,
+        "8N1",
+        1,
+        family,
+        device.identity.model,
+        software,
+        "stand",
+        ports,
+        name == "ale-1",
     )
 
 
@@ -83,7 +98,9 @@ def all_leases(line: ServedLine) -> list[StationLease]:
 def told(run: Path) -> list[tuple[str, str | None, int | None]]:
     """What the diary says, without its times."""
     lines = (run / DIARY).read_text().splitlines() if (run / DIARY).exists() else []
-    return [(row["kind"], row["station"], row["port"]) for row in map(json.loads, filter(None, lines))]
+    return [
+        (row["kind"], row["station"], row["port"]) for row in map(json.loads, filter(None, lines))
+    ]
 
 
 @pytest.fixture
@@ -100,16 +117,26 @@ def test_every_line_at_once(line: ServedLine, run: Path) -> None:
     orders = line.orders(began)
     assert {order.station for order in orders} == set(line.stations)
     assert max(order.at for order in orders) - began < 10
-    assert sorted(row[1:] for row in told(run)) == sorted((o.station, o.port) for o in orders if o.is_stand)  # type: ignore[type-var]
+    assert sorted(row[1:] for row in told(run)) == sorted(
+        (o.station, o.port) for o in orders if o.is_stand
+    )  # type: ignore[type-var]
 
 
 @pytest.mark.parametrize(
     "other",
-    [{"model": "NAE"}, {"software": "0000001"}, {"model": None}, {"address": 7}, {"baudrate": 9600}],
+    [
+        {"model": "NAE"},
+        {"software": "0000001"},
+        {"model": None},
+        {"address": 7},
+        {"baudrate": 9600},
+    ],
     ids=["model", "software", "nameless", "address", "rate"],
 )
 @pytest.mark.usefixtures("quick")
-def test_another_station_is_not_written_to(line: ServedLine, run: Path, other: dict[str, object]) -> None:
+def test_another_station_is_not_written_to(
+    line: ServedLine, run: Path, other: dict[str, object]
+) -> None:
     began = time.monotonic()
     stranger = replace(lease(line, "dde-1"), **other)  # type: ignore[arg-type]
     assert TakeOver([stranger], ActionLog(run)).run() == [stranger]
@@ -120,7 +147,9 @@ def test_another_station_is_not_written_to(line: ServedLine, run: Path, other: d
 
 @pytest.mark.parametrize("accepted", [True, False])
 @pytest.mark.usefixtures("quick")
-def test_an_accepted_name_is_acted_upon_where_the_run_has_borne_it_out(line: ServedLine, run: Path, accepted: bool) -> None:
+def test_an_accepted_name_is_acted_upon_where_the_run_has_borne_it_out(
+    line: ServedLine, run: Path, accepted: bool
+) -> None:
     identity, began = line.stations["dde-1"].device.identity, time.monotonic()
     own, identity.model = identity.model, "DIE"
     try:
@@ -139,7 +168,9 @@ def test_a_lease_of_the_first_release_can_be_read(line: ServedLine) -> None:
 
 def test_one_that_cannot_be_saved_keeps_nobody_else(line: ServedLine, run: Path) -> None:
     broken = replace(lease(line, "dde-2"), family="of a later version")
-    assert TakeOver([broken, lease(line, "dde-1"), lease(line, "ale-1")], ActionLog(run)).run() == [broken]
+    assert TakeOver([broken, lease(line, "dde-1"), lease(line, "ale-1")], ActionLog(run)).run() == [
+        broken
+    ]
     assert line.at_work() == 3
     assert ("guard.failed", "dde-2", None) in told(run)
 
@@ -176,7 +207,7 @@ def test_what_rests_is_spared_where_that_is_asked(line: ServedLine, run: Path) -
     assert line.stations["dde-1"].plant.ports[2].doing.state == STAND
 
 
-# -- tried again ------------------------------------------------------------------------------------------------------------
+# -- tried again -----------------------------------------------------------------------------------
 
 
 def unplugged(line: ServedLine, name: str) -> Callable[[], object]:
@@ -199,7 +230,11 @@ def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None
     threading.Timer(0.7, plug_in).start()
     guard_itself._retry(run, left, (), lease_writer, action_log)
     assert (line.at_work(), (run / LEASE).exists()) == (0, False)
-    assert told(run)[len(before) :] == [("safety.safe_state", "dde-1", 1), ("safety.safe_state", "dde-1", 2)]  # no word of failures
+    # no word of failures
+    assert told(run)[len(before) :] == [
+        ("safety.safe_state", "dde-1", 1),
+        ("safety.safe_state", "dde-1", 2),
+    ]
 
 
 IMPATIENT = """
@@ -215,7 +250,9 @@ sys.exit(guard.main())
 def failed_recorders_guard(line: ServedLine, run: Path) -> Iterator[subprocess.Popen[bytes]]:
     """A guard in a process of its own that is told to take dde-1 over."""
     command = [sys.executable, "-c", IMPATIENT, str(run), "--recorder", str(os.getpid())]
-    guard = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    guard = subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
     try:
         assert guard.stdin is not None
         guard.stdin.write(f"{lease(line, 'dde-1').to_json()}\n{FAILED}\n".encode())
@@ -226,7 +263,9 @@ def failed_recorders_guard(line: ServedLine, run: Path) -> Iterator[subprocess.P
         guard.communicate()
 
 
-def test_a_lease_stays_open_where_what_was_done_could_not_be_written_down(line: ServedLine, run: Path) -> None:
+def test_a_lease_stays_open_where_what_was_done_could_not_be_written_down(
+    line: ServedLine, run: Path
+) -> None:
     (run / DIARY).mkdir()
     with failed_recorders_guard(line, run) as guard:
         assert guard.wait(20) == 0
@@ -267,17 +306,21 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
 
 
 @pytest.mark.usefixtures("quick")
-def test_it_ends_when_time_is_up(line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_ends_when_time_is_up(
+    line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(guard_itself, "RETRY_FOR_S", 0.5)
     stranger = replace(lease(line, "dde-1"), model="NAE")
     guard_itself._retry(run, [stranger], (), LeaseWriter(run, ActionLog(run)), ActionLog(run))
     assert line.at_work() == 6
 
 
-# -- what was left at the next start -------------------------------------------------------------------------------------------
+# -- what was left at the next start ---------------------------------------------------------------
 
 
-def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(line: ServedLine, run: Path) -> None:
+def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(
+    line: ServedLine, run: Path
+) -> None:
     write_leases(run, all_leases(line))
     asleep = line.stations["dde-2"].plant.ports[1]
     asleep.order(SLEEP, False)
@@ -289,7 +332,9 @@ def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(line: Serve
         "Run run had left tools of dde-2, ucr-1 as they were: every tool is in its safe state now.",
     )
     assert line.at_work() == 3
-    assert ("dde-2", 1) not in {(order.station, order.port) for order in line.orders(began)}, "it would wake to be told to stand"
+    assert ("dde-2", 1) not in {(order.station, order.port) for order in line.orders(began)}, (
+        "it would wake to be told to stand"
+    )
     assert ("safety.safe_state", "dde-2", 1) in told(run)
     assert settle(run.parent, {line.url("dde-2")}, lambda folder: False) == []
 
@@ -308,7 +353,9 @@ def test_what_another_out_left_is_found_and_one_that_cannot_be_written_down_stay
     assert registered_runs() == []
 
 
-def test_of_many_that_come_at_once_one_makes_safe_what_was_left(line: ServedLine, run: Path) -> None:
+def test_of_many_that_come_at_once_one_makes_safe_what_was_left(
+    line: ServedLine, run: Path
+) -> None:
     """Two guards never both write: whoever comes second finds nothing to do."""
     assert at_once(line, run, 8) == 1
 
@@ -335,7 +382,10 @@ def at_once(line: ServedLine, folder: Path, count: int) -> int:
     began, urls = time.monotonic(), {line.url(name) for name in line.stations}
     done: list[LeftOver] = []
     threads = [
-        threading.Thread(target=lambda: done.extend(settle(folder.parent, urls, lambda folder: False))) for _ in range(count)
+        threading.Thread(
+            target=lambda: done.extend(settle(folder.parent, urls, lambda folder: False))
+        )
+        for _ in range(count)
     ]
     for thread in threads:
         thread.start()
@@ -374,7 +424,9 @@ def test_a_guard_that_is_just_taking_over_is_waited_for(line: ServedLine, run: P
 
 
 @pytest.mark.usefixtures("quick")
-def test_what_could_not_be_made_safe_is_told_and_kept_for_the_next_start(line: ServedLine, run: Path) -> None:
+def test_what_could_not_be_made_safe_is_told_and_kept_for_the_next_start(
+    line: ServedLine, run: Path
+) -> None:
     stranger = replace(lease(line, "dde-1"), model="NAE")
     write_leases(run, [stranger])
     (left,) = settle(run.parent, {stranger.url}, lambda folder: False)

@@ -1,4 +1,6 @@
-"""The tee notes every byte with its moment and direction, and every change of the link; it changes nothing of the port."""
+"""The tee notes every byte with its moment and direction, and every change of the link; it changes
+nothing of the port.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ def test_every_byte_is_kept_in_order_with_its_moment() -> None:
     kept: list[LinkRow] = []
     moments = iter((1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
     with terminal() as far:
-        port: Port = Tee.opened(lambda: open_port(far.url, LineFormat()), kept.append, lambda: next(moments))
+        port: Port = Tee.opened(
+            lambda: open_port(far.url, LineFormat()), kept.append, lambda: next(moments)
+        )
         assert port.url == far.url
         assert port.fileno() is not None
         port.write(b"\x02RSMN\x03\x03")
@@ -40,7 +44,8 @@ def test_every_byte_is_kept_in_order_with_its_moment() -> None:
         (3.0, "heard", b"\x02ASMN", ""),
         (4.0, "heard", last, ""),
         (5.0, "closed", b"", ""),
-        (6.0, "sent", b"never sent", ""),  # noted before it is handed over: an answer can never stand before its question
+        # noted before it is handed over: an answer can never stand before its question
+        (6.0, "sent", b"never sent", ""),
     ]
 
 

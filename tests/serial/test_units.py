@@ -1,4 +1,6 @@
-"""Serials of units, typed while a run goes on: through real pipes and terminals, as barcode readers give them."""
+"""Serials of units, typed while a run goes on: through real pipes and terminals, as barcode readers
+give them.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,12 @@ def only_run(out: Path) -> Path:
 
 def told_of_units(out: Path, count: int) -> bool:
     """Whether so many events of units were committed before long."""
-    return until(lambda: sum(kind.startswith("unit.") for kind in open_run(only_run(out)).events()["kind"]) == count)
+    return until(
+        lambda: (
+            sum(kind.startswith("unit.") for kind in open_run(only_run(out)).events()["kind"])
+            == count
+        )
+    )
 
 
 def rows(out: Path) -> int:
@@ -56,7 +63,9 @@ def end(run: subprocess.Popen[str]) -> str:
 
 @contextmanager
 def running(*words: str, stdin: int | IO[bytes]) -> Iterator[subprocess.Popen[str]]:
-    with subprocess.Popen(words, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+    with subprocess.Popen(
+        words, stdin=stdin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
         try:
             yield run
         finally:
@@ -69,7 +78,8 @@ def test_lines_of_a_reader_begin_units(bench: Bench, tmp_path: Path) -> None:
     with running(*arguments(line, out, "--units", "-"), stdin=subprocess.PIPE) as run:
         assert run.stdin is not None
         assert until(lambda: is_sampling(out))
-        for typed, told in (("SN-1\r\n", 1), ("SN-1\n", 2), ("\n", 2), ("SN\x1d2\n", 4)):  # the last ends one and begins one
+        # the last ends one and begins one
+        for typed, told in (("SN-1\r\n", 1), ("SN-1\n", 2), ("\n", 2), ("SN\x1d2\n", 4)):
             run.stdin.write(typed)
             run.stdin.flush()
             assert told_of_units(out, told)
@@ -93,15 +103,21 @@ def test_lines_of_a_reader_begin_units(bench: Bench, tmp_path: Path) -> None:
     assert units.iloc[-1] == "SN\\x1d2"
 
 
-@pytest.mark.parametrize("given", ["closed", pytest.param("a pipe that ends", marks=pytest.mark.campaign)])
+@pytest.mark.parametrize(
+    "given", ["closed", pytest.param("a pipe that ends", marks=pytest.mark.campaign)]
+)
 def test_a_stdin_that_ends_ends_nothing_else(bench: Bench, tmp_path: Path, given: str) -> None:
     line, _ = bench
     out = tmp_path / "runs"
     words = arguments(line, out, "--units", "-", "-d", "2s")
     if given == "closed":
         words = ["sh", "-c", 'exec "$@" <&-', "sh", *words]
-    with running(*words, stdin=subprocess.PIPE if given == "a pipe that ends" else subprocess.DEVNULL) as run:
-        notes = run.communicate("SN-1\nSN-2" if given == "a pipe that ends" else None, timeout=200)[1]
+    with running(
+        *words, stdin=subprocess.PIPE if given == "a pipe that ends" else subprocess.DEVNULL
+    ) as run:
+        notes = run.communicate("SN-1\nSN-2" if given == "a pipe that ends" else None, timeout=200)[
+            1
+        ]
     manifest = read_manifest(only_run(out))
     assert manifest.exit_status == "success", notes
     assert serials(manifest) == (["SN-1", "SN-2"] if given == "a pipe that ends" else [])
@@ -125,12 +141,17 @@ def test_a_flood_does_not_hold_up_a_run(bench: Bench, tmp_path: Path) -> None:
     assert len(open_run(folder).events()) < 400
 
 
-def test_a_serial_that_was_read_before_is_refused_where_the_recipe_says_so(bench: Bench, tmp_path: Path) -> None:
+def test_a_serial_that_was_read_before_is_refused_where_the_recipe_says_so(
+    bench: Bench, tmp_path: Path
+) -> None:
     """And END is echoed: what is typed into a pipe nobody sees."""
     line, _ = bench
     out, recipe = tmp_path / "runs", tmp_path / "recipe.toml"
     recipe.write_text(RECIPE.read_text() + '\n[units]\nrepeat = "refuse"\n')
-    words = [recipe if word == str(RECIPE) else word for word in arguments(line, out, "--units", "-", "--until-units", "3")]
+    words = [
+        recipe if word == str(RECIPE) else word
+        for word in arguments(line, out, "--units", "-", "--until-units", "3")
+    ]
     with running(*map(str, words), stdin=subprocess.PIPE) as run:
         assert run.stdin is not None
         assert until(lambda: is_sampling(out))
@@ -156,7 +177,7 @@ def test_a_serial_that_was_read_before_is_refused_where_the_recipe_says_so(bench
     assert open_run(folder).unit_at(between).isna().all()
 
 
-# -- on a terminal ---------------------------------------------------------------------------------------------------------------
+# -- on a terminal ---------------------------------------------------------------------------------
 
 
 class Terminal:
@@ -165,7 +186,12 @@ class Terminal:
     def __init__(self, *words: str) -> None:
         self._ours, self._theirs = pty.openpty()
         self.run = subprocess.Popen(
-            words, stdin=self._theirs, stdout=self._theirs, stderr=self._theirs, start_new_session=True, preexec_fn=self._take
+            words,
+            stdin=self._theirs,
+            stdout=self._theirs,
+            stderr=self._theirs,
+            start_new_session=True,
+            preexec_fn=self._take,
         )
         self.shown = b""
         self._reader = threading.Thread(target=self._read, daemon=True)

@@ -1,4 +1,6 @@
-"""Every way in which a cable goes, on every kind of port: one `LinkError` with the url, and nothing else."""
+"""Every way in which a cable goes, on every kind of port: one `LinkError` with the url, and nothing
+else.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,10 @@ from support.links.far_ends import Terminal, open_descriptors, rfc2217_server, s
 
 LINE = LineFormat()
 QUESTION = b"\x020001RTT1\x03c"
-rfc2217_of_python_3_11 = pytest.mark.filterwarnings("ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning")  # in pyserial
+# in pyserial
+rfc2217_of_python_3_11 = pytest.mark.filterwarnings(
+    "ignore:set(Daemon|Name)\\(\\) is deprecated:DeprecationWarning"
+)
 
 WAYS: dict[str, Callable[[Port], object]] = {
     "write": lambda port: port.write(QUESTION),
@@ -163,7 +168,9 @@ def test_closing_a_lost_rfc2217_port_is_quicker_than_pyserials_own() -> None:
 
 
 class Stumbling:
-    """In place of pyserial's object: it stumbles as pyserial does where the cable goes at a bad moment."""
+    """In place of pyserial's object: it stumbles as pyserial does where the cable goes at a bad
+    moment.
+    """
 
     def __init__(self, error: Exception) -> None:
         self.error = error
@@ -208,7 +215,7 @@ def test_every_kind_of_exception_becomes_one(error: Exception, way: str) -> None
     assert isinstance(error, BROKEN)
 
 
-# -- closing -------------------------------------------------------------------------------------------------------------
+# -- closing ---------------------------------------------------------------------------------------
 
 
 @contextlib.contextmanager
@@ -262,7 +269,8 @@ def test_closing_does_not_wait_for_a_connection_that_lingers() -> None:
         descriptor = port.fileno()
         assert descriptor is not None
         with socket.socket(fileno=os.dup(descriptor)) as same:
-            same.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\x14\0\0\0")  # close() blocks for up to 20 s
+            # close() blocks for up to 20 s
+            same.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\x14\0\0\0")
         assert far.client
         with pytest.raises(LinkError, match="write buffer full"):
             _write_on(port, bytes(4096))

@@ -17,16 +17,35 @@ SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", 
 SIM = "joints_per_minute = 60\nsensor_error_c = 9\nnoise_c = 0.4\nambient_c = 60"
 
 
-def test_a_tip_is_verified_and_the_station_left_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tip_is_verified_and_the_station_left_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     source, log = tmp_path / "source.toml", tmp_path / "wire.jsonl"
-    source.write_text(f'[line]\nname = "l"\n[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\n[station.sim]\n{SIM}\n')
+    source.write_text(
+        '[line]\nname = "l"\n[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily ='
+        f' "ucr"\n[station.sim]\n{SIM}\n'
+    )
     monkeypatch.setattr(read, "EVERY_S", 0.1)
     stations = started("sim", source, "--no-joints", "--dir", tmp_path / "bench", "--log", log)
     try:
         line = str(tmp_path / "bench" / "line.toml")
         assert until(Path(line).exists)
-        assert jbclog("write", "ucr-1", "status", "working", "-p", "1", "--line", line).returncode == 0
-        words = ["verify", "ucr-1", "-p", "1", "--reading", "341", *SAID, "--line", line, "--out", str(tmp_path / "runs")]
+        assert (
+            jbclog("write", "ucr-1", "status", "working", "-p", "1", "--line", line).returncode == 0
+        )
+        words = [
+            "verify",
+            "ucr-1",
+            "-p",
+            "1",
+            "--reading",
+            "341",
+            *SAID,
+            "--line",
+            line,
+            "--out",
+            str(tmp_path / "runs"),
+        ]
         for _ in range(40):  # until it is hot; a second each
             ended = CliRunner().invoke(app, words)
             if ended.exit_code != 3:

@@ -1,4 +1,6 @@
-"""A real run of virtual stations on real terminals, watched from outside: by `jbclog.live` and by `jbclog watch`."""
+"""A real run of virtual stations on real terminals, watched from outside: by `jbclog.live` and by
+`jbclog watch`.
+"""
 
 from __future__ import annotations
 
@@ -76,9 +78,20 @@ def running(home: Path, duration: str) -> Iterator[tuple[subprocess.Popen[str], 
     (home / "job.toml").write_text(RECIPE)
     (home / "runs").mkdir()
     with SimProcess(home / "two.toml", home / "bench") as stations:
-        words = ["run", str(home / "job.toml"), "--line", str(stations.line_path), "--out", str(home / "runs"), "-d", duration]
+        words = [
+            "run",
+            str(home / "job.toml"),
+            "--line",
+            str(stations.line_path),
+            "--out",
+            str(home / "runs"),
+            "-d",
+            duration,
+        ]
         command = [sys.executable, "-m", "jbclog", *words]
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        ) as process:
             try:
                 yield process, home / "runs"
             finally:
@@ -96,7 +109,12 @@ def until(follower: Follower, holds: Callable[[RunState], bool]) -> RunState:
 
 def test_a_run_from_its_start_to_its_report(tmp_path: Path) -> None:
     with running(tmp_path, "15s") as (process, runs), Follower(runs) as follower:
-        until(follower, lambda run: run.phase is Phase.RECORDING and [port.quality for port in run.ports] == ["ok"] * 2)
+        until(
+            follower,
+            lambda run: (
+                run.phase is Phase.RECORDING and [port.quality for port in run.ports] == ["ok"] * 2
+            ),
+        )
         run = until(follower, lambda run: not run.ports[1].temperature.is_known)
         assert run.ports[1].condition is Condition.STALE  # in the first update that shows it
         assert any(one.event.kind == "link.lost" for one in run.events)
@@ -110,7 +128,10 @@ def test_a_run_from_its_start_to_its_report(tmp_path: Path) -> None:
         kept = open_run(run.folder)
         for port in run.ports:
             due = kept.manifest.ledger[port.station]["1"]["temperature_c"]
-            assert (port.coverage.due, port.coverage.obtained) == (due["due"] - due.get("skipped", 0), due["ok"])
+            assert (port.coverage.due, port.coverage.obtained) == (
+                due["due"] - due.get("skipped", 0),
+                due["ok"],
+            )
         assert [one.event.kind for one in run.events] == kept.events()["kind"].tolist()
         assert check(run.folder) == []
 
@@ -180,11 +201,15 @@ def test_the_command_serves_a_page(tmp_path: Path, number: signal.Signals, code:
     recording.rows(3)
     recording.commit()
     command = [sys.executable, "-m", "jbclog", "watch", str(tmp_path), "--web", "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stderr is not None
         address = re.search(r"http://127\.0\.0\.1:\d+/", process.stderr.readline())
         assert address is not None
-        assert os.getpriority(os.PRIO_PROCESS, process.pid) == min(os.getpriority(os.PRIO_PROCESS, 0) + NICENESS, 19)
+        assert os.getpriority(os.PRIO_PROCESS, process.pid) == min(
+            os.getpriority(os.PRIO_PROCESS, 0) + NICENESS, 19
+        )
         with urllib.request.urlopen(address[0] + "events", timeout=WAIT_S) as events:
             line = events.readline()
             while recording.folder.name.encode() not in line:
@@ -197,10 +222,25 @@ def test_the_command_serves_a_page(tmp_path: Path, number: signal.Signals, code:
 
 
 def test_another_address_comes_with_a_token(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "jbclog", "watch", str(tmp_path), "--web", "--port", "0", "--address", "0.0.0.0"]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+    command = [
+        sys.executable,
+        "-m",
+        "jbclog",
+        "watch",
+        str(tmp_path),
+        "--web",
+        "--port",
+        "0",
+        "--address",
+        "0.0.0.0",
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
         assert process.stderr is not None
-        found = re.search(r"http://0\.0\.0\.0:(\d+)/\?token=([\w-]{20,});", process.stderr.readline())
+        found = re.search(
+            r"http://0\.0\.0\.0:(\d+)/\?token=([\w-]{20,});", process.stderr.readline()
+        )
         empty = process.stderr.readline()
         process.kill()
     assert empty == f"no run in {tmp_path} yet; it is shown as soon as one begins\n"

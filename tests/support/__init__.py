@@ -1,4 +1,6 @@
-"""What tests share: virtual stations, independent models, faults, campaigns. `python tests/support NAME` runs a module of it."""
+"""What tests share: virtual stations, independent models, faults, campaigns.
+`python tests/support NAME` runs a module of it.
+"""
 
 from __future__ import annotations
 
@@ -9,5 +11,7 @@ HERE = Path(__file__).parent
 
 
 def program(name: str, *words: object) -> list[str]:
-    """The command that runs a module of this package in a process of its own, as ``program("faults.odd_host", "step=2")``."""
+    """The command that runs a module of this package in a process of its own, as
+    ``program("faults.odd_host", "step=2")``.
+    """
     return [sys.executable, str(HERE), name, *map(str, words)]

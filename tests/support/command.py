@@ -18,7 +18,9 @@ RECIPE = PROFILES / "recipes" / "sn100c-tht.toml"
 BENCH = PROFILES / "lines" / "bench.toml"
 
 
-def jbclog(*arguments: str | Path, timeout: float = 200.0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+def jbclog(
+    *arguments: str | Path, timeout: float = 200.0, cwd: Path | None = None
+) -> subprocess.CompletedProcess[str]:
     """Run the command to its end, in a process that has everything imported."""
     words = list(map(str, arguments))
     with Warm(words, cwd) as process:
@@ -51,9 +53,15 @@ class WireLog:
     path: Path
 
     def questions(self, station: str) -> list[str]:
-        """The questions to a station in order, without addresses: ``WPS100001``. A busy station hears several at once."""
+        """The questions to a station in order, without addresses: ``WPS100001``. A busy station
+        hears several at once.
+        """
         lines = [json.loads(line) for line in self.path.read_text().splitlines()]
-        heard = b"".join(bytes.fromhex(one["hex"]) for one in lines if one["station"] == station and one["kind"] == "question")
+        heard = b"".join(
+            bytes.fromhex(one["hex"])
+            for one in lines
+            if one["station"] == station and one["kind"] == "question"
+        )
         return [question.decode() for question in QUESTION.findall(heard)]
 
     def writes(self, station: str) -> list[str]:
@@ -61,7 +69,9 @@ class WireLog:
 
 
 def until(true: Callable[[], bool], seconds: float = 60.0, every_s: float = 0.05) -> bool:
-    """Wait until `true`; give whether it came to that. A look that takes long is taken rarely: what is waited for computes, too."""
+    """Wait until `true`; give whether it came to that. A look that takes long is taken rarely: what
+    is waited for computes, too.
+    """
     end = time.monotonic() + seconds
     while (began := time.monotonic()) < end:
         if true():
@@ -75,4 +85,8 @@ def is_sampling(out: Path) -> bool:
     from jbclog.analysis.run import open_run
 
     runs = sorted(out.iterdir()) if out.is_dir() else []
-    return any(len(open_run(run).samples(columns=["tick"])) > 0 for run in runs if (run / "live.sqlite").exists())
+    return any(
+        len(open_run(run).samples(columns=["tick"])) > 0
+        for run in runs
+        if (run / "live.sqlite").exists()
+    )

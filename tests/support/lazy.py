@@ -1,4 +1,6 @@
-"""Modules that are slow to import, imported at their first use: each worker collects every test, and runs some of them."""
+"""Modules that are slow to import, imported at their first use: each worker collects every test,
+and runs some of them.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ class _Lazy:
         self._name = name
 
     def __getattr__(self, attribute: str) -> Any:
-        if attribute.startswith("_"):  # pytest asks every name of a test's module whether it is a test, a fixture or a mock
+        # pytest asks every name of a test's module whether it is a test, a fixture or a mock
+        if attribute.startswith("_"):
             raise AttributeError(attribute)
         return getattr(import_module(self._name), attribute)
 

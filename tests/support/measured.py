@@ -1,4 +1,6 @@
-"""The command `jbclog` in a process of its own that is measured, and stopped where it takes far too much."""
+"""The command `jbclog` in a process of its own that is measured, and stopped where it takes far too
+much.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +20,17 @@ PROGRAM: Final = """
 import atexit, re, sys
 from pathlib import Path
 peak = Path(sys.argv.pop(1))
-atexit.register(lambda: peak.write_text(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]))
+status = lambda: Path("/proc/self/status").read_text()
+atexit.register(lambda: peak.write_text(re.search(r"VmHWM:\\s+(\\d+)", status())[1]))
 from jbclog.cli import main
 main()
 """
 
 
 class Measured(NamedTuple):
-    """What it said, its seconds of processor time, and its memory in MB, infinite where it was killed."""
+    """What it said, its seconds of processor time, and its memory in MB, infinite where it was
+    killed.
+    """
 
     code: int
     text: str
@@ -38,7 +43,9 @@ def measured(*arguments: str | Path) -> Measured:
     with tempfile.TemporaryFile() as said, tempfile.TemporaryDirectory() as folder:
         peak = Path(folder) / "peak"
         command = [sys.executable, "-c", PROGRAM, str(peak), *map(str, arguments)]
-        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, preexec_fn=_limited)
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, preexec_fn=_limited
+        )
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         said.seek(0)

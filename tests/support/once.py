@@ -1,4 +1,6 @@
-"""Pure functions of a report that are computed once for each input in a process of the tests, by the bytes of the input."""
+"""Pure functions of a report that are computed once for each input in a process of the tests, by
+the bytes of the input.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +20,8 @@ ONCE_EACH = {
     "jbclog.report.paper": ("pdf_of",),
     "jbclog.report.ports": ("_svg",),
 }
-"""What takes most of a report, and depends on nothing but its arguments (shown by `test_write.py`, and by `test_paper.py` in
-other processes)."""
+"""What takes most of a report, and depends on nothing but its arguments (shown by `test_write.py`,
+and by `test_paper.py` in other processes)."""
 
 _known: list[dict[bytes, Any]] = []
 

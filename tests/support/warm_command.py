@@ -1,4 +1,5 @@
-"""`jbclog` for a shell, in a process that `warm_start` forks: the process here hands on signals and how that one ended.
+"""`jbclog` for a shell, in a process that `warm_start` forks: the process here hands on signals and
+how that one ended.
 
 It is run without `site`, and so imports only what the interpreter has.
 """

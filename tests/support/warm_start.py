@@ -1,8 +1,10 @@
-"""`jbclog` in a process that was forked from one with everything imported: half a second of CPU less for each command.
+"""`jbclog` in a process that was forked from one with everything imported: half a second of CPU
+less for each command.
 
-`Warm` is a `subprocess.Popen` of the command's words; `warm_command.py` is a program for a shell. The process that forks serves all
-workers of a session and ends with the last one. What a test proves of how a process begins (its memory, its imports, its first
-descriptors) takes a fresh interpreter.
+`Warm` is a `subprocess.Popen` of the command's words; `warm_command.py` is a program for a shell.
+The process that forks serves all workers of a session and ends with the last one. What a test
+proves of how a process begins (its memory, its imports, its first descriptors) takes a fresh
+interpreter.
 """
 
 from __future__ import annotations
@@ -37,8 +39,20 @@ VERBS = (
     *("read", "recover", "replay", "report", "run", "runs", "safe", "scan", "write"),
 )
 IMPORTED = (
-    *("jbclog.cli.app", "jbclog.app.run.runner", "jbclog.analysis.run", "jbclog.record.check", "jbclog.record.recover"),
-    *("jbclog.report.write", "jbclog.app.batch", "jbclog.app.audit", "jbclog.app.discovery", "jbclog.app.replay"),
+    *(
+        "jbclog.cli.app",
+        "jbclog.app.run.runner",
+        "jbclog.analysis.run",
+        "jbclog.record.check",
+        "jbclog.record.recover",
+    ),
+    *(
+        "jbclog.report.write",
+        "jbclog.app.batch",
+        "jbclog.app.audit",
+        "jbclog.app.discovery",
+        "jbclog.app.replay",
+    ),
     *(f"jbclog.cli.{name}" for name in VERBS),
 )
 STATUS = struct.Struct("=i")
@@ -49,13 +63,17 @@ class Warm(subprocess.Popen[str]):
 
     def __init__(self, words: Sequence[str], cwd: Path | None = None, **pipes: Any) -> None:
         self._status, self._ending = os.pipe()
-        super().__init__(words, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **pipes)
+        super().__init__(
+            words, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **pipes
+        )
 
     def _execute_child(self, args: Sequence[str], *rest: Any) -> None:
         """Have it forked instead of executed; the pipes are those that `Popen` made."""
         cwd, ends = rest[4], rest[9:15]
         asked = {"words": args, "cwd": str(cwd or Path.cwd()), "environment": dict(os.environ)}
-        inner = [end if end >= 0 else number for number, end in enumerate((ends[0], ends[3], ends[5]))]
+        inner = [
+            end if end >= 0 else number for number, end in enumerate((ends[0], ends[3], ends[5]))
+        ]
         server = _server(os.getpid())
         socket.send_fds(server, [json.dumps(asked).encode()], [*inner, self._ending])
         self.pid = int(server.recv(64))
@@ -95,7 +113,10 @@ def _server(_of: int) -> socket.socket:
 
 def address() -> Path:
     """Where the process that forks is asked: one for all workers of a session."""
-    return Path(tempfile.gettempdir()) / f"jbclog-warm-{os.environ.get('PYTEST_XDIST_TESTRUNUID', os.getpid())}"
+    return (
+        Path(tempfile.gettempdir())
+        / f"jbclog-warm-{os.environ.get('PYTEST_XDIST_TESTRUNUID', os.getpid())}"
+    )
 
 
 def connected() -> Path:
@@ -202,7 +223,11 @@ class Server:
 
     def _leave(self, inner: Sequence[int], ending: int) -> None:
         """Have nothing in the child but its three descriptors."""
-        others = [descriptor for key in self._waiting.get_map().values() for descriptor in (key.fd, *(key.data or ())[1:])]
+        others = [
+            descriptor
+            for key in self._waiting.get_map().values()
+            for descriptor in (key.fd, *(key.data or ())[1:])
+        ]
         self._waiting.close()
         for number, descriptor in enumerate(inner):
             os.dup2(descriptor, number)
@@ -216,7 +241,10 @@ def _begin_streams() -> None:
     """Streams of their own for the three descriptors, as an interpreter begins with."""
     sys.stdin = sys.__stdin__ = open(0, closefd=False)  # type: ignore[misc]  # noqa: SIM115  # they last as long as the process
     for number, name, errors in ((1, "stdout", "strict"), (2, "stderr", "backslashreplace")):
-        stream = io.TextIOWrapper(open(number, "wb", closefd=False), errors=errors, newline="\n", line_buffering=number == 2)  # noqa: SIM115
+        descriptor = open(number, "wb", closefd=False)  # noqa: SIM115
+        stream = io.TextIOWrapper(
+            descriptor, errors=errors, newline="\n", line_buffering=number == 2
+        )
         setattr(sys, name, stream)
         setattr(sys, f"__{name}__", stream)
 
@@ -241,7 +269,8 @@ def main() -> None:
 
     try:
         jbclog()
-    except SystemExit as ended:  # as the interpreter ends, but for taking its modules apart, which copies all of their memory
+    # as the interpreter ends, but for taking its modules apart, which copies all of their memory
+    except SystemExit as ended:
         threading._shutdown()  # type: ignore[attr-defined]
         atexit._run_exitfuncs()
         for stream in (sys.stdout, sys.stderr):

@@ -1,4 +1,6 @@
-"""The contracts of import-linter notice what they forbid, and imports load nothing heavier than what they need."""
+"""The contracts of import-linter notice what they forbid, and imports load nothing heavier than
+what they need.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +20,25 @@ from support.readers.texts import ROOT
 PACKAGE = Path(jbclog.__file__).parent
 HEAVY = ("pandas", "matplotlib", "jinja2")
 
-FORBIDDEN = {  # module that is added to a copy of the package -> what it imports, and what import-linter says of it
-    "protocol.added": ("from jbclog.session import scheduler", "jbclog.protocol.added -> jbclog.session.scheduler"),
+# module that is added to a copy of the package -> what it imports, and what import-linter says of
+# it
+FORBIDDEN = {
+    "protocol.added": (
+        "from jbclog.session import scheduler",
+        "jbclog.protocol.added -> jbclog.session.scheduler",
+    ),
     "session.added": ("def f():\n    import time", "jbclog.session.added -> time"),
-    "protocol.client.added": ("from threading import Lock", "jbclog.protocol.client.added -> threading"),
+    "protocol.client.added": (
+        "from threading import Lock",
+        "jbclog.protocol.client.added -> threading",
+    ),
     "record.added": ("import pandas as pd", "jbclog.record.added -> pandas"),
     "analysis.joints.added": ("import pandas as pd", "jbclog.analysis.joints.added -> pandas"),
     "guard.added": ("from serial import Serial", "jbclog.guard.added -> serial"),
-    "app.run.added": ("from jbclog.sim.virtual import VirtualStation", "jbclog.app.run.added -> jbclog.sim.virtual"),
+    "app.run.added": (
+        "from jbclog.sim.virtual import VirtualStation",
+        "jbclog.app.run.added -> jbclog.sim.virtual",
+    ),
     "cli.added": ("from jbclog.sim import virtual", "jbclog.cli.added -> jbclog.sim.virtual"),
     "app.added": ("from jbclog.report import write", "jbclog.app.added -> jbclog.report.write"),
     "maintenance.added": ("import jinja2", "jbclog.maintenance.added -> jinja2"),
@@ -39,7 +52,9 @@ def lint(project: Path) -> str:
     """What import-linter says of a project, and its exit code before that."""
     command = [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"]
     wide = {**os.environ, "COLUMNS": "1000", "PYTHONPATH": str(project)}
-    done = subprocess.run(command, cwd=project, env=wide, capture_output=True, text=True, check=False, timeout=200)
+    done = subprocess.run(
+        command, cwd=project, env=wide, capture_output=True, text=True, check=False, timeout=200
+    )
     return f"{done.returncode}\n{done.stdout}{done.stderr}"
 
 
@@ -74,44 +89,92 @@ def test_a_package_without_a_layer_is_found(project: Path) -> None:
 
 
 def test_every_file_begins_with_what_it_is() -> None:
-    assert [path.name for path in PACKAGE.rglob("*.py") if not ast.get_docstring(parsed(path))] == []
+    assert [
+        path.name for path in PACKAGE.rglob("*.py") if not ast.get_docstring(parsed(path))
+    ] == []
 
 
 def loaded_by(statement: str, *names: str) -> set[str]:
     """Which of the modules `names` are loaded in a fresh Python after `statement`."""
     code = f"import sys\n{statement}\nprint(*[name for name in {names!r} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=200)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=200
+    )
     return set(done.stdout.split())
 
 
 def test_importing_jbclog_is_light() -> None:
-    assert loaded_by("import jbclog", *HEAVY, "numpy", "pyarrow", "pydantic", "serial", "typer") == set()
+    assert (
+        loaded_by("import jbclog", *HEAVY, "numpy", "pyarrow", "pydantic", "serial", "typer")
+        == set()
+    )
 
 
 def test_public_names_load_what_they_need_and_no_more() -> None:
     assert loaded_by("import jbclog; jbclog.LinkError", *HEAVY, "pyarrow", "serial") == set()
-    assert loaded_by("import jbclog; jbclog.open_run", "pandas", "matplotlib", "scipy") == {"pandas"}, (
-        "scipy takes a second to load"
-    )
+    assert loaded_by("import jbclog; jbclog.open_run", "pandas", "matplotlib", "scipy") == {
+        "pandas"
+    }, "scipy takes a second to load"
 
 
 def test_a_follower_is_light() -> None:
     path = "import jbclog.live; jbclog.live.follow; import jbclog.live.run_follower"
-    assert loaded_by(path, *HEAVY, "scipy", "serial", "textual", "starlette", "jbclog.analysis.run") == set()
+    assert (
+        loaded_by(path, *HEAVY, "scipy", "serial", "textual", "starlette", "jbclog.analysis.run")
+        == set()
+    )
 
 
 def test_help_is_light() -> None:
-    assert loaded_by("import jbclog.cli", "jbclog.cli.run", "jbclog.cli.plan", "jbclog.cli.options", "hashlib") == set()
-    assert loaded_by("import jbclog.cli", *HEAVY, "numpy", "pyarrow", "pydantic", "serial", "sqlite3", "asyncio") == set()
+    assert (
+        loaded_by(
+            "import jbclog.cli",
+            "jbclog.cli.run",
+            "jbclog.cli.plan",
+            "jbclog.cli.options",
+            "hashlib",
+        )
+        == set()
+    )
+    assert (
+        loaded_by(
+            "import jbclog.cli",
+            *HEAVY,
+            "numpy",
+            "pyarrow",
+            "pydantic",
+            "serial",
+            "sqlite3",
+            "asyncio",
+        )
+        == set()
+    )
 
 
 def test_the_recorder_loads_no_heavy_package() -> None:
-    path = "import jbclog.cli.run, jbclog.cli.progress, jbclog.app.run.plan, jbclog.app.run.runner, jbclog.record.seal"
+    path = (
+        "import jbclog.cli.run, jbclog.cli.progress, jbclog.app.run.plan, jbclog.app.run.runner,"
+        " jbclog.record.seal"
+    )
     assert (
-        loaded_by(path, *HEAVY, "scipy", "jbclog.analysis.joints", "jbclog.sim", "jbclog.analysis.run", "jbclog.report", "rich")
+        loaded_by(
+            path,
+            *HEAVY,
+            "scipy",
+            "jbclog.analysis.joints",
+            "jbclog.sim",
+            "jbclog.analysis.run",
+            "jbclog.report",
+            "rich",
+        )
         == set()
     )
 
 
 def test_the_joint_search_at_the_end_of_a_run_loads_no_heavy_package() -> None:
-    assert loaded_by("import jbclog.analysis.joints.evidence", *HEAVY, "jbclog.analysis.run", "jbclog.report") == set()
+    assert (
+        loaded_by(
+            "import jbclog.analysis.joints.evidence", *HEAVY, "jbclog.analysis.run", "jbclog.report"
+        )
+        == set()
+    )

@@ -1,4 +1,6 @@
-"""Text from outside makes no line of its own, on any way out: terminal, CSV, JSON lines, the guard's words, a finding."""
+"""Text from outside makes no line of its own, on any way out: terminal, CSV, JSON lines, the
+guard's words, a finding.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,12 @@ from support.records.small_run import make_run
 
 ROOT = Path(__file__).parents[2]
 ENDS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
-HOSTILE = st.text(st.one_of(st.sampled_from(ENDS + "\x1b\x9b\u202e\u2066\u200b\ufeff\ud800\t\0"), st.characters()), max_size=60)
+HOSTILE = st.text(
+    st.one_of(
+        st.sampled_from(ENDS + "\x1b\x9b\u202e\u2066\u200b\ufeff\ud800\t\0"), st.characters()
+    ),
+    max_size=60,
+)
 
 
 @given(HOSTILE)
@@ -113,7 +120,9 @@ def test_a_line_and_a_cell_have_a_most_length(capsys: pytest.CaptureFixture[str]
 def test_a_manifest_of_long_texts_is_a_line_of_some_hundred_characters(tmp_path: Path) -> None:
     long, made = "x" * 100_000, make_run(tmp_path, 2.0)
     manifest = read_manifest(made)
-    write_manifest(made, replace(manifest, metadata=replace(manifest.metadata, operator=long, units=[long])))
+    write_manifest(
+        made, replace(manifest, metadata=replace(manifest.metadata, operator=long, units=[long]))
+    )
     bad = tmp_path / f"{made.name[:-1]}b"
     bad.mkdir()
     (bad / "manifest.json").write_text(json.dumps({"run": "x", "state": "open", "started": long}))
@@ -123,7 +132,9 @@ def test_a_manifest_of_long_texts_is_a_line_of_some_hundred_characters(tmp_path:
     assert "characters are left out" in said.output
 
 
-def test_an_error_that_ends_a_thread_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_error_that_ends_a_thread_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     def fail() -> None:
         raise OSError(errno.EMFILE, "Too many open files")
 
@@ -163,9 +174,16 @@ main()
 """
 
 
-@pytest.mark.parametrize(("number", "words"), [(0, ["runs", "."]), (5, ["sim", "profiles/lines/bench.toml"])])
+@pytest.mark.parametrize(
+    ("number", "words"), [(0, ["runs", "."]), (5, ["sim", "profiles/lines/bench.toml"])]
+)
 def test_no_more_open_files_is_one_line(number: int, words: list[str]) -> None:
     ended = subprocess.run(
-        [sys.executable, "-c", NO_FILES, str(number), *words], capture_output=True, text=True, check=False, timeout=60, cwd=ROOT
+        [sys.executable, "-c", NO_FILES, str(number), *words],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+        cwd=ROOT,
     )
     assert (ended.returncode, ended.stderr) == (4, NO_FILES_TEXT.decode())

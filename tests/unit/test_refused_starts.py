@@ -1,4 +1,6 @@
-"""A run that does not start leaves its record: sealed, with what was to run, who wanted it, and why it did not."""
+"""A run that does not start leaves its record: sealed, with what was to run, who wanted it, and why
+it did not.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,11 @@ SAID = Metadata("A. Rossi", "88123", units=("SN-1",), tags={"shift": "1"})
 def plan_of(folder: Path, line: str, recipe: str = RECIPE, **wanted: object) -> Plan:
     (folder / "line.toml").write_text(line)
     (folder / "recipe.toml").write_text(recipe)
-    return make_plan(RunOptions(folder / "line.toml", folder / "recipe.toml", duration_s=2.0, metadata=SAID, **wanted))  # type: ignore[arg-type]
+    return make_plan(
+        RunOptions(
+            folder / "line.toml", folder / "recipe.toml", duration_s=2.0, metadata=SAID, **wanted
+        )
+    )  # type: ignore[arg-type]
 
 
 def expect_record(result: Result, outcome: str, *words: str) -> None:
@@ -50,15 +56,23 @@ def expect_record(result: Result, outcome: str, *words: str) -> None:
     events = table(result.folder, "events")
     assert f"station.{outcome}" in events["kind"].to_pylist()
     assert events["time"].to_pylist() == sorted(events["time"].to_pylist())
-    (found,) = find(result.folder.parent, Filter(order="88123", unit="SN-1", state="failed", tags={"shift": "1"}))
+    (found,) = find(
+        result.folder.parent,
+        Filter(order="88123", unit="SN-1", state="failed", tags={"shift": "1"}),
+    )
     assert isinstance(found, Found)
     assert found.folder == result.folder
 
 
-# -- what a station does not let happen ----------------------------------------------------------------------------------------
+# -- what a station does not let happen ------------------------------------------------------------
 
 REFUSED = {
-    "the recipe is above what the station takes": ("settings = {maximum_temperature = 340}", "", RECIPE, "maximum of 340 °C"),
+    "the recipe is above what the station takes": (
+        "settings = {maximum_temperature = 340}",
+        "",
+        RECIPE,
+        "maximum of 340 °C",
+    ),
     "a tool that never cools": (
         "settings = {sleep_delay = 'off'}",
         "",
@@ -69,7 +83,10 @@ REFUSED = {
     "another model": ('model = "NAE"', "", RECIPE, "model NAE"),
     "no tool": ("tool = 0", "", RECIPE, "no tool in port 1"),
     "a setting is refused": (
-        '[[station.sim.fault]]\nkind = "nak"\ncode = 3\ncommand = "alarm_high_limit"\nonly = "write"',
+        (
+            '[[station.sim.fault]]\nkind = "nak"\ncode = 3\ncommand = "alarm_high_limit"\nonly ='
+            ' "write"'
+        ),
         "",
         RECIPE,
         "380 °C was asked",
@@ -78,7 +95,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("sim", "keys", "recipe", "words"), REFUSED.values(), ids=REFUSED)
-def test_a_station_that_does_not_fit(tmp_path: Path, sim: str, keys: str, recipe: str, words: str) -> None:
+def test_a_station_that_does_not_fit(
+    tmp_path: Path, sim: str, keys: str, recipe: str, words: str
+) -> None:
     plan = plan_of(tmp_path, line_text(sim, keys), recipe)
     expect_record(RecordedRun(plan, tmp_path / "runs").result, "refused", words)
 
@@ -89,15 +108,20 @@ def test_a_rate_that_the_station_turns_out_too_slow_for(tmp_path: Path) -> None:
 
 
 def test_a_station_that_does_not_answer(tmp_path: Path) -> None:
-    plan = plan_of(tmp_path, line_text('[[station.sim.fault]]\nkind = "dropout"\nat_s = 0\nfor_s = 100'))
+    plan = plan_of(
+        tmp_path, line_text('[[station.sim.fault]]\nkind = "dropout"\nat_s = 0\nfor_s = 100')
+    )
     expect_record(RecordedRun(plan, tmp_path / "runs").result, "gone")
 
 
-# -- what this machine does not let happen -------------------------------------------------------------------------------------
+# -- what this machine does not let happen ---------------------------------------------------------
 
 
 def line_at(url: str) -> str:
-    return f'[line]\nname = "l"\n[[station]]\nname = "dde-1"\nurl = {json.dumps(url)}\nfamily = "dde"\n'
+    return (
+        f'[line]\nname = "l"\n[[station]]\nname = "dde-1"\nurl = {json.dumps(url)}\nfamily ='
+        ' "dde"\n'
+    )
 
 
 @contextmanager
@@ -120,7 +144,9 @@ def test_a_port_that_is_not_there(tmp_path: Path) -> None:
 def test_a_server_that_is_not_there(tmp_path: Path) -> None:
     with socket.socket() as bound:
         bound.bind(("127.0.0.1", 0))
-        plan = plan_of(tmp_path, line_at(f"socket://127.0.0.1:{bound.getsockname()[1]}"), guard=False)
+        plan = plan_of(
+            tmp_path, line_at(f"socket://127.0.0.1:{bound.getsockname()[1]}"), guard=False
+        )
         expect_record(conduct(plan, tmp_path / "runs", Nobody()), "gone")
 
 
@@ -135,10 +161,17 @@ def test_a_port_that_another_run_holds(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(port_owner, "runs_that_hold", lambda urls: [other])
     monkeypatch.setattr(port_owner, "holds", lambda run, urls: True)
     plan = plan_of(tmp_path, line_at(str(tmp_path / "nowhere")))
-    expect_record(conduct(plan, tmp_path / "mine", Nobody()), "refused", f"the run {other} holds this port", "nothing was sent")
+    expect_record(
+        conduct(plan, tmp_path / "mine", Nobody()),
+        "refused",
+        f"the run {other} holds this port",
+        "nothing was sent",
+    )
 
 
-def test_the_others_of_its_line_were_not_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_others_of_its_line_were_not_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(port_owner, "runs_that_hold", lambda urls: [tmp_path])
     monkeypatch.setattr(port_owner, "holds", lambda run, urls: urls[0].endswith("a"))
     line = line_at("a") + '[[station]]\nname = "dde-2"\nurl = "b"\nfamily = "dde"\n'
@@ -150,7 +183,9 @@ def test_the_others_of_its_line_were_not_asked(tmp_path: Path, monkeypatch: pyte
 
 def test_a_guard_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def start(*_: object) -> None:
-        raise StartRefused("the guard could not be started (no more processes); --no-guard runs without one")
+        raise StartRefused(
+            "the guard could not be started (no more processes); --no-guard runs without one"
+        )
 
     monkeypatch.setattr(RunGuard, "start", start)
     plan = plan_of(tmp_path, line_at(str(tmp_path / "nowhere")))

@@ -1,8 +1,9 @@
-"""Episodes in which a tool was beyond its alarm limits, by three detectors: the station's flags, our samples, every excursion.
+"""Episodes in which a tool was beyond its alarm limits, by three detectors: the station's flags,
+our samples, every excursion.
 
-Start with `state_machine.py`, then `port_watch.py`; `live.py` feeds it while a run is recorded, `from_record.py` from its record.
-Terms and states are those of ISA-18.2 / IEC 62682 as in OPC UA Part 9 (OPC 10000-9): on-delay, off-delay, deadband,
-acknowledgement independent of the state.
+Start with `state_machine.py`, then `port_watch.py`; `live.py` feeds it while a run is recorded,
+`from_record.py` from its record. Terms and states are those of ISA-18.2 / IEC 62682 as in OPC UA
+Part 9 (OPC 10000-9): on-delay, off-delay, deadband, acknowledgement independent of the state.
 """
 
 from jbclog.analysis.alarms.from_record import FlagRead, Rows, SampledEpisodes, flag_episodes

@@ -1,10 +1,11 @@
 """The episodes of the three detectors, from a record.
 
-A, the station's flags (events `alarm.high`, `alarm.low`, `alarm.unconfirmed` and ``.ended``): raised between two readings of the
-flags, and ended between two. After a lost answer (`alarm.unknown`) the state is not known until the next reading. Flags from before
-the run, and flags of tools that do not count, give no episode.
-B, our samples: beyond the limit for the on-delay, until back by the deadband for the off-delay; the same as the recorder detected.
-C, our samples: every excursion beyond the limit.
+A, the station's flags (events `alarm.high`, `alarm.low`, `alarm.unconfirmed` and ``.ended``):
+raised between two readings of the flags, and ended between two. After a lost answer
+(`alarm.unknown`) the state is not known until the next reading. Flags from before the run, and
+flags of tools that do not count, give no episode. B, our samples: beyond the limit for the
+on-delay, until back by the deadband for the off-delay; the same as the recorder detected. C, our
+samples: every excursion beyond the limit.
 """
 
 from __future__ import annotations
@@ -13,7 +14,14 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from jbclog.analysis.alarms.port_watch import Change, PortWatch
-from jbclog.analysis.alarms.state_machine import RETURNED, Detector, Episode, Rules, Side, Transition
+from jbclog.analysis.alarms.state_machine import (
+    RETURNED,
+    Detector,
+    Episode,
+    Rules,
+    Side,
+    Transition,
+)
 from jbclog.core.rows import EventRow
 
 Numbers = Sequence[float | None]
@@ -26,7 +34,9 @@ _ENDED = {"alarm.high.ended": Side.HIGH, "alarm.low.ended": Side.LOW}
 
 
 class Rows(NamedTuple):
-    """The samples of one port as columns; None: not read. `steps_us`: row -> size of the clock step just before it."""
+    """The samples of one port as columns; None: not read. `steps_us`: row -> size of the clock step
+    just before it.
+    """
 
     time_us: Sequence[int]
     tick: Sequence[int]
@@ -48,10 +58,11 @@ class FlagRead(NamedTuple):
 
 
 class SampledEpisodes:
-    """The episodes of one port by its samples; `found` has them in the order in which they were raised.
+    """The episodes of one port by its samples; `found` has them in the order in which they were
+    raised.
 
-    `changes` of settings and tools are oldest first, their times less the steps of the wall clock before them. `rules` None: the
-    defaults.
+    `changes` of settings and tools are oldest first, their times less the steps of the wall clock
+    before them. `rules` None: the defaults.
     """
 
     def __init__(
@@ -71,13 +82,17 @@ class SampledEpisodes:
     def feed(self, rows: Rows) -> None:
         """Take the next rows, oldest first."""
         take, steps, found = self._watch.row, rows.steps_us, self.found
-        columns = zip(rows.time_us, rows.tick, rows.temperature_c, rows.status, rows.set_c, strict=True)
+        columns = zip(
+            rows.time_us, rows.tick, rows.temperature_c, rows.status, rows.set_c, strict=True
+        )
         for place, (time_us, tick, temperature, status, set_c) in enumerate(columns):
             if steps and place in steps:
                 self._watch.step(steps[place])
             reports = take(time_us, tick, temperature, status, set_c)
             if reports:
-                found += [episode for transition, episode in reports if transition is Transition.RAISED]
+                found += [
+                    episode for transition, episode in reports if transition is Transition.RAISED
+                ]
 
 
 def flag_episodes(events: Iterable[EventRow], reads: Sequence[FlagRead] = ()) -> list[Episode]:
@@ -103,13 +118,17 @@ def flag_episodes(events: Iterable[EventRow], reads: Sequence[FlagRead] = ()) ->
 
 
 def _lose(episode: Episode, event: EventRow) -> None:
-    """Mark an episode as uncertain because an answer was lost; until its end is known, `cleared_us` is the last reading before."""
+    """Mark an episode as uncertain because an answer was lost; until its end is known, `cleared_us`
+    is the last reading before.
+    """
     if not episode.is_lost:
         episode.is_lost = episode.is_uncertain = True
         episode.cleared_us = earliest_us(event)
 
 
-def _raise(event: EventRow, active: dict[Side, Episode], found: list[Episode], reads: Sequence[FlagRead]) -> None:
+def _raise(
+    event: EventRow, active: dict[Side, Episode], found: list[Episode], reads: Sequence[FlagRead]
+) -> None:
     side = _RAISED.get(event.kind) or (Side.LOW if event.raw == Side.LOW else Side.HIGH)
     episode = active.get(side)
     if episode is not None and episode.is_lost:
@@ -142,7 +161,9 @@ def _new(event: EventRow, side: Side) -> Episode:
 
 
 def _end_if_read_off(episode: Episode, reads: Iterable[FlagRead]) -> None:
-    """End an uncertain episode at the first reading after the lost answer that has its flag off, if there is one."""
+    """End an uncertain episode at the first reading after the lost answer that has its flag off, if
+    there is one.
+    """
     since_us = episode.cleared_us
     if not episode.is_lost or since_us is None:
         return

@@ -1,12 +1,14 @@
 """Alarm KPIs of one station (ISA-18.2): rate, floods, chattering, fleeting and stale alarms.
 
-Definitions. *Rate*: the highest number of alarms raised in any ten minutes. *Flood*: begins with more than `FLOOD_BEGINS` alarms in
-ten minutes and ends with fewer than `FLOOD_ENDS`. *Chattering*: one limit of one port raises `CHATTERING` or more alarms within a
-minute. *Fleeting*: lasts less than `FLEETING_S`. *Stale*: active for longer than `STALE_S`. *Time between alarms* (MTBA): recorded
-time divided by the number of alarms raised in it, if there are two or more. *Acknowledgement latency*: from raised to acknowledged,
-median and 95 % quantile over the acknowledged alarms; alarms are acknowledged after the run is sealed, so it includes the rest of
-the run. The thresholds are those of ISA-18.2 and EEMUA 191 (as quoted by vendors) for the console of one operator; here
-they apply to one station.
+Definitions. *Rate*: the highest number of alarms raised in any ten minutes. *Flood*: begins with
+more than `FLOOD_BEGINS` alarms in ten minutes and ends with fewer than `FLOOD_ENDS`. *Chattering*:
+one limit of one port raises `CHATTERING` or more alarms within a minute. *Fleeting*: lasts less
+than `FLEETING_S`. *Stale*: active for longer than `STALE_S`. *Time between alarms* (MTBA): recorded
+time divided by the number of alarms raised in it, if there are two or more. *Acknowledgement
+latency*: from raised to acknowledged, median and 95 % quantile over the acknowledged alarms; alarms
+are acknowledged after the run is sealed, so it includes the rest of the run. The thresholds are
+those of ISA-18.2 and EEMUA 191 (as quoted by vendors) for the console of one operator; here they
+apply to one station.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ LEAST_FOR_MTBA: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One limit of one port, as ``port 1 high``: the number of its alarms, and their share of all in per cent."""
+    """One limit of one port, as ``port 1 high``: the number of its alarms, and their share of all
+    in per cent.
+    """
 
     name: str
     count: int
@@ -51,10 +55,12 @@ class Seconds:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """The KPIs of one station by one detector. Times are UTC microseconds; a flood that has not ended has None as its end.
+    """The KPIs of one station by one detector. Times are UTC microseconds; a flood that has not
+    ended has None as its end.
 
-    `apart`: mean time between alarms. `ack_p50`, `ack_p95`: acknowledgement latency. `per_10_min`: mean over the record; None if
-    nothing was recorded. `chattering`: for each chattering limit the highest number of alarms within a minute.
+    `apart`: mean time between alarms. `ack_p50`, `ack_p95`: acknowledgement latency. `per_10_min`:
+    mean over the record; None if nothing was recorded. `chattering`: for each chattering limit the
+    highest number of alarms within a minute.
     """
 
     station: str
@@ -81,7 +87,8 @@ def figures(
     end_us: int | None,
     acknowledged_us: Mapping[str, int] = MappingProxyType({}),
 ) -> Figures:
-    """Return the KPIs of `station` over its record from `begin_us` to `end_us` (None: nothing was recorded).
+    """Return the KPIs of `station` over its record from `begin_us` to `end_us` (None: nothing was
+    recorded).
 
     `acknowledged_us`: name of an episode -> when it was acknowledged.
     """
@@ -101,7 +108,9 @@ def figures(
         chattering=_chattering(mine),
         fleeting=sum(one.seconds is not None and one.seconds < FLEETING_S for one in mine),
         stale=sum(_lasted_s(one, end_us) > STALE_S for one in mine),
-        top=tuple(Source(name, n, round(100 * n / len(mine), 1)) for name, n in names.most_common(TOP)),
+        top=tuple(
+            Source(name, n, round(100 * n / len(mine), 1)) for name, n in names.most_common(TOP)
+        ),
         apart=_apart(len(mine), length_s),
         ack_p50=_latency(waited, len(mine), 0.50),
         ack_p95=_latency(waited, len(mine), 0.95),
@@ -114,24 +123,38 @@ def _apart(count: int, length_s: float | None) -> Seconds:
     if not count:
         return Seconds(None, 0, f"No alarm was raised in {length_s:.0f} s.")
     if count < LEAST_FOR_MTBA:
-        return Seconds(None, count, f"One alarm was raised in {length_s:.0f} s; a mean time between alarms takes two.")
+        return Seconds(
+            None,
+            count,
+            f"One alarm was raised in {length_s:.0f} s; a mean time between alarms takes two.",
+        )
     return Seconds(round(length_s / count, 6), count)
 
 
 def _waited_s(episodes: Sequence[Episode], acknowledged_us: Mapping[str, int]) -> list[float]:
-    """Return the sorted latencies of acknowledged episodes; leaves out negative ones, which come from a clock that was set back."""
-    waited = [(acknowledged_us[one.id] - _raised_us(one)) / 1e6 for one in episodes if one.id in acknowledged_us]
+    """Return the sorted latencies of acknowledged episodes; leaves out negative ones, which come
+    from a clock that was set back.
+    """
+    waited = [
+        (acknowledged_us[one.id] - _raised_us(one)) / 1e6
+        for one in episodes
+        if one.id in acknowledged_us
+    ]
     return sorted(seconds for seconds in waited if seconds >= 0)
 
 
 def _latency(waited: Sequence[float], count: int, share: float) -> Seconds:
     """Return a quantile of the latencies, interpolated linearly."""
     if not waited:
-        return Seconds(None, 0, "No alarm was raised." if not count else f"None of {count} was acknowledged.")
+        return Seconds(
+            None, 0, "No alarm was raised." if not count else f"None of {count} was acknowledged."
+        )
     place = share * (len(waited) - 1)
     below = floor(place)
     above = min(below + 1, len(waited) - 1)
-    return Seconds(round(waited[below] + (place - below) * (waited[above] - waited[below]), 3), len(waited))
+    return Seconds(
+        round(waited[below] + (place - below) * (waited[above] - waited[below]), 3), len(waited)
+    )
 
 
 def _raised_us(episode: Episode) -> int:
@@ -147,11 +170,15 @@ def _lasted_s(episode: Episode, now_us: int | None) -> float:
     return 0.0 if end is None else (end - episode.onset_us) / 1e6
 
 
-def _floods(raised: Sequence[int], now_us: int | None) -> tuple[tuple[tuple[int, int | None], ...], int]:
+def _floods(
+    raised: Sequence[int], now_us: int | None
+) -> tuple[tuple[tuple[int, int | None], ...], int]:
     """Return the floods, and the highest number of alarms in any ten minutes."""
     window = round(WINDOW_S * 1e6)
     # an alarm leaves the window ten minutes after it was raised
-    moments = sorted([(moment, 1) for moment in raised] + [(moment + window, -1) for moment in raised])
+    moments = sorted(
+        [(moment, 1) for moment in raised] + [(moment + window, -1) for moment in raised]
+    )
     floods: list[tuple[int, int | None]] = []
     count = most = 0
     for moment, change in moments:
@@ -168,7 +195,9 @@ def _floods(raised: Sequence[int], now_us: int | None) -> tuple[tuple[tuple[int,
 
 
 def _chattering(episodes: Sequence[Episode]) -> dict[str, int]:
-    """Return each chattering limit, with the highest number of alarms that it raised within a minute."""
+    """Return each chattering limit, with the highest number of alarms that it raised within a
+    minute.
+    """
     most: dict[str, int] = {}
     recent: dict[str, deque[int]] = {}
     for one in sorted(episodes, key=_raised_us):

@@ -1,7 +1,7 @@
 """Detects alarms (detector B) while a run is recorded, and adds their events to the record.
 
-Uses only what is recorded, so the analysis of the record finds the same episodes. A row within all limits costs one look-up and two
-comparisons.
+Uses only what is recorded, so the analysis of the record finds the same episodes. A row within all
+limits costs one look-up and two comparisons.
 """
 
 from __future__ import annotations
@@ -11,7 +11,15 @@ from dataclasses import fields
 from typing import Final
 
 from jbclog.analysis.alarms.port_watch import BEFORE_ALL, TOOL, Change, PortWatch
-from jbclog.analysis.alarms.state_machine import WATCHED, Detector, Episode, Report, Rules, Side, Transition
+from jbclog.analysis.alarms.state_machine import (
+    WATCHED,
+    Detector,
+    Episode,
+    Report,
+    Rules,
+    Side,
+    Transition,
+)
 from jbclog.core.rows import COLUMN, EventRow, SampleRow, SettingRow, Severity, StationFacts
 
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
@@ -50,7 +58,9 @@ class LiveAlarms:
             self._change((row.station, row.port), Change(BEFORE_ALL, row.setting, row.readback))
 
     def event(self, event: EventRow) -> None:
-        """Take a change of a setting or a tool, or a step of the wall clock; ignore other events."""
+        """Take a change of a setting or a tool, or a step of the wall clock; ignore other
+        events.
+        """
         if event.kind == "clock.step" and event.value:
             self._step(round(event.value * 1e6))
         elif event.station is not None and event.port is not None:
@@ -69,7 +79,9 @@ class LiveAlarms:
 
     def _begin(self, station: str, port: int) -> PortWatch:
         facts = self._facts.get(station)
-        watch = PortWatch(station, port, facts.period_s if facts else None, rules_of(facts), [Detector.SAMPLES])
+        watch = PortWatch(
+            station, port, facts.period_s if facts else None, rules_of(facts), [Detector.SAMPLES]
+        )
         watch.step(self._stepped_us)
         for change in self._waiting.pop((station, port), []):
             watch.change(change)
@@ -95,7 +107,11 @@ class LiveAlarms:
 
 def rules_of(facts: StationFacts | None) -> Rules:
     """Return the rules of a station's recipe, as in its facts; the defaults for what these lack."""
-    stated = {} if facts is None else {name: facts.alarm_rules[name] for name in RULES if name in facts.alarm_rules}
+    stated = (
+        {}
+        if facts is None
+        else {name: facts.alarm_rules[name] for name in RULES if name in facts.alarm_rules}
+    )
     return Rules(**stated)
 
 
@@ -104,12 +120,18 @@ def change_of(kind: str, at_us: int, raw: str | None) -> Change | None:
     if kind == "tool.changed":
         return Change(at_us, TOOL)
     name, equals, text = (raw or "").partition("=")
-    return Change(at_us, name, text) if kind == "setting.changed" and equals and name in WATCHED else None
+    return (
+        Change(at_us, name, text)
+        if kind == "setting.changed" and equals and name in WATCHED
+        else None
+    )
 
 
 def event_of(transition: Transition, episode: Episode, time_us: int) -> EventRow:
     """Return the event for a transition of an episode; its `raw` is the episode's name."""
-    earliest = episode.end_earliest_us if transition is Transition.CLEARED else episode.onset_earliest_us
+    earliest = (
+        episode.end_earliest_us if transition is Transition.CLEARED else episode.onset_earliest_us
+    )
     return EventRow(
         time_us,
         f"{KIND}.{transition.value}",
@@ -127,8 +149,17 @@ def event_of(transition: Transition, episode: Episode, time_us: int) -> EventRow
 def _sentence(transition: Transition, episode: Episode) -> str:
     beyond = "above" if episode.side is Side.HIGH else "below"
     if transition is Transition.RAISED:
-        return f"{episode.peak_c:g} °C read, {beyond} {episode.limit_c:g} °C for {episode.on_delay_s:g} s"
+        return (
+            f"{episode.peak_c:g} °C read, {beyond} {episode.limit_c:g} °C for"
+            f" {episode.on_delay_s:g} s"
+        )
     if transition is Transition.CLEARED:
         extreme = "hottest" if episode.side is Side.HIGH else "coldest"
-        return f"the {episode.side}-temperature episode is over ({episode.end_reason}); {extreme} {episode.peak_c:g} °C"
-    return f"whether it is still {beyond} {episode.limit_c:g} °C is not known: nothing was read of it for too long"
+        return (
+            f"the {episode.side}-temperature episode is over ({episode.end_reason}); {extreme}"
+            f" {episode.peak_c:g} °C"
+        )
+    return (
+        f"whether it is still {beyond} {episode.limit_c:g} °C is not known: nothing was read of it"
+        " for too long"
+    )

@@ -1,7 +1,9 @@
-"""Groups the episodes of the three detectors into incidents, and finds where the detectors disagree.
+"""Groups the episodes of the three detectors into incidents, and finds where the detectors
+disagree.
 
-Episodes of one port and side belong to one incident if their widest intervals overlap: from the last reading without the alarm to
-the first reading without it again. A disagreement is a finding, a sentence with the possible causes.
+Episodes of one port and side belong to one incident if their widest intervals overlap: from the
+last reading without the alarm to the first reading without it again. A disagreement is a finding, a
+sentence with the possible causes.
 """
 
 from __future__ import annotations
@@ -14,7 +16,9 @@ from jbclog.analysis.alarms.state_machine import Detector, Episode, Side
 
 
 class Unknown(NamedTuple):
-    """The answer to the alarm flags was lost at `time_us`; they had been read before at `earliest_us`."""
+    """The answer to the alarm flags was lost at `time_us`; they had been read before at
+    `earliest_us`.
+    """
 
     earliest_us: int
     time_us: int
@@ -22,7 +26,9 @@ class Unknown(NamedTuple):
 
 @dataclass(slots=True)
 class Incident:
-    """One excursion of one port beyond one limit, as each detector saw it. `finding`: how the detectors disagree."""
+    """One excursion of one port beyond one limit, as each detector saw it. `finding`: how the
+    detectors disagree.
+    """
 
     number: int
     station: str
@@ -34,7 +40,9 @@ class Incident:
 
     @property
     def name(self) -> str:
-        """The name of its main episode: the first by our samples, else by the station's flags, else of the excursions."""
+        """The name of its main episode: the first by our samples, else by the station's flags, else
+        of the excursions.
+        """
         ranks = (Detector.SAMPLES, Detector.STATION, Detector.AFTERWARDS)
         return min(self.episodes, key=lambda one: (ranks.index(one.detector), one.onset_us)).id
 
@@ -44,19 +52,27 @@ class Incident:
 
 
 def incidents(
-    episodes: Iterable[Episode], unknown: Mapping[tuple[str, int], Sequence[Unknown]], with_flags: Iterable[str]
+    episodes: Iterable[Episode],
+    unknown: Mapping[tuple[str, int], Sequence[Unknown]],
+    with_flags: Iterable[str],
 ) -> list[Incident]:
     """Return all incidents with their findings in the order in which they began, numbered from 1.
 
-    `unknown`: lost readings of the flags by station and port. `with_flags`: the stations that report alarm flags.
+    `unknown`: lost readings of the flags by station and port. `with_flags`: the stations that
+    report alarm flags.
     """
     reporting = frozenset(with_flags)
     found = [Incident(0, *place, group) for place, group in _groups(episodes)]
     found.sort(key=lambda one: (one.begin_us, one.station, one.port, one.side))
     for number, one in enumerate(found, 1):
         one.number = number
-        one.by = {detector: [each for each in one.episodes if each.detector is detector] for detector in Detector}
-        one.finding = _finding(one, unknown.get((one.station, one.port), ()), has_flags=one.station in reporting)
+        one.by = {
+            detector: [each for each in one.episodes if each.detector is detector]
+            for detector in Detector
+        }
+        one.finding = _finding(
+            one, unknown.get((one.station, one.port), ()), has_flags=one.station in reporting
+        )
     return found
 
 
@@ -64,7 +80,9 @@ Place = tuple[str, int, Side]
 
 
 def _groups(episodes: Iterable[Episode]) -> Iterable[tuple[Place, list[Episode]]]:
-    """Yield groups of episodes of one port and side whose intervals overlap, directly or through others."""
+    """Yield groups of episodes of one port and side whose intervals overlap, directly or through
+    others.
+    """
     places: dict[Place, list[Episode]] = {}
     for episode in episodes:
         places.setdefault((episode.station, episode.port, episode.side), []).append(episode)
@@ -82,7 +100,9 @@ def _groups(episodes: Iterable[Episode]) -> Iterable[tuple[Place, list[Episode]]
 
 
 def _until_us(episode: Episode) -> float:
-    return float("inf") if episode.cleared_us is None or episode.end_us is None else episode.cleared_us
+    return (
+        float("inf") if episode.cleared_us is None or episode.end_us is None else episode.cleared_us
+    )
 
 
 def _finding(one: Incident, unknown: Sequence[Unknown], *, has_flags: bool) -> str | None:
@@ -97,17 +117,27 @@ def _finding(one: Incident, unknown: Sequence[Unknown], *, has_flags: bool) -> s
 def _station_only(one: Incident, station: list[Episode], excursions: list[Episode]) -> str:
     text = f"the station raised its {one.side}-temperature flag"
     if excursions:
-        longest = max((each.seconds for each in excursions if each.seconds is not None), default=None)
+        longest = max(
+            (each.seconds for each in excursions if each.seconds is not None), default=None
+        )
         lasted = "" if longest is None else f" (longest {longest:.1f} s)"
         return f"{text}; our samples exceeded the limit too, but not for the whole delay{lasted}"
     limit = "" if station[0].limit_c is None else f" beyond {station[0].limit_c:g} °C"
-    return f"{text}; no sample is{limit}: it was between two of our readings, or is left from before"
+    return (
+        f"{text}; no sample is{limit}: it was between two of our readings, or is left from before"
+    )
 
 
 def _samples_only(one: Incident, samples: list[Episode], unknown: Sequence[Unknown]) -> str:
     first, last = samples[0], samples[-1]
     delay = f" for longer than {first.on_delay_s:g} s" if first.on_delay_s else ""
-    text = f"our samples were beyond {first.limit_c:g} °C{delay}; the station's {one.side}-temperature flag was not read as set"
-    if any(lost.time_us >= first.onset_earliest_us and lost.earliest_us <= _until_us(last) for lost in unknown):
+    text = (
+        f"our samples were beyond {first.limit_c:g} °C{delay}; the station's {one.side}-temperature"
+        " flag was not read as set"
+    )
+    if any(
+        lost.time_us >= first.onset_earliest_us and lost.earliest_us <= _until_us(last)
+        for lost in unknown
+    ):
         return f"{text}: an answer with the flags was lost meanwhile, which may have shown it"
     return f"{text}: its limit or delay differs from what was read back, or the flag was lost"

@@ -1,11 +1,12 @@
 """Alarm states of one port, row by row. The recorder and the analysis of a record both use it.
 
-Only rows with temperature and status are readings; any other row is a gap. Time is that of the grid, tick × period; without a grid
-(``--rate max``) it is UTC. Two readings are consecutive if at most `GAP_PERIODS` periods lie between them (`GAP_S` without a grid);
-delays do not count a longer gap.
+Only rows with temperature and status are readings; any other row is a gap. Time is that of the
+grid, tick × period; without a grid (``--rate max``) it is UTC. Two readings are consecutive if at
+most `GAP_PERIODS` periods lie between them (`GAP_S` without a grid); delays do not count a longer
+gap.
 
-A changed setting applies to rows with a later time. In a record, rows and events stand in different tables: this is the order in
-which they were recorded.
+A changed setting applies to rows with a later time. In a record, rows and events stand in different
+tables: this is the order in which they were recorded.
 """
 
 from __future__ import annotations
@@ -44,7 +45,9 @@ BEFORE_ALL: Final = 0
 
 
 class Change(NamedTuple):
-    """At `at_us` a setting was found to be `text` (as in `settings`), or the tool was changed (`name` is `TOOL`)."""
+    """At `at_us` a setting was found to be `text` (as in `settings`), or the tool was changed
+    (`name` is `TOOL`).
+    """
 
     at_us: int
     name: str
@@ -52,10 +55,12 @@ class Change(NamedTuple):
 
 
 class Arrival:
-    """Whether the tool in one port has reached its setpoint since it was put there; only then its alarms count.
+    """Whether the tool in one port has reached its setpoint since it was put there; only then its
+    alarms count.
 
-    The same rule as in a session (`jbclog/session/run/watch.py`): the tool works, and it is within ±10 °C of the setpoint, passed
-    through it between two readings, or was found hotter and has not cooled for ten seconds.
+    The same rule as in a session (`jbclog/session/run/watch.py`): the tool works, and it is within
+    ±10 °C of the setpoint, passed through it between two readings, or was found hotter and has not
+    cooled for ten seconds.
     """
 
     __slots__ = ("_above", "has_arrived", "previous_c")
@@ -63,7 +68,8 @@ class Arrival:
     def __init__(self) -> None:
         self.has_arrived = False
         self.previous_c: float | None = None
-        self._above: tuple[float, float] | None = None  # since when it is hotter than its setpoint, and its temperature then
+        # since when it is hotter than its setpoint, and its temperature then
+        self._above: tuple[float, float] | None = None
 
     def reset(self) -> None:
         """Start again, because the tool was changed."""
@@ -72,12 +78,16 @@ class Arrival:
     def see(self, seconds: float, value: float, setpoint: float | None, *, works: bool) -> None:
         """Take a reading in °C at `seconds`."""
         if setpoint is not None and works and not self.has_arrived:
-            self.has_arrived = self._reaches(value, setpoint) or self._stays_above(seconds, value, setpoint)
+            self.has_arrived = self._reaches(value, setpoint) or self._stays_above(
+                seconds, value, setpoint
+            )
             self._note_above(seconds, value, setpoint)
         self.previous_c = value
 
     def _reaches(self, value: float, setpoint: float) -> bool:
-        has_passed = self.previous_c is not None and (self.previous_c < setpoint) != (value < setpoint)
+        has_passed = self.previous_c is not None and (self.previous_c < setpoint) != (
+            value < setpoint
+        )
         return has_passed or abs(value - setpoint) <= BAND_C
 
     def _stays_above(self, seconds: float, value: float, setpoint: float) -> bool:
@@ -96,14 +106,23 @@ class Arrival:
 class PortWatch:
     """The alarms of one port by one or more detectors. `period_s` None: no grid."""
 
-    def __init__(self, station: str, port: int, period_s: float | None, rules: Rules, detectors: Sequence[Detector]) -> None:
+    def __init__(
+        self,
+        station: str,
+        port: int,
+        period_s: float | None,
+        rules: Rules,
+        detectors: Sequence[Detector],
+    ) -> None:
         self._stepped_us = 0
         self._period_s = period_s
         self._gap_s = GAP_S if period_s is None else GAP_PERIODS * period_s * (1 + 1e-9)
         self._rules = rules
         self._changes: deque[Change] = deque()
         self._settings: dict[str, float | None] = {}
-        self._machines = [Machine(station, port, side, detector) for detector in detectors for side in Side]
+        self._machines = [
+            Machine(station, port, side, detector) for detector in detectors for side in Side
+        ]
         self._arrival = Arrival()
         self._setpoint: float | None = None
         self._is_tool_new = False  # changed, and has not reached its setpoint since
@@ -113,7 +132,9 @@ class PortWatch:
         self._low, self._high = inf, -inf  # a reading between them changes nothing
 
     def change(self, change: Change) -> None:
-        """Note a change of a setting or the tool, oldest first. Its time is less the steps of the wall clock before it."""
+        """Note a change of a setting or the tool, oldest first. Its time is less the steps of the
+        wall clock before it.
+        """
         self._changes.append(change)
 
     def step(self, size_us: int) -> None:
@@ -123,7 +144,14 @@ class PortWatch:
         for machine in self._machines:
             machine.step_clock(size_us)
 
-    def row(self, time_us: int, tick: int, temperature: float | None, status: str | None, set_c: float | None) -> Sequence[Report]:
+    def row(
+        self,
+        time_us: int,
+        tick: int,
+        temperature: float | None,
+        status: str | None,
+        set_c: float | None,
+    ) -> Sequence[Report]:
         """Take the next row of this port and return the transitions of its episodes."""
         if self._changes:
             self._apply_changes(time_us - self._stepped_us)
@@ -155,7 +183,11 @@ class PortWatch:
             machine.definition = definition
 
     def _seconds(self, tick: int, time_us: int) -> float:
-        return tick * self._period_s if self._period_s is not None else (time_us - self._stepped_us) / 1e6
+        return (
+            tick * self._period_s
+            if self._period_s is not None
+            else (time_us - self._stepped_us) / 1e6
+        )
 
     def _since_last_s(self, tick: int, time_us: int) -> float:
         """Return the seconds since the last reading; infinity if there is none."""
@@ -166,7 +198,9 @@ class PortWatch:
         return (time_us - self._us) / 1e6
 
     def _miss(self, tick: int, time_us: int) -> list[Report]:
-        """Note a missing reading; after `stale_s` it is uncertain whether an alarm is still active."""
+        """Note a missing reading; after `stale_s` it is uncertain whether an alarm is still
+        active.
+        """
         return self._lose() if self._since_last_s(tick, time_us) >= self._rules.stale_s else []
 
     def _lose(self) -> list[Report]:
@@ -191,7 +225,9 @@ class PortWatch:
         self._set_quiet_range(counts=counts)
         return reports
 
-    def _step_machines(self, value: float, since_s: float, time_us: int, *, counts: bool) -> list[Report]:
+    def _step_machines(
+        self, value: float, since_s: float, time_us: int, *, counts: bool
+    ) -> list[Report]:
         elapsed_s = since_s if 0 < since_s <= self._gap_s else 0.0
         before_us = self._us if self._has_read else time_us
         reports = []
@@ -211,9 +247,15 @@ class PortWatch:
         return TOOL_CHANGED if self._is_tool_new else NOT_WORKING
 
     def _set_quiet_range(self, *, counts: bool) -> None:
-        """Set the temperatures that change nothing: those within all limits, while no alarm is pending or raised."""
+        """Set the temperatures that change nothing: those within all limits, while no alarm is
+        pending or raised.
+        """
         self._is_raised = any(machine.is_raised for machine in self._machines)
         self._low, self._high = inf, -inf
         if counts and all(machine.phase is Phase.NORMAL for machine in self._machines):
-            limits = {machine.side: machine.definition.limit_c for machine in self._machines if machine.definition is not None}
+            limits = {
+                machine.side: machine.definition.limit_c
+                for machine in self._machines
+                if machine.definition is not None
+            }
             self._low, self._high = limits.get(Side.LOW, -inf), limits.get(Side.HIGH, inf)

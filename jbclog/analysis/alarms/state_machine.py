@@ -2,13 +2,15 @@
 
 ::
 
-    normal --beyond--> pending --beyond for the on-delay--> active --back--> clearing --back for the off-delay--> normal
+    normal --beyond--> pending --beyond for the on-delay--> active --back--> clearing --back for the
+    off-delay--> normal
 
-Limit and delay are the station's, as read back (`settings`), so that its flags and our samples are compared by the same limits. An
-alarm whose limit or delay is off or not known is not evaluated.
+Limit and delay are the station's, as read back (`settings`), so that its flags and our samples are
+compared by the same limits. An alarm whose limit or delay is off or not known is not evaluated.
 
-Delays count observed time: between two consecutive readings. A gap changes no state and stops the clock of a delay, so it neither
-raises nor clears. A reading that does not count (tool not working, alarm off) ends an episode at once.
+Delays count observed time: between two consecutive readings. A gap changes no state and stops the
+clock of a delay, so it neither raises nor clears. A reading that does not count (tool not working,
+alarm off) ends an episode at once.
 """
 
 from __future__ import annotations
@@ -44,7 +46,8 @@ class Condition(Enum):
     """The result of one reading for one alarm."""
 
     GAP = "gap"  # not read
-    NOT_COUNTED = "not counted"  # the tool does not work or has not reached its setpoint, or the alarm is off
+    # the tool does not work or has not reached its setpoint, or the alarm is off
+    NOT_COUNTED = "not counted"
     BEYOND = "beyond"
     IN_BAND = "in band"  # within the limit, but not by the deadband
     BACK = "back"
@@ -54,8 +57,9 @@ class Condition(Enum):
 class Rules:
     """What the evaluation adds to a station's limit and delay.
 
-    `dead_band_c`: how far within the limit a reading counts as back. `off_delay_s`: how long it must stay back; None: as long as
-    the on-delay. `stale_s`: after this time without a reading it is uncertain whether the alarm is still active.
+    `dead_band_c`: how far within the limit a reading counts as back. `off_delay_s`: how long it
+    must stay back; None: as long as the on-delay. `stale_s`: after this time without a reading it
+    is uncertain whether the alarm is still active.
     """
 
     dead_band_c: float = 2.0
@@ -74,7 +78,9 @@ class Definition:
     dead_band_c: float = 0.0
 
     def condition(self, value: float) -> Condition:
-        """Return the condition for a reading that counts. A reading at the limit is not beyond it."""
+        """Return the condition for a reading that counts. A reading at the limit is not beyond
+        it.
+        """
         excess = value - self.limit_c if self.side is Side.HIGH else self.limit_c - value
         if excess > 0:
             return Condition.BEYOND
@@ -90,11 +96,19 @@ def definition_of(side: Side, settings: dict[str, float | None], rules: Rules) -
     limit, delay = settings.get(LIMIT[side]), settings.get(DELAY[side])
     if limit is None or delay is None:
         return None
-    return Definition(side, limit, delay, delay if rules.off_delay_s is None else rules.off_delay_s, rules.dead_band_c)
+    return Definition(
+        side,
+        limit,
+        delay,
+        delay if rules.off_delay_s is None else rules.off_delay_s,
+        rules.dead_band_c,
+    )
 
 
 def number_of(text: str | None) -> float | None:
-    """Return the number of a setting such as ``380`` or ``0.50 s``; None if it is off or not known."""
+    """Return the number of a setting such as ``380`` or ``0.50 s``; None if it is off or not
+    known.
+    """
     try:
         return float(str(text).split(" ", 1)[0])
     except ValueError:
@@ -102,7 +116,9 @@ def number_of(text: str | None) -> float | None:
 
 
 class Detector(StrEnum):
-    """Who detects an episode: A the station by its flag, B our samples with delays and deadband, C every sampled excursion."""
+    """Who detects an episode: A the station by its flag, B our samples with delays and deadband, C
+    every sampled excursion.
+    """
 
     STATION = "A"
     SAMPLES = "B"
@@ -110,7 +126,9 @@ class Detector(StrEnum):
 
 
 class State(StrEnum):
-    """Whether an episode is active at the end of the record. Acknowledgement is independent of it."""
+    """Whether an episode is active at the end of the record. Acknowledgement is independent of
+    it.
+    """
 
     ACTIVE = "active"
     CLEARED = "cleared"
@@ -119,13 +137,16 @@ class State(StrEnum):
 
 @dataclass(slots=True)
 class Episode:
-    """One alarm from start to end, each known as an interval between two readings. Times are UTC microseconds, temperatures °C.
+    """One alarm from start to end, each known as an interval between two readings. Times are UTC
+    microseconds, temperatures °C.
 
-    It began after `onset_earliest_us` (the last reading without it) and no later than `onset_us` (the first reading with it); it
-    ended after `end_earliest_us` and no later than `end_us`. `raised_us`: when it became known, which is for B at the end of the
-    delay, and for A when the flag was read. `peak_c`: the sampled peak. `cleared_us`: when its end became known. `is_uncertain`: at
-    some time nothing was read for so long that it may have ended and begun again. `is_confirmed`: for A, a temperature supports the
-    flag. `stepped_us`: by how much the wall clock was stepped between onset and end.
+    It began after `onset_earliest_us` (the last reading without it) and no later than `onset_us`
+    (the first reading with it); it ended after `end_earliest_us` and no later than `end_us`.
+    `raised_us`: when it became known, which is for B at the end of the delay, and for A when the
+    flag was read. `peak_c`: the sampled peak. `cleared_us`: when its end became known.
+    `is_uncertain`: at some time nothing was read for so long that it may have ended and begun
+    again. `is_confirmed`: for A, a temperature supports the flag. `stepped_us`: by how much the
+    wall clock was stepped between onset and end.
     """
 
     station: str
@@ -150,7 +171,9 @@ class Episode:
     @property
     def id(self) -> str:
         """Its name, the same each time it is computed: detector, side, station, port and onset."""
-        return f"{self.detector}-{self.side}-{self.station}-p{self.port}-{moment_text(self.onset_us)}"
+        return (
+            f"{self.detector}-{self.side}-{self.station}-p{self.port}-{moment_text(self.onset_us)}"
+        )
 
     @property
     def state(self) -> State:
@@ -161,16 +184,27 @@ class Episode:
     @property
     def seconds(self) -> float | None:
         """Duration from the first reading with it to the first without it; None before its end."""
-        return None if self.end_us is None else (self.end_us - self.onset_us - self.stepped_us) / 1e6
+        return (
+            None if self.end_us is None else (self.end_us - self.onset_us - self.stepped_us) / 1e6
+        )
 
     def see(self, value: float) -> None:
         """Update `peak_c` with a reading."""
-        if self.peak_c is None or (value > self.peak_c if self.side is Side.HIGH else value < self.peak_c):
+        if self.peak_c is None or (
+            value > self.peak_c if self.side is Side.HIGH else value < self.peak_c
+        ):
             self.peak_c = value
 
     def end(self, earliest_us: int, latest_us: int, known_us: int, reason: str) -> None:
-        """End it between the readings at `earliest_us` and `latest_us`, as became known at `known_us`."""
-        self.end_earliest_us, self.end_us, self.cleared_us, self.end_reason = earliest_us, latest_us, known_us, reason
+        """End it between the readings at `earliest_us` and `latest_us`, as became known at
+        `known_us`.
+        """
+        self.end_earliest_us, self.end_us, self.cleared_us, self.end_reason = (
+            earliest_us,
+            latest_us,
+            known_us,
+            reason,
+        )
         self.is_lost = False
 
 
@@ -208,13 +242,25 @@ NEXT: Final = {
     _ACTIVE: {_GAP: _ACTIVE, _OFF: _NORMAL, _BEYOND: _ACTIVE, _BAND: _ACTIVE, _BACK: _CLEARING},
     _CLEARING: {_GAP: _CLEARING, _OFF: _NORMAL, _BEYOND: _ACTIVE, _BAND: _ACTIVE, _BACK: _CLEARING},
 }
-"""Phase and condition -> next phase. At the end of its delay, pending becomes active, and clearing becomes normal."""
+"""Phase and condition -> next phase. At the end of its delay, pending becomes active, and clearing
+becomes normal.
+"""
 
 
 class Machine:
     """One alarm of one port by one detector. `definition` None: the alarm is off, or not known."""
 
-    __slots__ = ("_end", "_observed_s", "definition", "detector", "episode", "phase", "port", "side", "station")
+    __slots__ = (
+        "_end",
+        "_observed_s",
+        "definition",
+        "detector",
+        "episode",
+        "phase",
+        "port",
+        "side",
+        "station",
+    )
 
     def __init__(self, station: str, port: int, side: Side, detector: Detector) -> None:
         self.station, self.port, self.side, self.detector = station, port, side, detector
@@ -230,12 +276,18 @@ class Machine:
         return self.phase is _ACTIVE or self.phase is _CLEARING
 
     def step(
-        self, condition: Condition, elapsed_s: float, before_us: int, now_us: int, value: float, reason: str = RETURNED
+        self,
+        condition: Condition,
+        elapsed_s: float,
+        before_us: int,
+        now_us: int,
+        value: float,
+        reason: str = RETURNED,
     ) -> Report | None:
         """Take the reading at `now_us` and return what it changes, or None.
 
-        The previous reading was at `before_us`; `elapsed_s` of the time between them was observed. `reason` is the end reason for a
-        reading that does not count.
+        The previous reading was at `before_us`; `elapsed_s` of the time between them was observed.
+        `reason` is the end reason for a reading that does not count.
         """
         if condition is _GAP:
             return None
@@ -263,13 +315,23 @@ class Machine:
     def _begin(self, before_us: int, now_us: int) -> None:
         assert self.definition is not None
         limit, delay = self.definition.limit_c, self.definition.on_delay_s
-        self.episode = Episode(self.station, self.port, self.side, self.detector, before_us, now_us, limit, delay)
+        self.episode = Episode(
+            self.station, self.port, self.side, self.detector, before_us, now_us, limit, delay
+        )
 
     def _after_delay(self, phase: Phase) -> Phase:
         """Return the phase, or the one that it becomes if its delay is over."""
-        if self.definition is not None and phase is _PENDING and self._observed_s >= self.definition.on_delay_s - TOLERANCE_S:
+        if (
+            self.definition is not None
+            and phase is _PENDING
+            and self._observed_s >= self.definition.on_delay_s - TOLERANCE_S
+        ):
             return _ACTIVE
-        if self.definition is not None and phase is _CLEARING and self._observed_s >= self.definition.off_delay_s - TOLERANCE_S:
+        if (
+            self.definition is not None
+            and phase is _CLEARING
+            and self._observed_s >= self.definition.off_delay_s - TOLERANCE_S
+        ):
             return _NORMAL
         return phase
 

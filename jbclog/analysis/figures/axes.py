@@ -1,4 +1,6 @@
-"""Parts of every figure: panels placed in points, ticks, labels at the right edge, rectangles, dots and bars."""
+"""Parts of every figure: panels placed in points, ticks, labels at the right edge, rectangles, dots
+and bars.
+"""
 
 from __future__ import annotations
 
@@ -48,12 +50,19 @@ def _dot_pt(axes: Axes) -> float:
 
 
 def ticked(axes: Axes, places: Floats, labels: Sequence[str], *, is_lowest: bool) -> None:
-    """Set the ticks of the x axis; panels above the lowest get only a grid, as one line, which is four times as fast."""
+    """Set the ticks of the x axis; panels above the lowest get only a grid, as one line, which is
+    four times as fast.
+    """
     if is_lowest:
         axes.set_xticks(places, labels)
         return
     axes.xaxis.set_visible(False)
-    look = {"color": style.GRID, "linewidth": 0.6, "zorder": 0.5, "transform": axes.get_xaxis_transform()}
+    look = {
+        "color": style.GRID,
+        "linewidth": 0.6,
+        "zorder": 0.5,
+        "transform": axes.get_xaxis_transform(),
+    }
     bars(axes, places, np.zeros(len(places)), np.ones(len(places)), "grid", **look)
 
 
@@ -63,13 +72,22 @@ def valued(axes: Axes, values: Sequence[float]) -> None:
 
 
 def labelled(axes: Axes, labels: Sequence[Label], points: float) -> None:
-    """Write texts beside the right edge at the height of their values, moved apart so that none covers another."""
+    """Write texts beside the right edge at the height of their values, moved apart so that none
+    covers another.
+    """
     wide, high = size_pt(axes)
     ordered = sorted(labels)
     wished = [float(y) * high for y in _share_of_height(axes, [value for value, _, _ in ordered])]
     for y, (_, text, colour) in zip(spread(wished, LINE * points, 0.0, high), ordered, strict=True):
         place = (1 + BESIDE_PT / wide, y / high)
-        axes.text(*place, text, color=colour, fontsize=points, va="center_baseline", transform=axes.transAxes)
+        axes.text(
+            *place,
+            text,
+            color=colour,
+            fontsize=points,
+            va="center_baseline",
+            transform=axes.transAxes,
+        )
 
 
 def _share_of_height(axes: Axes, values: Sequence[float]) -> Floats:
@@ -77,11 +95,15 @@ def _share_of_height(axes: Axes, values: Sequence[float]) -> Floats:
     if not len(values):
         return np.empty(0)
     left = axes.get_xlim()[0]
-    places = axes.transLimits.transform(axes.transScale.transform([(left, value) for value in values]))
+    places = axes.transLimits.transform(
+        axes.transScale.transform([(left, value) for value in values])
+    )
     return np.asarray(np.clip(places[:, 1], 0.0, 1.0), dtype=np.float64)
 
 
-def rectangles(to: Axes | Figure, places: Iterable[tuple[float, float, float, float]], of: str, **look: Any) -> None:
+def rectangles(
+    to: Axes | Figure, places: Iterable[tuple[float, float, float, float]], of: str, **look: Any
+) -> None:
     """Draw rectangles (left, right, bottom, top) of one look as one patch."""
     corners = [((a, low), (b, low), (b, high), (a, high), (a, low)) for a, b, low, high in places]
     if corners:
@@ -96,7 +118,8 @@ def dots(axes: Axes, x: ArrayLike, y: ArrayLike, points: float, colour: str, of:
         return
     corners = axes.transData.transform(known)[:, None, :] + points * _dot_pt(axes) * SQUARE
     inside = axes.transData.inverted().transform(corners.reshape(-1, 2)).reshape(-1, 5, 2)
-    _add(axes, inside, of, {"facecolor": colour, "zorder": 2.4, "clip_on": False})  # also complete at the edge
+    # also complete at the edge
+    _add(axes, inside, of, {"facecolor": colour, "zorder": 2.4, "clip_on": False})
 
 
 def _add(to: Axes | Figure, corners: Floats, of: str, look: dict[str, Any]) -> None:
@@ -108,7 +131,13 @@ def _add(to: Axes | Figure, corners: Floats, of: str, look: dict[str, Any]) -> N
 def bars(axes: Axes, x: ArrayLike, low: ArrayLike, high: ArrayLike, of: str, **look: Any) -> None:
     """Draw a vertical line at each place, all as one line with breaks."""
     at = np.asarray(x, dtype=np.float64)
-    ends = np.column_stack([np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64), np.full(len(at), np.nan)])
+    ends = np.column_stack(
+        [
+            np.asarray(low, dtype=np.float64),
+            np.asarray(high, dtype=np.float64),
+            np.full(len(at), np.nan),
+        ]
+    )
     if len(at):
         axes.plot(np.repeat(at, 3), ends.ravel(), gid=of, **look)
 

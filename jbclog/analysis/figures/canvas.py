@@ -1,6 +1,8 @@
-"""Figures as matplotlib objects in one style, and as SVG. Never pyplot, which keeps figures for the whole process.
+"""Figures as matplotlib objects in one style, and as SVG. Never pyplot, which keeps figures for the
+whole process.
 
-The style is matplotlib's defaults plus `figures.mplstyle`, so a user's matplotlibrc does not change a report.
+The style is matplotlib's defaults plus `figures.mplstyle`, so a user's matplotlibrc does not change
+a report.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ from matplotlib.figure import Figure
 STYLE: Final = "figures.mplstyle"
 NOT_OURS: Final = ("backend", "backend_fallback", "interactive", "timezone", "toolbar", "webagg")
 FONTS: Final = "'DejaVu Sans',Verdana,'Bitstream Vera Sans',Roboto,Arial,sans-serif"
-NO_METADATA: Final = dict.fromkeys(("Creator", "Date", "Format", "Type"))  # a date would change the bytes
+# a date would change the bytes
+NO_METADATA: Final = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 
 DEFAULT_STYLE_ENDS: Final = "</defs>"
 SHORTER: Final = (
@@ -35,7 +38,9 @@ LATER_DIGITS: Final = re.compile(r"(?<=\.\d\d)\d+")
 
 
 def styled() -> AbstractContextManager[None]:
-    """Apply the style while a figure is made or written. What has its value is not set: matplotlib takes 2 ms to set all."""
+    """Apply the style while a figure is made or written. What has its value is not set: matplotlib
+    takes 2 ms to set all.
+    """
     others = {name: value for name, value in _style().items() if rcParams[name] != value}
     return rc_context(others) if others else nullcontext()
 
@@ -59,19 +64,27 @@ def svg_text(figure: Figure) -> str:
 
 
 def svg_body(figure: Figure) -> str:
-    """Return the SVG from its viewBox to the end of the element, without what only editors need: groups, ids and defaults."""
+    """Return the SVG from its viewBox to the end of the element, without what only editors need:
+    groups, ids and defaults.
+    """
     text = StringIO()
     with styled(), warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # letters that the font lacks: the reader's fonts have them
+        # letters that the font lacks: the reader's fonts have them
+        warnings.simplefilter("ignore", UserWarning)
         FigureCanvasSVG(figure).print_svg(text, metadata=NO_METADATA)  # type: ignore[no-untyped-call]  # it has no types
     body = text.getvalue().partition(DEFAULT_STYLE_ENDS)[2].removesuffix("</svg>\n")
     for pattern, instead in SHORTER:
         body = pattern.sub(instead, body)
     width, height = figure.get_size_inches() * 72
-    return f' viewBox="0 0 {width:g} {height:g}" stroke-linejoin="round">{PATH.sub(_shorter, body)}</svg>\n'
+    return (
+        f' viewBox="0 0 {width:g} {height:g}"'
+        f' stroke-linejoin="round">{PATH.sub(_shorter, body)}</svg>\n'
+    )
 
 
 def _shorter(path: re.Match[str]) -> str:
     """Return path data to a hundredth of a point, without the line commands that SVG implies."""
     data = LATER_DIGITS.sub("", path[1])
-    return f' d="{" ".join((data if "C" in data or "Q" in data else data.replace("L ", "")).split())}"'
+    return (
+        f' d="{" ".join((data if "C" in data or "Q" in data else data.replace("L ", "")).split())}"'
+    )

@@ -1,7 +1,7 @@
 """Curves and spans as they are drawn: every excursion is kept, and nothing is joined across a gap.
 
-A run of eight hours has 288 000 samples a port, and a page some 900 columns. The samples are divided into stretches of equal time;
-the curve keeps the minimum, the maximum and the mean of each.
+A run of eight hours has 288 000 samples a port, and a page some 900 columns. The samples are
+divided into stretches of equal time; the curve keeps the minimum, the maximum and the mean of each.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Readings = NDArray[np.float32] | NDArray[np.float64]
-"""Whole numbers of at most six digits, NaN where nothing was read; those of a long run in 32 bits, which hold them exactly."""
+"""Whole numbers of at most six digits, NaN where nothing was read; those of a long run in 32 bits,
+which hold them exactly.
+"""
 BLOCK_ROWS: Final = 1 << 17
 Words = Sequence[str | None] | NDArray[np.object_] | pd.Categorical
 """A word for each row, None (no category) where there is none."""
@@ -29,7 +31,9 @@ def dates(t0_utc_us: int, seconds: ArrayLike) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """A curve to draw; NaN breaks the line. `low`, `high` and `mean` are the same array if every sample is in the curve."""
+    """A curve to draw; NaN breaks the line. `low`, `high` and `mean` are the same array if every
+    sample is in the curve.
+    """
 
     seconds: Floats
     low: Floats
@@ -50,7 +54,10 @@ def envelope(seconds: Floats, values: Readings, stretches: int, joined_s: float)
     there = ~np.isnan(values)
     if np.count_nonzero(there) <= 2 * stretches:
         return _every_sample(seconds[there], values[there].astype(np.float64), joined_s)
-    begin, end = float(seconds[np.argmax(there)]), float(seconds[len(there) - 1 - np.argmax(there[::-1])])
+    begin, end = (
+        float(seconds[np.argmax(there)]),
+        float(seconds[len(there) - 1 - np.argmax(there[::-1])]),
+    )
     width, found = (end - begin) / stretches, Stretches(stretches)
     for rows in blocks(len(values)):
         at, value = seconds[rows][there[rows]], values[rows][there[rows]]
@@ -58,7 +65,13 @@ def envelope(seconds: Floats, values: Readings, stretches: int, joined_s: float)
     number = np.flatnonzero(found.counts)
     middle = (found.first[number] + found.last[number]) / 2
     gaps = np.flatnonzero(np.diff(number) > max(1.0, np.ceil(joined_s / width)))
-    return _broken(middle, found.low[number], found.high[number], found.sums[number] / found.counts[number], gaps)
+    return _broken(
+        middle,
+        found.low[number],
+        found.high[number],
+        found.sums[number] / found.counts[number],
+        gaps,
+    )
 
 
 def blocks(rows: int) -> Iterator[slice]:
@@ -67,7 +80,9 @@ def blocks(rows: int) -> Iterator[slice]:
 
 
 class Stretches:
-    """The readings in each of `count` stretches of a time: how many, their sum, the least and greatest, the first and last time."""
+    """The readings in each of `count` stretches of a time: how many, their sum, the least and
+    greatest, the first and last time.
+    """
 
     def __init__(self, count: int) -> None:
         self.counts, self.sums = np.zeros(count, dtype=np.int64), np.zeros(count)
@@ -75,7 +90,9 @@ class Stretches:
         self.first, self.last = self.low.copy(), self.high.copy()
 
     def add(self, number: NDArray[np.int64], seconds: Floats, values: Readings) -> None:
-        """Add readings by the number of their stretch; one beyond the first or last belongs to that."""
+        """Add readings by the number of their stretch; one beyond the first or last belongs to
+        that.
+        """
         if not len(number):
             return
         number = np.clip(number, 0, len(self.counts) - 1)
@@ -95,8 +112,15 @@ def _every_sample(at: Floats, value: Floats, joined_s: float) -> Envelope:
     return Envelope(seconds, drawn, drawn, drawn)
 
 
-def _broken(middle: Floats, low: Floats, high: Floats, mean: Floats, gaps: NDArray[np.int64]) -> Envelope:
-    return Envelope(_insert(middle, gaps, middle), _insert(low, gaps, None), _insert(high, gaps, None), _insert(mean, gaps, None))
+def _broken(
+    middle: Floats, low: Floats, high: Floats, mean: Floats, gaps: NDArray[np.int64]
+) -> Envelope:
+    return Envelope(
+        _insert(middle, gaps, middle),
+        _insert(low, gaps, None),
+        _insert(high, gaps, None),
+        _insert(mean, gaps, None),
+    )
 
 
 def _insert(values: Floats, gaps: NDArray[np.int64], times: Floats | None) -> Floats:
@@ -105,7 +129,9 @@ def _insert(values: Floats, gaps: NDArray[np.int64], times: Floats | None) -> Fl
 
 
 def lone(curve: Envelope) -> Envelope:
-    """Return the points without a neighbour on either side: no line reaches them, so they are drawn as dots."""
+    """Return the points without a neighbour on either side: no line reaches them, so they are drawn
+    as dots.
+    """
     absent = np.isnan(curve.mean)
     before, after = np.append(True, absent[:-1]), np.append(absent[1:], True)
     alone = ~absent & before & after
@@ -127,12 +153,20 @@ class Span:
 
 def coded(codes: NDArray[np.integer[Any]], words: Sequence[str]) -> pd.Categorical:
     """Return the word for each row by its place in `words`; -1 is none."""
-    return cast(pd.Categorical, pd.Categorical.from_codes(codes, pd.Index([*words], dtype="object")))
+    return cast(
+        pd.Categorical, pd.Categorical.from_codes(codes, pd.Index([*words], dtype="object"))
+    )
 
 
 def runs(seconds: Floats, words: Words, period_s: float) -> list[Span]:
-    """Return runs of samples with the same word; None and a missing tick end a run. Each lasts to the tick after its last."""
-    coded = words if isinstance(words, pd.Categorical) else pd.Categorical(np.asarray(words, dtype=object))
+    """Return runs of samples with the same word; None and a missing tick end a run. Each lasts to
+    the tick after its last.
+    """
+    coded = (
+        words
+        if isinstance(words, pd.Categorical)
+        else pd.Categorical(np.asarray(words, dtype=object))
+    )
     codes, names = coded.codes, list(coded.categories)
     if not len(codes):
         return []
@@ -140,7 +174,12 @@ def runs(seconds: Floats, words: Words, period_s: float) -> list[Span]:
     first = np.append(0, np.flatnonzero(breaks) + 1)
     last = np.append(first[1:], len(codes)) - 1
     known = codes[first] >= 0
-    edges = zip(seconds[first[known]].tolist(), (seconds[last[known]] + period_s).tolist(), codes[first[known]], strict=True)
+    edges = zip(
+        seconds[first[known]].tolist(),
+        (seconds[last[known]] + period_s).tolist(),
+        codes[first[known]],
+        strict=True,
+    )
     return [Span(start, end, names[code]) for start, end, code in edges]
 
 

@@ -1,4 +1,6 @@
-"""The trace of a port from its rows of `samples`: readings, states, hot air, and why data are missing."""
+"""The trace of a port from its rows of `samples`: readings, states, hot air, and why data are
+missing.
+"""
 
 from __future__ import annotations
 
@@ -8,14 +10,28 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from jbclog.analysis.figures.curves import Floats, Readings, Span, coded, merged, missing_ticks, runs
+from jbclog.analysis.figures.curves import (
+    Floats,
+    Readings,
+    Span,
+    coded,
+    merged,
+    missing_ticks,
+    runs,
+)
 from jbclog.analysis.figures.trace import Air, Grid, Trace
 from jbclog.core.rows import StationFacts
 
 STATE_COLUMNS = ("solder_shortage", "clogged", "preparing", "in_range")
 SOLDER, CONTROL, TEMPERATURE = "solder", "control", "temperature"
 SHORTAGE, CLOGGED, BOTH = "shortage", "clogged", "both"
-OK, PREPARING, READY, IN_RANGE, OUT_OF_RANGE = "ok", "preparing", "ready", "in range", "out of range"
+OK, PREPARING, READY, IN_RANGE, OUT_OF_RANGE = (
+    "ok",
+    "preparing",
+    "ready",
+    "in range",
+    "out of range",
+)
 SIGNAL = "external_c"
 AIR_COLUMNS = ("cooling", "desoldering", SIGNAL, "set_flow_permille")
 FLOW, SUCTION, COOLING, OFF = "flow", "suction", "cooling", "off"
@@ -23,15 +39,21 @@ AWAY = ("disconnected", "robot_off")
 FLOW_JOINED_S = 15.0  # it is due each 5 s; two losses are bridged in the drawing, and only there
 
 
-def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air: bool = False) -> Trace:
+def trace(
+    samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air: bool = False
+) -> Trace:
     """Return the trace of one port from its rows of `samples`, in the order of their ticks.
 
     `of_states`: the station reports states and no temperature. `of_air`: the station is hot air.
     """
-    seconds = grid.seconds(_floats(samples["tick"]), np.empty(0) if grid.period_s else _utc_us(samples["time"]))
+    seconds = grid.seconds(
+        _floats(samples["tick"]), np.empty(0) if grid.period_s else _utc_us(samples["time"])
+    )
     temperature = _readings(samples["temperature_c"])
     period_s = grid.period_s or _typical(seconds)
-    is_read = np.array(any_state_read(samples), dtype=np.bool_) if of_states else ~np.isnan(temperature)
+    is_read = (
+        np.array(any_state_read(samples), dtype=np.bool_) if of_states else ~np.isnan(temperature)
+    )
     why = _coded(samples["quality"], but=is_read, ok="not due")
     skipped = missing_ticks(seconds, period_s) if grid.period_s else []
     return Trace(
@@ -41,7 +63,11 @@ def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air:
         temperature,
         _readings(samples["power_permille"]),
         _readings(samples["set_c"]),
-        runs(seconds, status_words(samples) if of_air else pd.Categorical(samples["status"]), period_s),
+        runs(
+            seconds,
+            status_words(samples) if of_air else pd.Categorical(samples["status"]),
+            period_s,
+        ),
         sorted([*runs(seconds, why, period_s), *skipped], key=lambda span: span.start),
         states=state_lanes(samples, seconds, period_s) if of_states else {},
         air=air_of(samples, seconds, period_s) if of_air else None,
@@ -53,13 +79,19 @@ def _utc_us(times: pd.Series[pd.Timestamp]) -> Floats:
     return np.asarray(times.to_numpy(dtype="datetime64[us]").astype(np.int64).astype(np.float64))
 
 
-def _coded(column: pd.Series[str], *, but: NDArray[np.bool_] | None = None, ok: str = "ok") -> pd.Categorical:
-    """Return the texts of a column, none where there is none and in the rows `but`; ``ok`` is called `ok`."""
+def _coded(
+    column: pd.Series[str], *, but: NDArray[np.bool_] | None = None, ok: str = "ok"
+) -> pd.Categorical:
+    """Return the texts of a column, none where there is none and in the rows `but`; ``ok`` is
+    called `ok`.
+    """
     given = pd.Categorical(column)
     names = [ok if text == "ok" else str(text) for text in given.categories]
     distinct = [*dict.fromkeys(names)]
     number = np.array([*map(distinct.index, names), -1], dtype=np.int32)  # code -1 is the last one
-    return coded(number[np.asarray(given.codes) if but is None else np.where(but, -1, given.codes)], distinct)
+    return coded(
+        number[np.asarray(given.codes) if but is None else np.where(but, -1, given.codes)], distinct
+    )
 
 
 def _typical(seconds: Floats) -> float:
@@ -72,7 +104,9 @@ def any_state_read(samples: pd.DataFrame) -> list[bool]:
 
 
 def state_lanes(samples: pd.DataFrame, seconds: Floats, period_s: float) -> dict[str, list[Span]]:
-    """Return the lanes of states by name, each with the word for its state; nothing where it was not read."""
+    """Return the lanes of states by name, each with the word for its state; nothing where it was
+    not read.
+    """
     short, clogged = (_flags(samples, name) for name in ("solder_shortage", "clogged"))
     solder = [_solder(one, other) for one, other in zip(short, clogged, strict=True)]
     control = [_flag_word(one, PREPARING, READY) for one in _flags(samples, "preparing")]
@@ -92,7 +126,12 @@ def _flag_word(flag: bool | None, yes: str, no: str) -> str | None:
 def _solder(short: bool | None, clogged: bool | None) -> str | None:
     if short is None or clogged is None:
         return None
-    return {(False, False): OK, (True, False): SHORTAGE, (False, True): CLOGGED, (True, True): BOTH}[short, clogged]
+    return {
+        (False, False): OK,
+        (True, False): SHORTAGE,
+        (False, True): CLOGGED,
+        (True, True): BOTH,
+    }[short, clogged]
 
 
 def has_air(facts: StationFacts) -> bool:
@@ -109,7 +148,9 @@ def air_of(samples: pd.DataFrame, seconds: Floats, period_s: float) -> Air:
 def status_words(samples: pd.DataFrame) -> list[str | None]:
     """Return the status as read; an off tool that cools is ``cooling``."""
     words = samples["status"].astype(object)
-    return [_word(word, cools) for word, cools in zip(words, _flags(samples, "cooling"), strict=True)]
+    return [
+        _word(word, cools) for word, cools in zip(words, _flags(samples, "cooling"), strict=True)
+    ]
 
 
 def _word(word: object, cools: bool | None) -> str | None:
@@ -119,7 +160,9 @@ def _word(word: object, cools: bool | None) -> str | None:
 
 
 def _flow(samples: pd.DataFrame, seconds: Floats, period_s: float) -> list[Span]:
-    """Return where the flow was read; equal readings close to each other are joined, but not across an outage."""
+    """Return where the flow was read; equal readings close to each other are joined, but not across
+    an outage.
+    """
     flow = _floats(samples["set_flow_permille"])
     read = ~np.isnan(flow)
     outages = np.cumsum(samples["quality"].astype(object).isin(AWAY).to_numpy(dtype=bool))[read]

@@ -1,4 +1,6 @@
-"""The lanes below the curves: status, missing data, alarms and errors as bars, with words where they fit."""
+"""The lanes below the curves: status, missing data, alarms and errors as bars, with words where
+they fit.
+"""
 
 from __future__ import annotations
 
@@ -35,13 +37,22 @@ def least_seen_s(trace: Trace, form: Format) -> float:
 
 
 def lanes_of(trace: Trace, form: Format) -> list[Lane]:
-    """Return the lane of the status, or those of the states, and the other lanes that have spans; spans too close are merged."""
+    """Return the lane of the status, or those of the states, and the other lanes that have spans;
+    spans too close are merged.
+    """
     least = least_seen_s(trace, form)
-    states = trace.states or {"status": trace.status} | ({} if trace.air is None else trace.air.lanes)
+    states = trace.states or {"status": trace.status} | (
+        {} if trace.air is None else trace.air.lanes
+    )
     lanes = [Lane(name, _seen(spans, least)) for name, spans in states.items()]
-    marks = {name: [mark.span for mark in trace.marks if mark.kind is kind] for name, kind in MARKS.items()}
+    marks = {
+        name: [mark.span for mark in trace.marks if mark.kind is kind]
+        for name, kind in MARKS.items()
+    }
     for name, spans in {NO_DATA: trace.gaps, **marks}.items():
-        seen = within((widened(span, least) for span in merged(spans, least)), trace.start, trace.end)
+        seen = within(
+            (widened(span, least) for span in merged(spans, least)), trace.start, trace.end
+        )
         if seen:
             lanes.append(Lane(name, seen))
     return lanes
@@ -72,7 +83,9 @@ def _bars(axes: Axes, row: int, lane: Lane, trace: Trace, form: Format) -> None:
         is_wide = span.seconds > 4 * least_seen_s(trace, form)
         hatch = style.hatch(span.word, is_wide) if lane.name == NO_DATA else None
         left, right = trace.dates([span.start, span.end]).tolist()
-        looks[_face(lane.name, span.word, hatch), hatch].append((left, right, row + 0.14, row + 0.86))
+        looks[_face(lane.name, span.word, hatch), hatch].append(
+            (left, right, row + 0.14, row + 0.86)
+        )
     for (face, hatch), places in looks.items():
         rectangles(axes, places, lane.name, facecolor=face, edgecolor=style.NO_DATA, hatch=hatch)
 
@@ -82,7 +95,11 @@ def _face(name: str, word: str, hatch: str | None) -> str:
         return style.ERROR
     if name == NO_DATA:
         return style.NO_DATA_TINT if hatch else style.NO_DATA
-    return style.MARK_COLOURS[MARKS[name]] if name in MARKS else style.STATUS_SHADES.get(word, style.OTHER_SHADE)
+    return (
+        style.MARK_COLOURS[MARKS[name]]
+        if name in MARKS
+        else style.STATUS_SHADES.get(word, style.OTHER_SHADE)
+    )
 
 
 def _word(axes: Axes, row: int, name: str, span: Span, trace: Trace, form: Format) -> None:

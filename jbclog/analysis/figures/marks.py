@@ -31,26 +31,49 @@ class Happening:
 
 
 def happenings(events: pd.DataFrame, t0_utc_us: int) -> list[Happening]:
-    """Return all events on the time axis. A step of the wall clock moves later events back by its size."""
+    """Return all events on the time axis. A step of the wall clock moves later events back by its
+    size.
+    """
     stepped, out = 0.0, []
     for event in events.to_dict("records"):
         if event["kind"] == "clock.step" and not pd.isna(event["value"]):
             stepped += float(event["value"])
         end = _seconds(event["time"], t0_utc_us) - stepped
-        start = end if pd.isna(event["earliest"]) else min(end, _seconds(event["earliest"], t0_utc_us) - stepped)
-        place = (_text(event["station"]), _whole(event["port"]), _whole(event["code"]), _text(event["raw"]))
+        start = (
+            end
+            if pd.isna(event["earliest"])
+            else min(end, _seconds(event["earliest"], t0_utc_us) - stepped)
+        )
+        place = (
+            _text(event["station"]),
+            _whole(event["port"]),
+            _whole(event["code"]),
+            _text(event["raw"]),
+        )
         out.append(Happening(start, end, str(event["kind"]), str(event["severity"]), *place))
     return out
 
 
 def marks_of(all_of_run: Iterable[Happening], station: str, port: int) -> list[Mark]:
-    """Return the alarms (earliest to latest moment) and errors (until they ended) of one port and of its station."""
+    """Return the alarms (earliest to latest moment) and errors (until they ended) of one port and
+    of its station.
+    """
     own = [one for one in all_of_run if one.station == station and one.port in (None, port)]
-    alarms = [Mark(Span(one.start, one.end, one.kind.removeprefix("alarm.")), MarkKind.ALARM) for one in own if is_alarm(one)]
-    doubtful = [
-        Mark(Span(one.start, one.end, one.raw or ""), MarkKind.UNCONFIRMED) for one in own if one.kind == "alarm.unconfirmed"
+    alarms = [
+        Mark(Span(one.start, one.end, one.kind.removeprefix("alarm.")), MarkKind.ALARM)
+        for one in own
+        if is_alarm(one)
     ]
-    errors = [_error(one, own[i + 1 :]) for i, one in enumerate(own) if one.kind in ERRORS and one.code != 0]
+    doubtful = [
+        Mark(Span(one.start, one.end, one.raw or ""), MarkKind.UNCONFIRMED)
+        for one in own
+        if one.kind == "alarm.unconfirmed"
+    ]
+    errors = [
+        _error(one, own[i + 1 :])
+        for i, one in enumerate(own)
+        if one.kind in ERRORS and one.code != 0
+    ]
     return [*alarms, *doubtful, *errors]
 
 
@@ -60,16 +83,29 @@ def is_alarm(one: Happening) -> bool:
 
 
 def _error(one: Happening, later: Sequence[Happening]) -> Mark:
-    """Return the error from its earliest moment to the reading that ended or changed it, else to its own time."""
+    """Return the error from its earliest moment to the reading that ended or changed it, else to
+    its own time.
+    """
     following = (one.kind, ENDS[one.kind])
-    end = next((other.end for other in later if other.kind in following and other.port == one.port), one.end)
-    word = one.kind.replace(".", " ") if one.code is None else f"{one.kind.replace('.', ' ')} {one.code}"
+    end = next(
+        (other.end for other in later if other.kind in following and other.port == one.port),
+        one.end,
+    )
+    word = (
+        one.kind.replace(".", " ")
+        if one.code is None
+        else f"{one.kind.replace('.', ' ')} {one.code}"
+    )
     return Mark(Span(one.start, end, word), MarkKind.ERROR)
 
 
 def limits_of(settings: pd.DataFrame, station: str, port: int, t0_utc_us: int) -> list[Limit]:
-    """Return the confirmed limits of one port, each from its reading on, without those of an alarm that is off."""
-    own = settings[(settings["station"] == station) & (settings["port"] == port) & settings["readback"].notna()]
+    """Return the confirmed limits of one port, each from its reading on, without those of an alarm
+    that is off.
+    """
+    own = settings[
+        (settings["station"] == station) & (settings["port"] == port) & settings["readback"].notna()
+    ]
     limits = [_limit(own, side, t0_utc_us) for side in ("high", "low") if not _is_off(own, side)]
     return [limit for limit in limits if limit.seconds and not np.isnan(limit.celsius).all()]
 

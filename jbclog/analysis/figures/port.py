@@ -1,4 +1,5 @@
-"""The figure of one port: temperature, power and lanes on one time axis; only lanes for a station without a temperature.
+"""The figure of one port: temperature, power and lanes on one time axis; only lanes for a station
+without a temperature.
 
 A figure contains numbers and words from fixed lists, and no text from outside.
 """
@@ -14,9 +15,29 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from jbclog.analysis.figures import style
-from jbclog.analysis.figures.axes import Label, bars, dots, labelled, panel, rectangles, size_pt, steps, ticked, valued
+from jbclog.analysis.figures.axes import (
+    Label,
+    bars,
+    dots,
+    labelled,
+    panel,
+    rectangles,
+    size_pt,
+    steps,
+    ticked,
+    valued,
+)
 from jbclog.analysis.figures.canvas import new_figure, styled
-from jbclog.analysis.figures.curves import Envelope, Floats, Readings, Span, envelope, lone, merged, widened
+from jbclog.analysis.figures.curves import (
+    Envelope,
+    Floats,
+    Readings,
+    Span,
+    envelope,
+    lone,
+    merged,
+    widened,
+)
 from jbclog.analysis.figures.lanes import LANE_PT, Lane, draw_lanes, lanes_of, least_seen_s
 from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import round_values, time_marks
@@ -24,7 +45,8 @@ from jbclog.analysis.figures.trace import JOINED_PERIODS, SETTING_JOINED_S, Trac
 
 LEFT, RIGHT, TOP, BOTTOM = 38.0, 49.0, 12.0, 19.0  # margins in points
 NAMED_LEFT, NAMED_RIGHT, NAMED_TOP = 56.0, 16.0, 7.0  # of a figure that has lanes only
-BETWEEN, ABOVE_LANES, UPPER = 15.0, 7.0, 0.7  # between the panels; the temperature's share of the height
+# between the panels; the temperature's share of the height
+BETWEEN, ABOVE_LANES, UPPER = 15.0, 7.0, 0.7
 STATE_LANE_PT = 19.0  # in a figure that has lanes only
 SHORT_S = 1.0
 WIDE_JOINT = 3.0  # times the least visible time: a longer joint is shaded over the full height
@@ -43,11 +65,22 @@ def draw(trace: Trace, form: Format) -> Figure:
 
 def height_pt(trace: Trace, lanes: list[Lane], form: Format) -> float:
     """Return the height of a port's figure in points."""
-    return STATE_LANE_PT * len(lanes) + 30 if trace.states else form.height_pt + LANE_PT * len(lanes)
+    return (
+        STATE_LANE_PT * len(lanes) + 30 if trace.states else form.height_pt + LANE_PT * len(lanes)
+    )
 
 
-def draw_at(figure: Figure, top: float, trace: Trace, lanes: list[Lane], form: Format, *, has_knee: bool = True) -> list[Axes]:
-    """Draw a port into a figure, `top` points below its upper edge, and return the panels, the lowest last.
+def draw_at(
+    figure: Figure,
+    top: float,
+    trace: Trace,
+    lanes: list[Lane],
+    form: Format,
+    *,
+    has_knee: bool = True,
+) -> list[Axes]:
+    """Draw a port into a figure, `top` points below its upper edge, and return the panels, the
+    lowest last.
 
     `has_knee`: rare low temperatures may share a coarser part of the scale.
     """
@@ -64,7 +97,9 @@ def draw_at(figure: Figure, top: float, trace: Trace, lanes: list[Lane], form: F
     return panels
 
 
-def _panels(figure: Figure, top: float, trace: Trace, lanes: list[Lane], form: Format) -> list[Axes]:
+def _panels(
+    figure: Figure, top: float, trace: Trace, lanes: list[Lane], form: Format
+) -> list[Axes]:
     if trace.states:
         width = form.width_pt - NAMED_LEFT - NAMED_RIGHT
         return [panel(figure, NAMED_LEFT, top + NAMED_TOP, width, STATE_LANE_PT * len(lanes))]
@@ -72,7 +107,10 @@ def _panels(figure: Figure, top: float, trace: Trace, lanes: list[Lane], form: F
     free = height_pt(trace, lanes, form) - TOP - BOTTOM - low - BETWEEN - ABOVE_LANES
     heights = (UPPER * free, (1 - UPPER) * free, low)
     tops = (TOP, TOP + heights[0] + BETWEEN, TOP + free + BETWEEN + ABOVE_LANES)
-    return [panel(figure, LEFT, top + one, width, height) for one, height in zip(tops, heights, strict=True)]
+    return [
+        panel(figure, LEFT, top + one, width, height)
+        for one, height in zip(tops, heights, strict=True)
+    ]
 
 
 def _known(values: Readings) -> Readings:
@@ -83,15 +121,26 @@ def _temperature(axes: Axes, trace: Trace, form: Format, *, has_knee: bool) -> N
     _scale(axes, trace, has_knee=has_knee)
     _ground(axes, trace, form)
     _joints(axes, trace, form)
-    _curve(axes, trace, trace.temperature, form, (style.TEMPERATURE, style.TEMPERATURE_BAND, "temperature"))
+    _curve(
+        axes,
+        trace,
+        trace.temperature,
+        form,
+        (style.TEMPERATURE, style.TEMPERATURE_BAND, "temperature"),
+    )
     labels = [*_setting(axes, trace, form), *_limits(axes, trace), *_external(axes, trace, form)]
     of_work = any(text == "work" for _, text, _ in labels)
-    axes.set_title(f"{'Tip' if trace.air is None else 'Air'} temperature in °C{', and that of the work' * of_work}")
+    axes.set_title(
+        f"{'Tip' if trace.air is None else 'Air'} temperature in"
+        f" °C{', and that of the work' * of_work}"
+    )
     labelled(axes, labels, form.font_pt)
 
 
 def _scale(axes: Axes, trace: Trace, *, has_knee: bool) -> None:
-    """Set a scale that contains readings, settings and limits; its part below a knee, if it may have one, is coarser."""
+    """Set a scale that contains readings, settings and limits; its part below a knee, if it may
+    have one, is coarser.
+    """
     external = np.empty(0) if trace.air is None else _known(trace.air.external)
     lines = [external, _known(trace.setting), *(np.array(limit.celsius) for limit in trace.limits)]
     low, high = _range([trace.temperature, *lines], least=20)
@@ -99,15 +148,27 @@ def _scale(axes: Axes, trace: Trace, *, has_knee: bool) -> None:
     axes.set_ylim(low, high)
     if knee is not None:
         axes.set_yscale("function", functions=_bent(low, knee, high))
-        axes.axhspan(low, knee, facecolor=style.COARSER_TINT, linewidth=0, zorder=0.1, gid="coarser")
-        look: Look = {"ha": "right", "va": "center_baseline", "color": style.QUIET, "fontsize": "medium", "zorder": 3}
-        axes.text(1 - 3 / size_pt(axes)[0], COARSE / 2, "coarser scale", transform=axes.transAxes, **look)
+        axes.axhspan(
+            low, knee, facecolor=style.COARSER_TINT, linewidth=0, zorder=0.1, gid="coarser"
+        )
+        look: Look = {
+            "ha": "right",
+            "va": "center_baseline",
+            "color": style.QUIET,
+            "fontsize": "medium",
+            "zorder": 3,
+        }
+        axes.text(
+            1 - 3 / size_pt(axes)[0], COARSE / 2, "coarser scale", transform=axes.transAxes, **look
+        )
     valued(axes, round_values(low, high, 5) if knee is None else _bent_values(low, knee, high))
 
 
 def _range(parts: Sequence[Readings], least: float) -> tuple[float, float]:
     """Return a range that contains every value, with a margin."""
-    ends = [(float(known.min()), float(known.max())) for part in parts if len(known := _known(part))]
+    ends = [
+        (float(known.min()), float(known.max())) for part in parts if len(known := _known(part))
+    ]
     if not ends:
         return 0.0, 400.0
     low, high = min(one for one, _ in ends), max(one for _, one in ends)
@@ -115,45 +176,74 @@ def _range(parts: Sequence[Readings], least: float) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _knee(read: Sequence[Readings], lines: Sequence[Readings], low: float, high: float) -> float | None:
-    """Return the temperature below which the scale may be coarser: few samples, no line, and enough height saved; else None."""
+def _knee(
+    read: Sequence[Readings], lines: Sequence[Readings], low: float, high: float
+) -> float | None:
+    """Return the temperature below which the scale may be coarser: few samples, no line, and enough
+    height saved; else None.
+    """
     known = np.concatenate(read)
     if not len(known):
         return None
-    floor = min(float(_known(part).min()) for part in (np.array([_quantile(known, RARE)]), *lines) if len(_known(part)))
+    floor = min(
+        float(_known(part).min())
+        for part in (np.array([_quantile(known, RARE)]), *lines)
+        if len(_known(part))
+    )
     knee = 10 * np.floor((floor - 5) / 10)
     return float(knee) if high - knee < 0.5 * (high - low) else None
 
 
 def _quantile(values: NDArray[Any], share: float) -> float:
-    """Return the quantile as `np.quantile` of the same values in 64 bits, without a copy of them in 64 bits; reorders them."""
+    """Return the quantile as `np.quantile` of the same values in 64 bits, without a copy of them in
+    64 bits; reorders them.
+    """
     place, part = divmod(share * (len(values) - 1), 1)
     values.partition([int(place), min(int(place) + 1, len(values) - 1)])
     return float(np.quantile(values[int(place) : int(place) + 2].astype(np.float64), part))
 
 
-def _bent(low: float, knee: float, high: float) -> tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]:
+def _bent(
+    low: float, knee: float, high: float
+) -> tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]:
     """Return a scale with `COARSE` of the height below the knee, and its inverse."""
     values, shares = [low, knee, high], [0.0, COARSE, 1.0]
-    return (lambda celsius: np.interp(celsius, values, shares)), (lambda share: np.interp(share, shares, values))
+    return (lambda celsius: np.interp(celsius, values, shares)), (
+        lambda share: np.interp(share, shares, values)
+    )
 
 
 def _bent_values(low: float, knee: float, high: float) -> list[float]:
     """Return ticks above the knee, and a few below that are not too close to it."""
-    return [*(one for one in round_values(low, knee, 2) if one <= knee - 0.3 * (knee - low)), *round_values(knee, high, 5)]
+    return [
+        *(one for one in round_values(low, knee, 2) if one <= knee - 0.3 * (knee - low)),
+        *round_values(knee, high, 5),
+    ]
 
 
 def _joints(axes: Axes, trace: Trace, form: Format) -> None:
-    """Draw a bar at the bottom for each joint, a higher one if the tip was not back before the next."""
+    """Draw a bar at the bottom for each joint, a higher one if the tip was not back before the
+    next.
+    """
     least, high = least_seen_s(trace, form), size_pt(axes)[1]
     for word, colour in style.JOINT_COLOURS.items():
-        spans = [widened(span, least) for span in merged((one for one in trace.joints if one.word == word), least)]
-        places = [(*trace.dates([one.start, one.end]).tolist(), 0.0, style.JOINT_HEIGHTS[word] / high) for one in spans]
-        rectangles(axes, places, f"joint {word}", facecolor=colour, transform=axes.get_xaxis_transform())
+        spans = [
+            widened(span, least)
+            for span in merged((one for one in trace.joints if one.word == word), least)
+        ]
+        places = [
+            (*trace.dates([one.start, one.end]).tolist(), 0.0, style.JOINT_HEIGHTS[word] / high)
+            for one in spans
+        ]
+        rectangles(
+            axes, places, f"joint {word}", facecolor=colour, transform=axes.get_xaxis_transform()
+        )
 
 
 def _setting(axes: Axes, trace: Trace, form: Format) -> list[Label]:
-    """Draw a dot at each reading, and a line between two equal readings; nothing after the last, nor across an outage."""
+    """Draw a dot at each reading, and a line between two equal readings; nothing after the last,
+    nor across an outage.
+    """
     known = _known(trace.setting)
     if not len(known):
         return []
@@ -168,11 +258,16 @@ def _setting(axes: Axes, trace: Trace, form: Format) -> list[Label]:
 
 
 def _held(trace: Trace, curve: Envelope) -> tuple[Floats, Floats]:
-    """Return the readings of the setting, with a break before each that differs from the one before it or follows an outage."""
+    """Return the readings of the setting, with a break before each that differs from the one before
+    it or follows an outage.
+    """
     outages = np.array([gap.start for gap in trace.gaps if gap.seconds >= SHORT_S])
     is_over = np.diff(np.searchsorted(outages, curve.seconds)) > 0  # nothing was read in between
-    changes = np.flatnonzero((np.diff(curve.mean) != 0) | is_over) + 1  # NaN differs from everything
-    return trace.dates(np.insert(curve.seconds, changes, np.nan)), np.insert(curve.mean, changes, np.nan)
+    # NaN differs from everything
+    changes = np.flatnonzero((np.diff(curve.mean) != 0) | is_over) + 1
+    return trace.dates(np.insert(curve.seconds, changes, np.nan)), np.insert(
+        curve.mean, changes, np.nan
+    )
 
 
 def _limits(axes: Axes, trace: Trace) -> list[Label]:
@@ -181,7 +276,9 @@ def _limits(axes: Axes, trace: Trace) -> list[Label]:
         seconds = np.array([*limit.seconds, max(trace.end, limit.seconds[-1])])
         celsius = np.array([*limit.celsius, limit.celsius[-1]])
         axes.plot(*steps(trace.dates(seconds), celsius), gid=limit.side, **style.LINES[limit.side])
-    last = [(limit.celsius[-1], limit.side) for limit in trace.limits if not np.isnan(limit.celsius[-1])]
+    last = [
+        (limit.celsius[-1], limit.side) for limit in trace.limits if not np.isnan(limit.celsius[-1])
+    ]
     return [(celsius, f"{side} {celsius:g}", style.ALARM) for celsius, side in last]
 
 
@@ -205,15 +302,41 @@ def _power(axes: Axes, trace: Trace, form: Format) -> None:
 
 
 def _curve(
-    axes: Axes, trace: Trace, values: Readings, form: Format, look: tuple[str, str, str], *, is_filled: bool = False
+    axes: Axes,
+    trace: Trace,
+    values: Readings,
+    form: Format,
+    look: tuple[str, str, str],
+    *,
+    is_filled: bool = False,
 ) -> None:
-    """Draw the mean as a line in the band from minimum to maximum; a reading without neighbours as a dot or a bar."""
+    """Draw the mean as a line in the band from minimum to maximum; a reading without neighbours as
+    a dot or a bar.
+    """
     colour, band, of = look
     curve = envelope(trace.seconds, values, form.stretches, JOINED_PERIODS * trace.period_s)
     x, alone = trace.dates(curve.seconds), lone(curve)
     if not curve.whole:
-        axes.fill_between(x, curve.low, curve.high, facecolor=band, edgecolor=colour, linewidth=0.25, gid=of, zorder=1.5)
-        bars(axes, trace.dates(alone.seconds), alone.low, alone.high, of, color=band, linewidth=0.8, zorder=1.5)
+        axes.fill_between(
+            x,
+            curve.low,
+            curve.high,
+            facecolor=band,
+            edgecolor=colour,
+            linewidth=0.25,
+            gid=of,
+            zorder=1.5,
+        )
+        bars(
+            axes,
+            trace.dates(alone.seconds),
+            alone.low,
+            alone.high,
+            of,
+            color=band,
+            linewidth=0.8,
+            zorder=1.5,
+        )
     elif is_filled:
         axes.fill_between(x, 0, curve.high, facecolor=band, linewidth=0, gid=of, zorder=1.5)
     axes.plot(x, curve.mean, color=colour, gid=of)
@@ -223,8 +346,8 @@ def _curve(
 def _ground(axes: Axes, trace: Trace, form: Format) -> None:
     """Shade joints, alarms and errors below the grid, gaps above it.
 
-    A gap shorter than both `SHORT_S` and what is visible is only in the lanes: a hundred single lost readings would hide a curve
-    that is nearly complete.
+    A gap shorter than both `SHORT_S` and what is visible is only in the lanes: a hundred single
+    lost readings would hide a curve that is nearly complete.
     """
     least = least_seen_s(trace, form)
     wide = [joint for joint in trace.joints if joint.seconds > WIDE_JOINT * least]
@@ -235,9 +358,20 @@ def _ground(axes: Axes, trace: Trace, form: Format) -> None:
     gaps = merged((gap for gap in trace.gaps if gap.seconds >= min(SHORT_S, least)), least)
     hatches = [style.hatch(gap.word, gap.seconds > 4 * least) for gap in gaps]
     for hatch in dict.fromkeys(hatches):
-        spans = [widened(gap, least) for gap, own in zip(gaps, hatches, strict=True) if own == hatch]
+        spans = [
+            widened(gap, least) for gap, own in zip(gaps, hatches, strict=True) if own == hatch
+        ]
         face = style.NO_DATA_TINT if hatch else style.NO_DATA
-        _shaded(axes, trace, spans, "gap", facecolor=face, edgecolor=style.NO_DATA, hatch=hatch, zorder=0.8)
+        _shaded(
+            axes,
+            trace,
+            spans,
+            "gap",
+            facecolor=face,
+            edgecolor=style.NO_DATA,
+            hatch=hatch,
+            zorder=0.8,
+        )
 
 
 def _shaded(axes: Axes, trace: Trace, spans: Sequence[Span], of: str, **look: object) -> None:

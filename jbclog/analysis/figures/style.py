@@ -1,7 +1,8 @@
 """Colours, hatches and sizes of the figures; `figures.mplstyle` has the rest.
 
-The colours follow Okabe and Ito, so colour-blind readers and grey printers can distinguish them. Nothing depends on colour alone:
-lines differ in their dashes, spans in their hatching, and each has a label beside it.
+The colours follow Okabe and Ito, so colour-blind readers and grey printers can distinguish them.
+Nothing depends on colour alone: lines differ in their dashes, spans in their hatching, and each has
+a label beside it.
 """
 
 from __future__ import annotations
@@ -55,9 +56,12 @@ STATUS_SHADES: Final = {
 OTHER_SHADE: Final = "#e1e7ec"  # of words that are not in this table: a flow
 GRAVE_STATES: Final = frozenset({"shortage", "clogged", "both"})
 ALWAYS_SEEN: Final = frozenset({"suction", *GRAVE_STATES})
-DARK_STATUS: Final = frozenset({"working", "on", "suction", "preparing", "out of range", *GRAVE_STATES})
+DARK_STATUS: Final = frozenset(
+    {"working", "on", "suction", "preparing", "out of range", *GRAVE_STATES}
+)
 
-HATCHES: Final = {"disconnected": "xxxx", "skipped": "----", "no_tool": "||||", "robot_off": "++++"}  # dots would be 40 kB
+# dots would be 40 kB
+HATCHES: Final = {"disconnected": "xxxx", "skipped": "----", "no_tool": "||||", "robot_off": "++++"}
 HATCH_ELSE: Final = "////"
 
 
@@ -66,8 +70,17 @@ def hatch(word: str, wide: bool) -> str | None:
     return HATCHES.get(word, HATCH_ELSE) if wide else None
 
 
-MARK_COLOURS: Final = {MarkKind.ALARM: ALARM, MarkKind.UNCONFIRMED: UNCONFIRMED, MarkKind.ERROR: ERROR}
-MARK_TINTS: Final = {MarkKind.ALARM: "#f6ded3", MarkKind.UNCONFIRMED: "#f3e8d3", MarkKind.ERROR: "#ece0e9"}  # behind the curves
+MARK_COLOURS: Final = {
+    MarkKind.ALARM: ALARM,
+    MarkKind.UNCONFIRMED: UNCONFIRMED,
+    MarkKind.ERROR: ERROR,
+}
+# behind the curves
+MARK_TINTS: Final = {
+    MarkKind.ALARM: "#f6ded3",
+    MarkKind.UNCONFIRMED: "#f3e8d3",
+    MarkKind.ERROR: "#ece0e9",
+}
 JOINT_COLOURS: Final = {
     JointEnd.BACK: TEMPERATURE,
     JointEnd.CUT_OFF: NO_DATA,

@@ -12,13 +12,17 @@ STEPS: Final = (1, 2, 5, 10)  # steps that people count in
 
 
 def round_values(low: float, high: float, most: int, *, whole: bool = True) -> list[float]:
-    """Return round values from `low` to `high`, at most `most` steps of them; integers only if `whole`."""
+    """Return round values from `low` to `high`, at most `most` steps of them; integers only if
+    `whole`.
+    """
     locator = MaxNLocator(most, steps=STEPS, integer=whole, min_n_ticks=1)
     return [float(value) for value in locator.tick_values(low, high) if low <= value <= high]
 
 
 def spread(places: list[float], least: float, bottom: float, top: float) -> list[float]:
-    """Return `places` (ascending), moved as little as needed to lie `least` apart, between `bottom` and `top` if they fit."""
+    """Return `places` (ascending), moved as little as needed to lie `least` apart, between `bottom`
+    and `top` if they fit.
+    """
     out: list[float] = []
     for place in places:
         out.append(max(place, out[-1] + least) if out else max(place, bottom))
@@ -44,13 +48,20 @@ def moment(utc_us: int) -> datetime:
     return EPOCH + timedelta(microseconds=utc_us)
 
 
-def time_marks(t0_utc_us: int, start_s: float, end_s: float, at_most: int) -> list[tuple[float, str]]:
-    """Return places (seconds of the run) and labels of round UTC times between `start_s` and `end_s`."""
+def time_marks(
+    t0_utc_us: int, start_s: float, end_s: float, at_most: int
+) -> list[tuple[float, str]]:
+    """Return places (seconds of the run) and labels of round UTC times between `start_s` and
+    `end_s`.
+    """
     step = next((step for step in STEPS_S if (end_s - start_s) / step <= at_most - 1), STEPS_S[-1])
     zero_s = t0_utc_us / 1e6
     first = ceil((zero_s + start_s) / step - 1e-9)
     count = int((zero_s + end_s) / step + 1e-9) - first + 1
-    return [((first + i) * step - zero_s, _label((first + i) * step, step)) for i in range(max(count, 0))]
+    return [
+        ((first + i) * step - zero_s, _label((first + i) * step, step))
+        for i in range(max(count, 0))
+    ]
 
 
 def _label(utc_s: int, step: int) -> str:

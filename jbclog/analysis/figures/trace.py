@@ -1,4 +1,6 @@
-"""One port of a run, as a figure shows it: curves, spans, limits and marks on the run's time axis."""
+"""One port of a run, as a figure shows it: curves, spans, limits and marks on the run's time
+axis.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,8 @@ from jbclog.analysis.figures.curves import Floats, Readings, Span, dates, within
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 
 JOINED_PERIODS = 1.5  # samples further apart than this are not joined by a line
-SETTING_JOINED_S = 15.0  # the setting is due each 5 s; two losses are bridged in the drawing, and only there
+# the setting is due each 5 s; two losses are bridged in the drawing, and only there
+SETTING_JOINED_S = 15.0
 
 
 class JointEnd(StrEnum):
@@ -33,7 +36,9 @@ class MarkKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """The time axis of a run. `period_s` is None with ``--rate max``: then the UTC of the rows is used, less its steps."""
+    """The time axis of a run. `period_s` is None with ``--rate max``: then the UTC of the rows is
+    used, less its steps.
+    """
 
     t0_utc_us: int
     period_s: float | None
@@ -50,7 +55,9 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """An alarm limit as confirmed: since when each value held, in s, and °C; NaN while it was off."""
+    """An alarm limit as confirmed: since when each value held, in s, and °C; NaN while it was
+    off.
+    """
 
     side: str  # "high" or "low"
     seconds: tuple[float, ...]
@@ -67,12 +74,16 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Air:
-    """Hot air on the rows of a trace: °C of the work (NaN where it was not read), and lanes by name."""
+    """Hot air on the rows of a trace: °C of the work (NaN where it was not read), and lanes by
+    name.
+    """
 
     external: Readings
     lanes: dict[str, list[Span]]
 
-    def between(self, rows: np.ndarray[tuple[int], np.dtype[np.bool_]], start: float, end: float) -> Air:
+    def between(
+        self, rows: np.ndarray[tuple[int], np.dtype[np.bool_]], start: float, end: float
+    ) -> Air:
         """Return the part of these `rows`, from `start` to `end`."""
         lanes = {name: within(spans, start, end) for name, spans in self.lanes.items()}
         return Air(self.external[rows], {name: spans for name, spans in lanes.items() if spans})
@@ -92,10 +103,12 @@ class Trace:
     gaps: list[Span]
     limits: Sequence[Limit] = ()
     marks: Sequence[Mark] = field(default_factory=tuple)
-    states: Mapping[str, list[Span]] = field(default_factory=dict)  # lanes of a station without a temperature
+    # lanes of a station without a temperature
+    states: Mapping[str, list[Span]] = field(default_factory=dict)
     air: Air | None = None  # of hot air
     joints: Sequence[Span] = ()  # their words are those of `JointEnd`
-    reasons: pd.Categorical = field(default_factory=lambda: pd.Categorical([]))  # of each row; empty: not read
+    # of each row; empty: not read
+    reasons: pd.Categorical = field(default_factory=lambda: pd.Categorical([]))
 
     @property
     def start(self) -> float:
@@ -120,7 +133,9 @@ class Trace:
             setting=self.setting[rows],
             status=within(self.status, start, end),
             gaps=within(self.gaps, start, end),
-            marks=[mark for mark in self.marks if mark.span.end >= start and mark.span.start <= end],
+            marks=[
+                mark for mark in self.marks if mark.span.end >= start and mark.span.start <= end
+            ],
             states={name: within(spans, start, end) for name, spans in self.states.items()},
             air=None if self.air is None else self.air.between(rows, start, end),
             joints=within(self.joints, start, end),

@@ -22,7 +22,8 @@ class Engine(Protocol):
     """Calls a function for each task."""
 
     def run(self, function: Callable[[A], T], tasks: Iterable[A]) -> Iterator[T]:
-        """Yield the results in the order of the tasks, whoever computes them; keeps a bounded number of them.
+        """Yield the results in the order of the tasks, whoever computes them; keeps a bounded
+        number of them.
 
         What the function raises is raised here, at the place of its result.
         """
@@ -37,7 +38,8 @@ class Here:
 
 
 def engine_of(scheduler: str | None, *, is_much: bool) -> Engine:
-    """Return who computes: the workers of `scheduler`; without one processes if there is much to do, else this process.
+    """Return who computes: the workers of `scheduler`; without one processes if there is much to
+    do, else this process.
 
     Raises `UsageError` for an address that is none, or without the libraries.
     """

@@ -1,12 +1,15 @@
-"""Partial statistics of groups of values, which merge exactly: the same answer, to the last digit, in any order and any division.
+"""Partial statistics of groups of values, which merge exactly: the same answer, to the last digit,
+in any order and any division.
 
-Every finite double is a whole number of 2^-1074. So a sum is kept as a whole number of these, and a sum of squares as one of
-2^-2148: Python's whole numbers have no limit, and their sums no rounding. Mean and variance are rounded once, at the end. The
-shared origin of all squares is zero; with exact sums no other one is better.
+Every finite double is a whole number of 2^-1074. So a sum is kept as a whole number of these, and a
+sum of squares as one of 2^-2148: Python's whole numbers have no limit, and their sums no rounding.
+Mean and variance are rounded once, at the end. The shared origin of all squares is zero; with exact
+sums no other one is better.
 
-Quantiles come from counts of values in bins. A bin has the values of one sign and exponent whose first ten bits behind the point
-are the same. A quantile is the middle of the bin in which the value of that rank lies, which differs from that value by at most
-`QUANTILE_ERROR` of it. Bins are fixed, so that counts add up.
+Quantiles come from counts of values in bins. A bin has the values of one sign and exponent whose
+first ten bits behind the point are the same. A quantile is the middle of the bin in which the value
+of that rank lies, which differs from that value by at most `QUANTILE_ERROR` of it. Bins are fixed,
+so that counts add up.
 """
 
 from __future__ import annotations
@@ -29,7 +32,8 @@ QUANTILE_ERROR: Final = 2.0 ** -(BIN_BITS + 1)
 """Half the largest width of a bin as a share of the value: 0.05 %."""
 SHIFT: Final = MANTISSA_BITS - BIN_BITS
 UNIT_BITS: Final = 1074  # the smallest double above zero is 2^-1074
-LIMB_BITS: Final = 18  # three limbs are a mantissa; 2^16 times twice a product of two is 2^53 at most, exact as a double
+# three limbs are a mantissa; 2^16 times twice a product of two is 2^53 at most, exact as a double
+LIMB_BITS: Final = 18
 MOST_COUNTED: Final = 1 << 16  # values at once
 MASK: Final = (1 << LIMB_BITS) - 1
 BINS: Final = 1 << (63 - SHIFT + 1)
@@ -37,9 +41,11 @@ BINS: Final = 1 << (63 - SHIFT + 1)
 
 @dataclass(slots=True)
 class Moments:
-    """Statistics of some values. `unknown` counts those that are null or not finite, `n` the others.
+    """Statistics of some values. `unknown` counts those that are null or not finite, `n` the
+    others.
 
-    `total` is their sum × 2^1074 and `squares` the sum of their squares × 2^2148. `bins` counts values by `bin_of`.
+    `total` is their sum × 2^1074 and `squares` the sum of their squares × 2^2148. `bins` counts
+    values by `bin_of`.
     """
 
     n: int = 0
@@ -56,8 +62,12 @@ class Moments:
         self.unknown += other.unknown
         self.total += other.total
         self.squares += other.squares
-        self.least = min((one for one in (self.least, other.least) if one is not None), default=None)
-        self.greatest = max((one for one in (self.greatest, other.greatest) if one is not None), default=None)
+        self.least = min(
+            (one for one in (self.least, other.least) if one is not None), default=None
+        )
+        self.greatest = max(
+            (one for one in (self.greatest, other.greatest) if one is not None), default=None
+        )
         self.bins.update(other.bins)
 
     @property
@@ -67,16 +77,23 @@ class Moments:
 
     @property
     def sd(self) -> float | None:
-        """The standard deviation (n − 1), from a variance rounded once; None below two values, or above the doubles."""
+        """The standard deviation (n − 1), from a variance rounded once; None below two values, or
+        above the doubles.
+        """
         if self.n < 2:
             return None
         try:
-            return sqrt((self.n * self.squares - self.total**2) / ((self.n * (self.n - 1)) << (2 * UNIT_BITS)))
+            return sqrt(
+                (self.n * self.squares - self.total**2)
+                / ((self.n * (self.n - 1)) << (2 * UNIT_BITS))
+            )
         except OverflowError:
             return None
 
     def quantiles(self, percents: Sequence[int]) -> list[float | None]:
-        """Return for each percentage the value of rank ⌈n × percent / 100⌉ within `QUANTILE_ERROR` of it; None without values."""
+        """Return for each percentage the value of rank ⌈n × percent / 100⌉ within `QUANTILE_ERROR`
+        of it; None without values.
+        """
         if self.least is None or self.greatest is None:
             return [None for _ in percents]
         ordered = sorted((_middle(one), count) for one, count in self.bins.items())
@@ -95,7 +112,8 @@ def merged(parts: Iterable[Moments]) -> Moments:
 
 
 def moments_of(values: Floats, counts: Ints, groups: Ints, count: int) -> list[Moments]:
-    """Return the statistics of each group of values, each of which occurs so many times, at most 65 536 values in all.
+    """Return the statistics of each group of values, each of which occurs so many times, at most 65
+    536 values in all.
 
     `groups` has the number of each value's group, from 0 to below `count`.
     """
@@ -106,7 +124,8 @@ def moments_of(values: Floats, counts: Ints, groups: Ints, count: int) -> list[M
     for group, unknown in zip(groups[~is_known].tolist(), counts[~is_known].tolist(), strict=True):
         found[group].unknown += unknown
     if is_known.any():
-        _add(found, values[is_known] + 0.0, counts[is_known], groups[is_known])  # + 0.0: there is one zero
+        # + 0.0: there is one zero
+        _add(found, values[is_known] + 0.0, counts[is_known], groups[is_known])
     return found
 
 
@@ -137,7 +156,9 @@ def _add_sums(found: list[Moments], bits: Ints, counts: Ints, groups: Ints) -> N
     limbs = [(mantissa >> (LIMB_BITS * place)) & MASK for place in range(3)]
     signed = np.where(bits < 0, -counts, counts)
     pairs = [(low, high) for low in range(3) for high in range(low, 3)]
-    products = [limbs[low] * limbs[high] * counts * (1 if low == high else 2) for low, high in pairs]
+    products = [
+        limbs[low] * limbs[high] * counts * (1 if low == high else 2) for low, high in pairs
+    ]
     sums = _summed([limb * signed for limb in limbs], slots, len(keys), [0, 1, 2])
     squares = _summed(products, slots, len(keys), [low + high for low, high in pairs])
     for key, total, square in zip(keys.tolist(), sums, squares, strict=True):
@@ -147,7 +168,9 @@ def _add_sums(found: list[Moments], bits: Ints, counts: Ints, groups: Ints) -> N
 
 
 def _summed(limbs: Sequence[Ints], slots: Ints, count: int, places: Sequence[int]) -> list[int]:
-    """Return for each slot the sum of its limbs, each times 2^(18 × its place), as whole numbers."""
+    """Return for each slot the sum of its limbs, each times 2^(18 × its place), as whole
+    numbers.
+    """
     totals = [0] * count
     for limb, place in zip(limbs, places, strict=True):
         sums = np.bincount(slots, weights=limb, minlength=count)  # exact: see `LIMB_BITS`
@@ -165,5 +188,7 @@ def _middle(number: int) -> float:
     """Return the middle of a bin; zero for one with zero and what is below 2^-1022."""
     if (number >> BIN_BITS) & 0x7FF == 0:
         return 0.0
-    sides = np.array([number << SHIFT, (number << SHIFT) | ((1 << SHIFT) - 1)], np.int64).view(np.float64)
+    sides = np.array([number << SHIFT, (number << SHIFT) | ((1 << SHIFT) - 1)], np.int64).view(
+        np.float64
+    )
     return float(sides[0] / 2 + sides[1] / 2)

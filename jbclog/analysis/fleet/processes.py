@@ -1,7 +1,9 @@
-"""A local cluster of processes: no port is opened, so that no other user of the computer can reach it.
+"""A local cluster of processes: no port is opened, so that no other user of the computer can reach
+it.
 
-Dask's own local cluster listens at a TCP port of the computer, where every user of it could run code as this one. These processes
-are children that are reached by pipes. A child that is killed costs its tasks a second trial, in new children.
+Dask's own local cluster listens at a TCP port of the computer, where every user of it could run
+code as this one. These processes are children that are reached by pipes. A child that is killed
+costs its tasks a second trial, in new children.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ class Processes:
         self._count = count
 
     def run(self, function: Callable[[A], T], tasks: Iterable[A]) -> Iterator[T]:
-        """Yield the results in the order of the tasks. Raises `RecordError` if children are killed again and again."""
+        """Yield the results in the order of the tasks. Raises `RecordError` if children are killed
+        again and again.
+        """
         packed, left = _packed(function), iter(tasks)
         open_tasks: deque[A] = deque(islice(left, AHEAD * self._count))
         breaks = 0
@@ -47,14 +51,17 @@ class Processes:
                 breaks += 1
                 if breaks > MOST_BREAKS:
                     raise RecordError(
-                        f"processes that read runs were killed {breaks} times, perhaps for lack of memory; no answer. In "
-                        'a script, what starts them must stand below `if __name__ == "__main__":`'
+                        f"processes that read runs were killed {breaks} times, perhaps for lack of"
+                        " memory; no answer. In a script, what starts them must stand below `if"
+                        ' __name__ == "__main__":`'
                     ) from error
 
     def _pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self._count, multiprocessing.get_context("spawn"), _one_thread)
 
-    def _results(self, pool: ProcessPoolExecutor, packed: bytes, open_tasks: deque[A], left: Iterator[A]) -> Iterator[Any]:
+    def _results(
+        self, pool: ProcessPoolExecutor, packed: bytes, open_tasks: deque[A], left: Iterator[A]
+    ) -> Iterator[Any]:
         """Yield results; a task leaves `open_tasks` when its result is there."""
         begun: deque[Future[Any]] = deque(pool.submit(_call, packed, task) for task in open_tasks)
         while begun:
@@ -67,7 +74,9 @@ class Processes:
 
 
 def _packed(function: Callable[..., object]) -> bytes:
-    """Return a function as bytes; also one of a notebook, where `cloudpickle` is installed (extra `fleet`)."""
+    """Return a function as bytes; also one of a notebook, where `cloudpickle` is installed (extra
+    `fleet`).
+    """
     try:
         import cloudpickle
     except ModuleNotFoundError:

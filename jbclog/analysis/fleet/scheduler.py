@@ -1,8 +1,9 @@
 """The workers of a Dask scheduler, reached at ``tcp://HOST:PORT`` or ``tls://HOST:PORT``.
 
-Whoever reaches an open scheduler runs code on all workers. Certificates of ``tls://`` come from Dask's configuration, as its own
-tools take them. Each task compares its worker's version of jbclog, also of one that joins later. Tasks of a worker that is killed
-are given to another one by the scheduler.
+Whoever reaches an open scheduler runs code on all workers. Certificates of ``tls://`` come from
+Dask's configuration, as its own tools take them. Each task compares its worker's version of jbclog,
+also of one that joins later. Tasks of a worker that is killed are given to another one by the
+scheduler.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ AHEAD: Final = 4
 LEAST_AHEAD: Final = 16
 MOST_SAID: Final = 300
 CERTIFICATES: Final = (
-    "; certificates come from Dask's configuration: DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__CLIENT__CERT and …__CLIENT__KEY"
+    "; certificates come from Dask's configuration: DASK_DISTRIBUTED__COMM__TLS__CA_FILE,"
+    " …__CLIENT__CERT and …__CLIENT__KEY"
 )
 NOT_INSTALLED: Final = "{}: `pip install 'jbclog[fleet]'` installs what a scheduler needs"
 
@@ -50,7 +52,10 @@ class Scheduler:
     def __init__(self, address: str) -> None:
         matched = ADDRESS.fullmatch(address)
         if matched is None or not 0 < int(matched[3]) < 65_536:
-            raise UsageError(f"{_said(address)}: a scheduler is tcp://HOST:PORT or tls://HOST:PORT, as tcp://dask.plant:8786")
+            raise UsageError(
+                f"{_said(address)}: a scheduler is tcp://HOST:PORT or tls://HOST:PORT, as"
+                " tcp://dask.plant:8786"
+            )
         try:
             import distributed  # noqa: F401
         except ModuleNotFoundError as error:
@@ -58,11 +63,15 @@ class Scheduler:
         self.address = address
 
     def run(self, function: Callable[[A], T], tasks: Iterable[A]) -> Iterator[T]:
-        """Yield the results in the order of the tasks. Raises `RecordError` where the scheduler or all workers are gone."""
+        """Yield the results in the order of the tasks. Raises `RecordError` where the scheduler or
+        all workers are gone.
+        """
         with _quiet(), self._connected() as client, self._explained():
             self._expect_versions(client)
             left = iter(tasks)
-            begun = deque(self._submit(client, function, task) for task in islice(left, self._ahead(client)))
+            begun = deque(
+                self._submit(client, function, task) for task in islice(left, self._ahead(client))
+            )
             while begun:
                 result = self._result(client, begun.popleft())
                 begun.extend(self._submit(client, function, task) for task in islice(left, 1))
@@ -73,8 +82,12 @@ class Scheduler:
         from distributed import Client, Security
 
         try:
-            security = Security(require_encryption=True) if self.address.startswith("tls:") else None
-            client = Client(self.address, timeout=CONNECT_S, set_as_default=False, security=security)
+            security = (
+                Security(require_encryption=True) if self.address.startswith("tls:") else None
+            )
+            client = Client(
+                self.address, timeout=CONNECT_S, set_as_default=False, security=security
+            )
         except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:
             raise RecordError(self._unreachable(error)) from error
         try:
@@ -86,7 +99,10 @@ class Scheduler:
         advice = ""
         if self.address.startswith("tls:"):
             advice = CERTIFICATES
-        return f"{self.address}: no scheduler answers ({_said(error)}); start `dask scheduler` there{advice}"
+        return (
+            f"{self.address}: no scheduler answers ({_said(error)}); start `dask scheduler`"
+            f" there{advice}"
+        )
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
@@ -100,35 +116,48 @@ class Scheduler:
             yield
         except KilledWorker as error:
             raise RecordError(
-                f"{self.address}: workers ended while they computed the same part, perhaps for lack of memory: {_said(error)}"
+                f"{self.address}: workers ended while they computed the same part, perhaps for lack"
+                f" of memory: {_said(error)}"
             ) from error
         except RuntimeError as error:
             if "deserialization" not in str(error):
                 raise
             why = _said(error.__cause__ or error)
-            raise RecordError(f"{self.address}: the scheduler or a worker lacks what the function needs: {why}") from error
+            raise RecordError(
+                f"{self.address}: the scheduler or a worker lacks what the function needs: {why}"
+            ) from error
         except gone as error:
-            raise RecordError(f"{self.address}: the scheduler is gone, nothing was computed; start it and repeat") from error
+            raise RecordError(
+                f"{self.address}: the scheduler is gone, nothing was computed; start it and repeat"
+            ) from error
 
     def _expect_versions(self, client: Client) -> None:
         """Raise `RecordError` without workers, or where one of them has another version."""
         try:
             client.wait_for_workers(1, timeout=CONNECT_S)
         except TimeoutError:
-            raise RecordError(f"{self.address}: the scheduler has no worker; start `dask worker {self.address}`") from None
-        others = {name: found for name, found in self._versions(client).items() if found != version()}
+            raise RecordError(
+                f"{self.address}: the scheduler has no worker; start `dask worker {self.address}`"
+            ) from None
+        others = {
+            name: found for name, found in self._versions(client).items() if found != version()
+        }
         if others:
             name, found = next(iter(others.items()))
             raise RecordError(
-                f"{self.address}: {_said(name)} has another version ({len(others)} in all): {_said(found)}; here is {version()}. "
-                "Install the same on all"
+                f"{self.address}: {_said(name)} has another version ({len(others)} in all):"
+                f" {_said(found)}; here is {version()}. Install the same on all"
             )
 
     def _versions(self, client: Client) -> dict[str, object]:
-        """Return the version of each worker, or the error by which it does not know it, and the scheduler's if it differs."""
+        """Return the version of each worker, or the error by which it does not know it, and the
+        scheduler's if it differs.
+        """
         found: dict[str, object] = dict(client.run(version, on_error="return"))
         versions: Any = client.get_versions()
-        here, there = (versions[name]["packages"]["distributed"] for name in ("client", "scheduler"))
+        here, there = (
+            versions[name]["packages"]["distributed"] for name in ("client", "scheduler")
+        )
         return found if here == there else found | {"the scheduler": f"Dask {there}"}
 
     def _submit(self, client: Client, function: Callable[[A], T], task: A) -> Future[Any]:
@@ -138,7 +167,9 @@ class Scheduler:
         return max(LEAST_AHEAD, AHEAD * int(sum(client.nthreads().values())))
 
     def _result(self, client: Client, future: Future[Any]) -> Any:
-        """Return the result of a task. Raises `RecordError` where nobody is left who could compute it."""
+        """Return the result of a task. Raises `RecordError` where nobody is left who could compute
+        it.
+        """
         last_seen = time.monotonic()
         while True:
             try:
@@ -150,7 +181,8 @@ class Scheduler:
                     last_seen = time.monotonic()
                 elif time.monotonic() - last_seen > NO_WORKER_S:
                     raise RecordError(
-                        f"{self.address}: since {NO_WORKER_S:g} s the scheduler has no worker; start `dask worker {self.address}`"
+                        f"{self.address}: since {NO_WORKER_S:g} s the scheduler has no worker;"
+                        f" start `dask worker {self.address}`"
                     ) from None
 
 
@@ -160,13 +192,21 @@ def version() -> str:
 
     dask: str = distributed.__version__  # type: ignore[attr-defined]  # it is there
     python = ".".join(map(str, sys.version_info[:2]))
-    return f"jbclog {jbclog.__version__}, rules {RULES}, methods {METHODS}, Dask {dask}, Python {python}"
+    return (
+        f"jbclog {jbclog.__version__}, rules {RULES}, methods {METHODS}, Dask {dask}, Python"
+        f" {python}"
+    )
 
 
 def checked(expected: str, function: Callable[[A], T], task: A) -> T:
-    """Return the function's result, on a worker. Raises `RecordError` if it has another version than who asks."""
+    """Return the function's result, on a worker. Raises `RecordError` if it has another version
+    than who asks.
+    """
     if version() != expected:
-        raise RecordError(f"a worker has another version: it has {version()}, asked was for {expected}. Install the same on all")
+        raise RecordError(
+            f"a worker has another version: it has {version()}, asked was for {expected}. Install"
+            " the same on all"
+        )
     return function(task)
 
 
@@ -175,7 +215,11 @@ def _quiet() -> Iterator[None]:
     """Keep Dask's log from standard error: what matters is raised."""
     import distributed  # noqa: F401  # which makes its loggers
 
-    logs = [logging.getLogger(name) for name in [*logging.root.manager.loggerDict] if name.split(".")[0] == "distributed"]
+    logs = [
+        logging.getLogger(name)
+        for name in [*logging.root.manager.loggerDict]
+        if name.split(".")[0] == "distributed"
+    ]
     before = [log.level for log in logs]
     for log in logs:
         log.setLevel(logging.CRITICAL + 1)

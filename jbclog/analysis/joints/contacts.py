@@ -1,18 +1,22 @@
 """Find contacts: when the tip touched something, from the heat flow into the work (`thermal`).
 
-A *part* is a run of rows whose flow is above a low limit, cut where the flow comes near zero between a falling and a rising edge
-that are both beyond the noise. Two parts are *apart* if the flow was zero between them, which one of three things shows: both stand
-`CLEAR_NOISES` above the valley; the flow smoothed to `COARSE_S` is near zero too; or the second part has the fresh onset of a
-contact. Otherwise they are one contact, such as a long one whose flow has fallen to the noise. A contact reaches the high limit.
+A *part* is a run of rows whose flow is above a low limit, cut where the flow comes near zero
+between a falling and a rising edge that are both beyond the noise. Two parts are *apart* if the
+flow was zero between them, which one of three things shows: both stand `CLEAR_NOISES` above the
+valley; the flow smoothed to `COARSE_S` is near zero too; or the second part has the fresh onset of
+a contact. Otherwise they are one contact, such as a long one whose flow has fallen to the noise. A
+contact reaches the high limit.
 
-An edge is an extreme of the flow's rate of change. After Gaussian smoothing this is the matched detection of a step in noise (J.
-Canny, A Computational Approach to Edge Detection, IEEE Trans. PAMI 8, 1986): its place depends neither on the height of the step
-nor on what comes before. An end is low, because the work has warmed up. It is placed where a fall from the last flow to zero is
-most likely, which is where the sum of the flow beyond half of that is greatest (D. V. Hinkley, Biometrika 57, 1970).
+An edge is an extreme of the flow's rate of change. After Gaussian smoothing this is the matched
+detection of a step in noise (J. Canny, A Computational Approach to Edge Detection, IEEE Trans. PAMI
+8, 1986): its place depends neither on the height of the step nor on what comes before. An end is
+low, because the work has warmed up. It is placed where a fall from the last flow to zero is most
+likely, which is where the sum of the flow beyond half of that is greatest (D. V. Hinkley,
+Biometrika 57, 1970).
 
-The limits are multiples of the standard deviation that the noise of the temperature gives the flow and its rate of change: noise
-alone passes `HIGH_NOISES` once in 31 600 independent looks, and `EDGE_NOISES` once in 4300. Minimum values in ‰ keep the model's
-own error out.
+The limits are multiples of the standard deviation that the noise of the temperature gives the flow
+and its rate of change: noise alone passes `HIGH_NOISES` once in 31 600 independent looks, and
+`EDGE_NOISES` once in 4300. Minimum values in ‰ keep the model's own error out.
 """
 
 from __future__ import annotations
@@ -35,12 +39,14 @@ CLEAR_NOISES: Final = 6.0
 FRESH_NOISES: Final = 5.0
 FRESH_FACTOR: Final = 2.5  # times the flow before: a contact that continues does not rise so far
 COARSE_NOISES, COARSE_SHARE = 2.0, 0.65
-EXPECTED_SHARE, EXPECTED_VALLEY = 0.6, 0.6  # of the time expected between two joints, and of the lower neighbour
+# of the time expected between two joints, and of the lower neighbour
+EXPECTED_SHARE, EXPECTED_VALLEY = 0.6, 0.6
 FAR_S: Final = 1.5  # parts further from each other are apart without a comparison
 BESIDE_S: Final = 0.8  # on each side of a valley: where its neighbours' flow is taken
 LOOK_S: Final = 0.3  # around the crossing of the low limit: where a start is searched
 TAIL_S: Final = 0.6  # around the end of a run of rows: where a contact's end is searched
-LEVEL_S, EDGE_S = 0.6, 0.15  # before the steepest fall: from and to where a contact's last flow is taken
+# before the steepest fall: from and to where a contact's last flow is taken
+LEVEL_S, EDGE_S = 0.6, 0.15
 
 Part = tuple[int, int]
 """The first row, and the one after the last."""
@@ -58,31 +64,38 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """The heat flow into the work in ‰ in each row of a stretch; zero while the tip is not ready."""
+    """The heat flow into the work in ‰ in each row of a stretch; zero while the tip is not
+    ready.
+    """
 
     stretch: Stretch
     flow: Floats
 
 
 def flow_into_work(stretch: Stretch, model: ThermalModel, ready: Flags) -> Flow:
-    """Return the flow of a stretch; before the tip is `ready`, heat goes into the tip and the flow is zero.
+    """Return the flow of a stretch; before the tip is `ready`, heat goes into the tip and the flow
+    is zero.
 
-    A temperature that the station shows late belongs to the power of that earlier moment, so the stretch of the flow is as early as
-    that power.
+    A temperature that the station shows late belongs to the power of that earlier moment, so the
+    stretch of the flow is as early as that power.
     """
     flow = flow_of(stretch.power_later(model.delay.rows), model.values, model.noise.smooth_s)
     return Flow(stretch.earlier(model.delay.moved_s), np.where(ready, flow, 0.0))
 
 
 def find_contacts(part: Flow, noise: Noise, expected_every_s: float | None = None) -> list[Contact]:
-    """Return the contacts of a stretch in order of time. `expected_every_s` helps to separate two of them and never makes one."""
+    """Return the contacts of a stretch in order of time. `expected_every_s` helps to separate two
+    of them and never makes one.
+    """
     if len(part.flow) < 3:
         return []
     period = part.stretch.period_s
     rises = rate(part.flow, period)
     more = float(np.sqrt(max(COARSE_S**2 - noise.smooth_s**2, 0.0))) / period
     coarse = smooth(part.flow, more) if more > 0.1 else part.flow
-    signals = _Signals(part, rises, *_edges(rises, EDGE_NOISES * noise.rate), coarse, noise, expected_every_s)
+    signals = _Signals(
+        part, rises, *_edges(rises, EDGE_NOISES * noise.rate), coarse, noise, expected_every_s
+    )
     first, last = _merged(signals, *_parts(signals))
     high = segments(first, last).greatest(signals.flow) >= signals.high
     return _contacts(signals, first[high], last[high])
@@ -90,7 +103,9 @@ def find_contacts(part: Flow, noise: Noise, expected_every_s: float | None = Non
 
 @dataclass(frozen=True, slots=True)
 class _Signals:
-    """The flow of a stretch with what is derived from it: rate of change, edges, coarse flow, limits."""
+    """The flow of a stretch with what is derived from it: rate of change, edges, coarse flow,
+    limits.
+    """
 
     part: Flow
     rises: Floats
@@ -129,7 +144,9 @@ def _edges(rises: Floats, least: float) -> tuple[Places, Flags]:
 
 
 def _parts(signals: _Signals) -> tuple[Places, Places]:
-    """Return the runs above the low limit, cut at their valleys: first rows, and the rows after the last."""
+    """Return the runs above the low limit, cut at their valleys: first rows, and the rows after the
+    last.
+    """
     first, last = runs(signals.flow > signals.low)
     valleys = _valleys(signals, first, last)
     return np.sort(np.concatenate([first, valleys])), np.sort(np.concatenate([valleys, last]))
@@ -139,23 +156,33 @@ def _valleys(signals: _Signals, first: Places, last: Places) -> Places:
     """Return the row at which a run is lowest between a falling and the next rising edge."""
     run = np.searchsorted(first, signals.edges) - 1  # an edge in the first row of a run is outside
     within = (run >= 0) & (signals.edges < np.append(last, 0)[run])
-    pairs = within[:-1] & within[1:] & (run[:-1] == run[1:]) & ~signals.upward[:-1] & signals.upward[1:]
-    return segments(signals.edges[:-1][pairs], signals.edges[1:][pairs] + 1).where_least(signals.flow)
+    pairs = (
+        within[:-1] & within[1:] & (run[:-1] == run[1:]) & ~signals.upward[:-1] & signals.upward[1:]
+    )
+    return segments(signals.edges[:-1][pairs], signals.edges[1:][pairs] + 1).where_least(
+        signals.flow
+    )
 
 
 def _merged(signals: _Signals, first: Places, last: Places) -> tuple[Places, Places]:
-    """Merge parts that are not apart. A zero flow between them shows most that are; the others are compared one by one."""
+    """Merge parts that are not apart. A zero flow between them shows most that are; the others are
+    compared one by one.
+    """
     if len(first) < 2:
         return first, last
     apart = first[1:] - last[:-1] > signals.rows(FAR_S)
     near = np.flatnonzero(~apart)
     between = segments(last[near] - 1, first[near + 1] + 1)
     lowest, lowest_coarse = between.least(signals.flow), between.least(signals.coarse)
-    zero = (lowest < VALLEY_NOISES * signals.noise.flow) & (lowest_coarse <= COARSE_NOISES * signals.noise.coarse)
+    zero = (lowest < VALLEY_NOISES * signals.noise.flow) & (
+        lowest_coarse <= COARSE_NOISES * signals.noise.coarse
+    )
     begin, until = first.tolist(), last.tolist()
     for place in np.flatnonzero(~zero).tolist():
         one, valley = int(near[place]), (float(lowest[place]), float(lowest_coarse[place]))
-        zero[place] = _are_apart(signals, (begin[one], until[one]), (begin[one + 1], until[one + 1]), valley)
+        zero[place] = _are_apart(
+            signals, (begin[one], until[one]), (begin[one + 1], until[one + 1]), valley
+        )
         if not zero[place]:
             begin[one + 1] = begin[one]
     apart[near] = zero
@@ -163,15 +190,25 @@ def _merged(signals: _Signals, first: Places, last: Places) -> tuple[Places, Pla
 
 
 def _are_apart(signals: _Signals, one: Part, other: Part, valley: tuple[float, float]) -> bool:
-    """Return whether the flow was zero between two parts although its lowest there, `valley` (as it is, coarse), is not near it."""
+    """Return whether the flow was zero between two parts although its lowest there, `valley` (as it
+    is, coarse), is not near it.
+    """
     flow, coarse, noise = signals.flow, signals.coarse, signals.noise
     lowest, lowest_coarse = valley
     near_zero = VALLEY_NOISES * noise.flow
     beside = signals.rows(BESIDE_S)
-    left, right = slice(max(one[0], one[1] - beside), one[1]), slice(other[0], min(other[1], other[0] + beside))
+    left, right = (
+        slice(max(one[0], one[1] - beside), one[1]),
+        slice(other[0], min(other[1], other[0] + beside)),
+    )
     before, after = float(flow[left].max()), float(flow[right].max())
-    lower, coarse_lower = min(before, after), min(float(coarse[left].max()), float(coarse[right].max()))
-    if signals.expected_every_s and other[0] - one[0] >= signals.rows(EXPECTED_SHARE * signals.expected_every_s):
+    lower, coarse_lower = (
+        min(before, after),
+        min(float(coarse[left].max()), float(coarse[right].max())),
+    )
+    if signals.expected_every_s and other[0] - one[0] >= signals.rows(
+        EXPECTED_SHARE * signals.expected_every_s
+    ):
         return lowest < max(near_zero, EXPECTED_VALLEY * lower)
     if lowest_coarse <= max(noise.floors * LOW_PERMILLE, COARSE_SHARE * coarse_lower):
         return lowest < max(near_zero, VALLEY_SHARE * lower)
@@ -182,23 +219,42 @@ def _are_apart(signals: _Signals, one: Part, other: Part, valley: tuple[float, f
 
 
 def _contacts(signals: _Signals, first: Places, last: Places) -> list[Contact]:
-    """Return the contacts with their edges: the steepest rise before the peak, and the most likely end."""
+    """Return the contacts with their edges: the steepest rise before the peak, and the most likely
+    end.
+    """
     peak = segments(first, last).where_greatest(signals.flow)
-    start = segments(np.maximum(first - signals.rows(LOOK_S), 0), peak + 1).where_greatest(signals.rises)
+    start = segments(np.maximum(first - signals.rows(LOOK_S), 0), peak + 1).where_greatest(
+        signals.rises
+    )
     end, end_s = _ends(signals, start, last, np.append(first[1:], len(signals.flow)))
     starts_s = _refined_moments(signals.part, signals.rises, start)
-    return [Contact(*one) for one in zip(starts_s.tolist(), end_s.tolist(), start.tolist(), end.tolist(), strict=True)]
+    return [
+        Contact(*one)
+        for one in zip(starts_s.tolist(), end_s.tolist(), start.tolist(), end.tolist(), strict=True)
+    ]
 
 
-def _ends(signals: _Signals, start: Places, last: Places, next_first: Places) -> tuple[Places, Floats]:
-    """Return rows and moments of the ends: a fall from the last flow to zero is most likely there; or the last row."""
-    flow, seconds, period = signals.flow, signals.part.stretch.seconds, signals.part.stretch.period_s
+def _ends(
+    signals: _Signals, start: Places, last: Places, next_first: Places
+) -> tuple[Places, Floats]:
+    """Return rows and moments of the ends: a fall from the last flow to zero is most likely there;
+    or the last row.
+    """
+    flow, seconds, period = (
+        signals.flow,
+        signals.part.stretch.seconds,
+        signals.part.stretch.period_s,
+    )
     fall = _steepest_falls(signals, start, last, next_first)
-    until = np.minimum(np.maximum(last + signals.rows(LOOK_S), fall + signals.rows(TAIL_S)), np.minimum(next_first, len(flow)))
+    until = np.minimum(
+        np.maximum(last + signals.rows(LOOK_S), fall + signals.rows(TAIL_S)),
+        np.minimum(next_first, len(flow)),
+    )
     begin = np.maximum(fall - signals.rows(TAIL_S), start + 1)
     before = np.maximum(fall - signals.rows(LEVEL_S), start)
     levels = segments(before, np.maximum(fall - signals.rows(EDGE_S), before + 1))
-    # half of the last flow before the fall: the sum of the flow above it is greatest at the most likely end
+    # half of the last flow before the fall: the sum of the flow above it is greatest at the most
+    # likely end
     half = 0.5 * np.maximum(levels.total(flow) / levels.lengths, signals.noise.flow)
     end, fraction = fall.copy(), np.zeros(len(fall))
     is_long = until - begin >= 2
@@ -223,11 +279,15 @@ def _steepest_falls(signals: _Signals, start: Places, last: Places, next_first: 
 
 
 def _refined_moments(part: Flow, steepness: Floats, rows: Places) -> Floats:
-    """Return the moments of extremes to a fraction of a row: the top of a parabola through each and its neighbours."""
+    """Return the moments of extremes to a fraction of a row: the top of a parabola through each and
+    its neighbours.
+    """
     seconds, inner = part.stretch.seconds, (rows > 0) & (rows < len(steepness) - 1)
     near = np.clip(rows, 1, len(steepness) - 2)
     before, here, after = steepness[near - 1], steepness[near], steepness[near + 1]
     bend = before - 2 * here + after
     bent = inner & (bend < 0)
-    beside = np.where(bent, np.clip(0.5 * (before - after) / np.where(bent, bend, -1.0), -0.5, 0.5), 0.0)
+    beside = np.where(
+        bent, np.clip(0.5 * (before - after) / np.where(bent, bend, -1.0), -0.5, 0.5), 0.0
+    )
     return np.clip(seconds[rows] + beside * part.stretch.period_s, seconds[0], seconds[-1])

@@ -1,15 +1,19 @@
-"""Whether the number of joints is reliable: they are found again under other assumptions and must be the same.
+"""Whether the number of joints is reliable: they are found again under other assumptions and must
+be the same.
 
-A wrong number leaves no trace: a draw that depends on a limit, two draws that depend on a valley, or a tip whose heat capacity the
-fit missed. What these share is that the joints change as soon as the assumptions do. So the joints are found again under each of
-`ASSUMPTIONS`: other limits, other smoothing, another heat capacity, another lag (stability selection: N. Meinshausen, P. Bühlmann,
-Journal of the Royal Statistical Society B 72, 2010). *Doubt* is the share of joints that appear or disappear, averaged over the
-assumptions. What a low limit finds in the inverted flow is noise, because no heat comes back from work, and does not count as
-appeared.
+A wrong number leaves no trace: a draw that depends on a limit, two draws that depend on a valley,
+or a tip whose heat capacity the fit missed. What these share is that the joints change as soon as
+the assumptions do. So the joints are found again under each of
+`ASSUMPTIONS`: other limits, other smoothing, another heat capacity, another lag (stability
+selection: N. Meinshausen, P. Bühlmann, Journal of the Royal Statistical Society B 72, 2010).
+*Doubt* is the share of joints that appear or disappear, averaged over the assumptions. What a low
+limit finds in the inverted flow is noise, because no heat comes back from work, and does not count
+as appeared.
 
-If doubt is above its limit, the number is not known, and the least and the most joints found are reported instead. The limits were
-chosen on simulated plants; docs/explanation/joints.md has the figures. No assumption reveals a joint between two readings, or two
-joints without a reading between them. So at periods above `SLOW_S` a contact longer than `LONG_S` is in doubt, and no joints found
+If doubt is above its limit, the number is not known, and the least and the most joints found are
+reported instead. The limits were chosen on simulated plants; docs/explanation/joints.md has the
+figures. No assumption reveals a joint between two readings, or two joints without a reading between
+them. So at periods above `SLOW_S` a contact longer than `LONG_S` is in doubt, and no joints found
 is "not known", not none.
 
 In a long record, doubt is measured in the windows that the model comes from (`identify`).
@@ -39,7 +43,9 @@ SAME_SHARE: Final = 0.5  # of the shorter of two draws that overlap
 
 @dataclass(frozen=True, slots=True)
 class Assumption:
-    """Factors on limits, smoothing and heat capacity, and by how many s power or temperature comes later."""
+    """Factors on limits, smoothing and heat capacity, and by how many s power or temperature comes
+    later.
+    """
 
     limits: float = 1.0
     smoothing: float = 1.0
@@ -63,7 +69,8 @@ ASSUMPTIONS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """The share of joints that appear or disappear, and the least and most joints found under any assumption.
+    """The share of joints that appear or disappear, and the least and most joints found under any
+    assumption.
 
     `looked_at` is the number of joints found as they are, in the windows examined.
     """
@@ -86,14 +93,18 @@ def doubt_of(tools: Sequence[Tool], settings: JointSettings) -> Doubt:
             same = _count_same(as_found, others)
             noise = len(variants.joints(assumed, upside_down=True)) if assumed.limits < 1 else 0
             appeared = max(len(others) - same - noise, 0)
-            changed[number] += appeared + len(as_found) - same + (_count_long(as_found) if variants.is_slow else 0)
+            changed[number] += (
+                appeared + len(as_found) - same + (_count_long(as_found) if variants.is_slow else 0)
+            )
             counts[number] += same + appeared
     every = [total, *counts.tolist()]
     return Doubt(float(changed.mean()) / max(total, 1), round(min(every)), round(max(every)), total)
 
 
 def why_not_known(doubt: Doubt, joints: int, period_s: float) -> str | None:
-    """Return the reason why the number of joints is not known, with the range found; None if it is known."""
+    """Return the reason why the number of joints is not known, with the range found; None if it is
+    known.
+    """
     allowed = MOST_DOUBT_SLOW if period_s > SLOW_S else MOST_DOUBT
     if period_s > SLOW_S and not joints:
         return f"None were found, but readings {period_s:g} s apart do not show short joints."
@@ -102,15 +113,17 @@ def why_not_known(doubt: Doubt, joints: int, period_s: float) -> str | None:
     share = joints / doubt.looked_at if doubt.looked_at else 1.0
     least, most = (round(share * number) for number in (doubt.least, doubt.most))
     return (
-        f"Between {least} and {most} were found as limits, smoothing, heat capacity and lag were varied; "
-        f"{100 * doubt.share:.0f} % of them come or go, {100 * allowed:g} % are allowed."
+        f"Between {least} and {most} were found as limits, smoothing, heat capacity and lag were"
+        f" varied; {100 * doubt.share:.0f} % of them come or go, {100 * allowed:g} % are allowed."
     )
 
 
 class _Variants:
     """The joints of a tool under any assumption."""
 
-    def __init__(self, parts: Sequence[ReadyStretch], model: ThermalModel, settings: JointSettings) -> None:
+    def __init__(
+        self, parts: Sequence[ReadyStretch], model: ThermalModel, settings: JointSettings
+    ) -> None:
         self._parts, self._model, self._settings = parts, model, settings
         self._power_noise = power_noise([part.stretch for part in parts])
         self._flows: dict[Assumption, tuple[ThermalModel, list[Flow]]] = {}
@@ -121,9 +134,13 @@ class _Variants:
         return self._parts[0].stretch.period_s > SLOW_S
 
     def joints(self, assumed: Assumption, upside_down: bool = False) -> list[Draw]:
-        """Return the joints in order of time; `upside_down`: in the inverted flow, as if heat came back from the work."""
+        """Return the joints in order of time; `upside_down`: in the inverted flow, as if heat came
+        back from the work.
+        """
         model, flows = self._flows_under(replace(assumed, limits=1.0))
-        model = replace(model, noise=replace(model.noise.times(assumed.limits), floors=assumed.limits))
+        model = replace(
+            model, noise=replace(model.noise.times(assumed.limits), floors=assumed.limits)
+        )
         flows = [Flow(one.stretch, -one.flow) for one in flows] if upside_down else flows
         found = [draw for one in flows for draw in find_draws(one, model, self._settings)]
         return [draw for draw in found if is_joint(draw, self._settings)]
@@ -132,13 +149,20 @@ class _Variants:
         """Return the model under an assumption, and the flows with it."""
         if assumed not in self._flows:
             model = self._model_under(assumed)
-            self._flows[assumed] = model, [flow_into_work(part.stretch, model, part.ready) for part in self._parts]
+            self._flows[assumed] = (
+                model,
+                [flow_into_work(part.stretch, model, part.ready) for part in self._parts],
+            )
         return self._flows[assumed]
 
     def _model_under(self, assumed: Assumption) -> ThermalModel:
-        """Return the model under an assumption; its noise keeps its ratio to the noise that the readings explain."""
+        """Return the model under an assumption; its noise keeps its ratio to the noise that the
+        readings explain.
+        """
         model, period = self._model, self._parts[0].stretch.period_s
-        other = replace(model, capacity=assumed.capacity * model.capacity, lag_s=model.lag_s + assumed.later_s)
+        other = replace(
+            model, capacity=assumed.capacity * model.capacity, lag_s=model.lag_s + assumed.later_s
+        )
         noises = (model.temperature_noise, self._power_noise)
         before = noise_at(period, model.values, *noises, model.noise.smooth_s)
         after = noise_at(period, other.values, *noises, assumed.smoothing * model.noise.smooth_s)
@@ -150,7 +174,9 @@ def _count_long(draws: Sequence[Draw]) -> int:
 
 
 def _count_same(draws: Sequence[Draw], others: Sequence[Draw]) -> int:
-    """Return how many draws two sorted lists share: they overlap for half of the shorter one; each counts once."""
+    """Return how many draws two sorted lists share: they overlap for half of the shorter one; each
+    counts once.
+    """
     same, place = 0, 0
     for one in draws:
         while place < len(others) and others[place].end_s <= one.start_s:
@@ -160,7 +186,10 @@ def _count_same(draws: Sequence[Draw], others: Sequence[Draw]) -> int:
             if other.start_s >= one.end_s:
                 break
             shorter = min(one.end_s - one.start_s, other.end_s - other.start_s)
-            if min(one.end_s, other.end_s) - max(one.start_s, other.start_s) >= SAME_SHARE * shorter:
+            if (
+                min(one.end_s, other.end_s) - max(one.start_s, other.start_s)
+                >= SAME_SHARE * shorter
+            ):
                 same, place = same + 1, near + 1
                 break
     return same

@@ -1,8 +1,8 @@
 """Heat draws: contacts of the tip that belong groups, with the heat that went into the work.
 
-*Heat* is the integral of the flow to twice the smoothing beyond the edges, so that it includes what the smoothing spread.
-*Confidence* is 1 - ½·exp(1 - m), with m the peak divided by the limit that noise reaches once in 31 600 looks; halved with fewer
-than three readings. It is not a probability.
+*Heat* is the integral of the flow to twice the smoothing beyond the edges, so that it includes what
+the smoothing spread. *Confidence* is 1 - ½·exp(1 - m), with m the peak divided by the limit that
+noise reaches once in 31 600 looks; halved with fewer than three readings. It is not a probability.
 """
 
 from __future__ import annotations
@@ -21,25 +21,32 @@ from jbclog.analysis.joints.segments import segments
 from jbclog.analysis.joints.thermal import ThermalModel
 from jbclog.analysis.verdict.idle import Floats
 
-LEAST_HEAT: Final = 20.0  # ‰·s: less is within the error of the heat balance; the smallest pad takes 100
+# ‰·s: less is within the error of the heat balance; the smallest pad takes 100
+LEAST_HEAT: Final = 20.0
 SURE_DWELL_S, SURE_HEAT, SURE_PEAK = 0.5, 65.0, 80.0
 FEW_READINGS: Final = 3
 CUT_CONFIDENCE: Final = 0.5  # of the draw's
 FALLEN_SHARE: Final = 0.7  # of the lower side: a flow below it between two feeds has fallen
 SLOWEST_PERIOD_S: Final = 0.25  # slower readings do not show what lies between two joints
 JOINT, NOT_KNOWN = "joint", "not known"
-ENDS, BEGINS = "The record, or the tool's work, ends in it.", "The record, or the tool's work, begins in it."
+ENDS, BEGINS = (
+    "The record, or the tool's work, ends in it.",
+    "The record, or the tool's work, begins in it.",
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """A heat draw: seconds on the run's grid, dwell in s, heat in ‰·s, peak in ‰, and the number of contacts in it.
+    """A heat draw: seconds on the run's grid, dwell in s, heat in ‰·s, peak in ‰, and the number of
+    contacts in it.
 
-    `cut` is what cut it off, if anything did. `fed` is whether wire was pushed in it, None if not known. `loss` is that of the
-    tip's model in ‰/K. `cut_by_feeds`: it is a part of a draw with the feeds of several joints. `is_unfed`: the feeder decides and
-    pushed no wire. `late_s` is how much later than these edges the temperature shows it.
+    `cut` is what cut it off, if anything did. `fed` is whether wire was pushed in it, None if not
+    known. `loss` is that of the tip's model in ‰/K. `cut_by_feeds`: it is a part of a draw with the
+    feeds of several joints. `is_unfed`: the feeder decides and pushed no wire. `late_s` is how much
+    later than these edges the temperature shows it.
 
-    A feed without a draw has neither heat nor peak; its edges are those of the time in which the feed was.
+    A feed without a draw has neither heat nor peak; its edges are those of the time in which the
+    feed was.
     """
 
     start_s: float
@@ -58,15 +65,23 @@ class Draw:
 
     @property
     def kind(self) -> str:
-        """``joint``, or ``not known`` if it can also be a wipe, a touch without solder, or a feed without a joint."""
+        """``joint``, or ``not known`` if it can also be a wipe, a touch without solder, or a feed
+        without a joint.
+        """
         if self.is_unfed:
             return NOT_KNOWN
-        sure = self.dwell_s >= SURE_DWELL_S and (self.heat or 0.0) >= SURE_HEAT and (self.peak or 0.0) >= SURE_PEAK
+        sure = (
+            self.dwell_s >= SURE_DWELL_S
+            and (self.heat or 0.0) >= SURE_HEAT
+            and (self.peak or 0.0) >= SURE_PEAK
+        )
         return JOINT if (self.fed and self.heat is not None) or sure else NOT_KNOWN
 
 
 def is_joint(draw: Draw, settings: JointSettings) -> bool:
-    """Return whether the draw lasts long enough; one that was cut off may have, and one with a feed is a joint."""
+    """Return whether the draw lasts long enough; one that was cut off may have, and one with a feed
+    is a joint.
+    """
     return draw.dwell_s >= settings.least_dwell_s or draw.cut is not None or bool(draw.fed)
 
 
@@ -94,13 +109,29 @@ def _as_draws(part: Flow, model: ThermalModel, groups: Sequence[Sequence[Contact
     over = np.maximum(peaks / max(HIGH_NOISES * noise.flow, HIGH_PERMILLE), 1.0)
     sure = 1 - 0.5 * np.exp(1 - over)
     found: list[Draw] = []
-    for group, heat, peak, confidence in zip(groups, heats.tolist(), peaks.tolist(), sure.tolist(), strict=True):
+    for group, heat, peak, confidence in zip(
+        groups, heats.tolist(), peaks.tolist(), sure.tolist(), strict=True
+    ):
         start_s, end_s = group[0].start_s, group[-1].end_s
         few = (end_s - start_s) / period + 1 < FEW_READINGS
         cut = ENDS if group[-1].last >= len(flow) - 2 else BEGINS if group[0].first <= 1 else None
         dwell = sum(contact.end_s - contact.start_s for contact in group)
         confidence = round(confidence * (0.5 if few else 1.0), 3)
-        found.append(Draw(start_s, end_s, dwell, heat, peak, len(group), confidence, cut, None, model.loss, late_s=late_s))
+        found.append(
+            Draw(
+                start_s,
+                end_s,
+                dwell,
+                heat,
+                peak,
+                len(group),
+                confidence,
+                cut,
+                None,
+                model.loss,
+                late_s=late_s,
+            )
+        )
     return found
 
 
@@ -125,7 +156,10 @@ def merged_draw(draws: Sequence[Draw]) -> Draw:
     first, last = draws[0], draws[-1]
     if first is last:
         return first
-    heats, peaks = [one.heat for one in draws if one.heat is not None], [one.peak for one in draws if one.peak is not None]
+    heats, peaks = (
+        [one.heat for one in draws if one.heat is not None],
+        [one.peak for one in draws if one.peak is not None],
+    )
     return replace(
         first,
         end_s=last.end_s,
@@ -139,13 +173,19 @@ def merged_draw(draws: Sequence[Draw]) -> Draw:
 
 
 def lowest_between(by_time: FlowByTime, start_s: float, end_s: float, period_s: float) -> float:
-    """Return the moment of the lowest flow between two moments, or their middle if no flow is known."""
+    """Return the moment of the lowest flow between two moments, or their middle if no flow is
+    known.
+    """
     seconds, flow = by_time.between(start_s, max(end_s, start_s + period_s))
     return float(seconds[flow.argmin()]) if len(flow) else (start_s + end_s) / 2
 
 
-def has_fallen(by_time: FlowByTime, before_s: float, valley_s: float, after_s: float, period_s: float) -> bool:
-    """Return whether the flow falls at a moment between two others; also True where the sampling rate cannot show it."""
+def has_fallen(
+    by_time: FlowByTime, before_s: float, valley_s: float, after_s: float, period_s: float
+) -> bool:
+    """Return whether the flow falls at a moment between two others; also True where the sampling
+    rate cannot show it.
+    """
     _, before = by_time.between(before_s, valley_s)
     _, after = by_time.between(valley_s, after_s)
     if period_s > SLOWEST_PERIOD_S or not len(before) or not len(after):
@@ -153,7 +193,9 @@ def has_fallen(by_time: FlowByTime, before_s: float, valley_s: float, after_s: f
     return float(after[0]) <= FALLEN_SHARE * min(float(before.max()), float(after.max()))
 
 
-def cut_draw(draw: Draw, moments: Sequence[float], by_time: FlowByTime, period_s: float) -> list[Draw]:
+def cut_draw(
+    draw: Draw, moments: Sequence[float], by_time: FlowByTime, period_s: float
+) -> list[Draw]:
     """Return the parts of a draw between these moments."""
     edges = [draw.start_s, *moments, draw.end_s]
     parts = []

@@ -1,7 +1,9 @@
-"""The joints of a sealed run as evidence for its verdict, from its Parquet files and without pandas.
+"""The joints of a sealed run as evidence for its verdict, from its Parquet files and without
+pandas.
 
-The recorder calls this when the run has ended, and `report` when it judges again, so both get the same result. It needs scipy and
-some time, and runs only for stations whose recipe has a limit about joints.
+The recorder calls this when the run has ended, and `report` when it judges again, so both get the
+same result. It needs scipy and some time, and runs only for stations whose recipe has a limit about
+joints.
 """
 
 from __future__ import annotations
@@ -19,7 +21,14 @@ import pyarrow.compute as pc
 from jbclog.analysis.joints.draws import Draw
 from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.parameters import JointOptions, options_of
-from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once, floats, micros
+from jbclog.analysis.joints.port_reader import (
+    MOST_PORTS,
+    MOST_ROWS,
+    PortReader,
+    at_once,
+    floats,
+    micros,
+)
 from jbclog.analysis.joints.port_rows import CYCLES, Key, cycles_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
@@ -45,7 +54,9 @@ Read = Callable[[str, list[str]], Iterable[pa.Table]]
 
 
 class PortFound(NamedTuple):
-    """The joints of a port; how many rows it has, their distance, and when the last one was read; `series`: with a feeder."""
+    """The joints of a port; how many rows it has, their distance, and when the last one was read;
+    `series`: with a feeder.
+    """
 
     found: FoundJoints
     rows: int
@@ -54,36 +65,64 @@ class PortFound(NamedTuple):
     series: Series | None = None
 
 
-def joint_evidence(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Evidence:
-    """Return the joints of each port of these stations that has a tip; `t0_utc` is the manifest's."""
+def joint_evidence(
+    folder: Path, stations: Sequence[StationFacts], t0_utc: float | None
+) -> Evidence:
+    """Return the joints of each port of these stations that has a tip; `t0_utc` is the
+    manifest's.
+    """
     read = partial(row_groups, folder)
     stepped_s = sum(abs(step.size_s) for step in clock_steps(read))
-    return {key: _port_joints(one, stepped_s) for key, one in ports_found(folder, read, stations, t0_utc).items()}
+    return {
+        key: _port_joints(one, stepped_s)
+        for key, one in ports_found(folder, read, stations, t0_utc).items()
+    }
 
 
-def ports_found(folder: Path, read: Read, stations: Sequence[StationFacts], t0_utc: float | None) -> dict[Key, PortFound]:
-    """Return the joints of each port of these stations that has a tip; `read` gives the rows, `folder` has the recipes.
+def ports_found(
+    folder: Path, read: Read, stations: Sequence[StationFacts], t0_utc: float | None
+) -> dict[Key, PortFound]:
+    """Return the joints of each port of these stations that has a tip; `read` gives the rows,
+    `folder` has the recipes.
 
     Ports without a feeder are read in windows (`sweeps`), the others as a whole.
     """
-    with_tip, clock = [facts for facts in stations if has_tip(facts)], (clock_steps(read), round((t0_utc or 0.0) * 1e6))
+    with_tip, clock = (
+        [facts for facts in stations if has_tip(facts)],
+        (
+            clock_steps(read),
+            round((t0_utc or 0.0) * 1e6),
+        ),
+    )
     options = {facts.name: options_of(joints_asked(folder, facts)) for facts in with_tip}
     found: dict[Key, PortFound] = {}
     in_windows = [facts for facts in with_tip if not has_feeder(facts)]
     for some in at_once(in_windows, lambda facts: len(facts.ports), MOST_PORTS):
         reader = PortReader(some, partial(read, "samples"), *clock, MOST_ROWS)
-        ports = {(facts.name, port): PortSweeps(options[facts.name]) for facts in some for port in facts.ports}
+        ports = {
+            (facts.name, port): PortSweeps(options[facts.name])
+            for facts in some
+            for port in facts.ports
+        }
         reader.sweep(ports)
         found |= {
-            key: PortFound(port.found, reader.rows(key), reader.period_s(key), reader.last_s(key)) for key, port in ports.items()
+            key: PortFound(port.found, reader.rows(key), reader.period_s(key), reader.last_s(key))
+            for key, port in ports.items()
         }
     for some in at_once([facts for facts in with_tip if has_feeder(facts)], _rows, MOST_ROWS):
-        found |= _whole(PortReader(some, partial(read, "samples"), *clock, MOST_ROWS), some, read, options)
-    return {(facts.name, port): found[facts.name, port] for facts in with_tip for port in facts.ports}
+        found |= _whole(
+            PortReader(some, partial(read, "samples"), *clock, MOST_ROWS), some, read, options
+        )
+    return {
+        (facts.name, port): found[facts.name, port] for facts in with_tip for port in facts.ports
+    }
 
 
 def _whole(
-    reader: PortReader, stations: Sequence[StationFacts], read: Read, options: Mapping[str, JointOptions]
+    reader: PortReader,
+    stations: Sequence[StationFacts],
+    read: Read,
+    options: Mapping[str, JointOptions],
 ) -> dict[Key, PortFound]:
     found, counters = {}, {facts.name: _counters(read, facts.name) for facts in stations}
     for (name, port), (plain, utc_us) in reader.whole().items():
@@ -103,8 +142,15 @@ def _port_joints(port: PortFound, stepped_s: float) -> PortJoints:
     feeds = None
     if port.series is not None and found.heat_why is None:
         why = found.number_why
-        feeds = feeds_of(port.series, found.by_heat, stepped_s) if why is None else Feeds(0, 0, 0, None, why=why)
-    recoveries, unseen_joints = [_recovery(joint) for joint in found.joints], _possibly_unseen(port.rows * port.period_s, found)
+        feeds = (
+            feeds_of(port.series, found.by_heat, stepped_s)
+            if why is None
+            else Feeds(0, 0, 0, None, why=why)
+        )
+    recoveries, unseen_joints = (
+        [_recovery(joint) for joint in found.joints],
+        _possibly_unseen(port.rows * port.period_s, found),
+    )
     return PortJoints(recoveries, feeds, found.heat_why or found.why, unseen_joints, found.unseen_s)
 
 
@@ -118,12 +164,16 @@ def _rows(facts: StationFacts) -> int:
 
 
 def _counters(read: Read, station: str) -> pa.Table:
-    pieces = [group.filter(pc.equal(group["station"], station)) for group in read("counters", COUNTERS)]
+    pieces = [
+        group.filter(pc.equal(group["station"], station)) for group in read("counters", COUNTERS)
+    ]
     return pa.concat_tables([SCHEMAS["counters"].empty_table().select(COUNTERS), *pieces])
 
 
 def _possibly_unseen(seconds: float, found: FoundJoints) -> int:
-    """Return how many joints there may be where nothing was read: one in each piece, or as many as elsewhere in that time."""
+    """Return how many joints there may be where nothing was read: one in each piece, or as many as
+    elsewhere in that time.
+    """
     seen_s = seconds - found.unseen_s
     rate = len(found.joints) / seen_s if seen_s > 0 else 0.0
     return max(found.unseen, ceil(rate * found.unseen_s))
@@ -137,24 +187,30 @@ def _recovery(joint: Joint) -> Recovery | None:
 
 
 def _cycles(counters: pa.Table, rows_us: Counts, seconds: Floats) -> Cycles:
-    read = counters.filter(pc.and_(pc.equal(counters["counter"], CYCLES), pc.is_valid(counters["value"])))
+    read = counters.filter(
+        pc.and_(pc.equal(counters["counter"], CYCLES), pc.is_valid(counters["value"]))
+    )
     return cycles_of(micros(read), floats(read["value"]), rows_us, seconds)
 
 
 def feeds_of(series: Series, draws: Sequence[Draw], stepped_s: float = 0.0) -> Feeds:
-    """Return joints found and feeds counted between the first and the last reading of the feeder's counter.
+    """Return joints found and feeds counted between the first and the last reading of the feeder's
+    counter.
 
-    The counter has its time in UTC and the joints stand on the run's grid, so the two agree to `EDGE_S` and to `stepped_s`, by
-    which the wall clock was stepped; a joint that is closer to the first or last reading is not known to be inside. Where the
-    rows end with the last reading, one more may have begun that shows no heat yet. `draws` are the joints by heat alone, because
-    joints that the feeder helped to find must not be compared with the feeder.
+    The counter has its time in UTC and the joints stand on the run's grid, so the two agree to
+    `EDGE_S` and to `stepped_s`, by which the wall clock was stepped; a joint that is closer to the
+    first or last reading is not known to be inside. Where the rows end with the last reading, one
+    more may have begun that shows no heat yet. `draws` are the joints by heat alone, because joints
+    that the feeder helped to find must not be compared with the feeder.
     """
     counted = feeds_counted(series)
     if counted.value is None or series.cycles is None:
         return Feeds(0, 0, 0, None, why=counted.why or "")
     start, end = counter_span(series, series.cycles.seconds)
     slack_s = EDGE_S + stepped_s
-    near_start, near_end = ([draw for draw in draws if _is_near(draw, edge, slack_s)] for edge in (start, end))
+    near_start, near_end = (
+        [draw for draw in draws if _is_near(draw, edge, slack_s)] for edge in (start, end)
+    )
     sides = [start <= draw.start_s < end for draw in {*near_start, *near_end}]
     found = sum(start <= draw.start_s < end for draw in draws)
     not_yet_seen = int(not near_end and end >= series.seconds[-1] - slack_s)
@@ -167,6 +223,12 @@ def _is_near(draw: Draw, edge: float, slack_s: float) -> bool:
 
 
 def _unread_s(series: Series, start: float, end: float) -> float:
-    """Return for how long temperature or power was not read, if there is a gap; single lost rows hide no joint."""
-    windows = [series.window(column, start, end) for column in (series.rows.temperature, series.rows.power)]
-    return max((window.due - window.n) * series.period_s if window.gap else 0.0 for window in windows)
+    """Return for how long temperature or power was not read, if there is a gap; single lost rows
+    hide no joint.
+    """
+    windows = [
+        series.window(column, start, end) for column in (series.rows.temperature, series.rows.power)
+    ]
+    return max(
+        (window.due - window.n) * series.period_s if window.gap else 0.0 for window in windows
+    )

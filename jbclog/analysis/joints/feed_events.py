@@ -1,12 +1,14 @@
-"""When the feeder pushed wire: seen at each tick in the motor's state, and counted between two readings of its counter.
+"""When the feeder pushed wire: seen at each tick in the motor's state, and counted between two
+readings of its counter.
 
-A run of readings in which the motor pushes forward (R-PSx, on every tick) is a *push*; pushes less than `ONE_FEED_S` apart are one,
-and that is a *feed that was seen*. The counter (R-DCx) counts every feed but does not show when: between two readings it grew by
-their number. Growth beyond the feeds seen is *feeds that were only counted*, each somewhere between these two readings. No manual
+A run of readings in which the motor pushes forward (R-PSx, on every tick) is a *push*; pushes less
+than `ONE_FEED_S` apart are one, and that is a *feed that was seen*. The counter (R-DCx) counts
+every feed but does not show when: between two readings it grew by their number. Growth beyond the
+feeds seen is *feeds that were only counted*, each somewhere between these two readings. No manual
 states whether a feed counts when it begins or when it ends; whichever fits the run better is used.
 
-If the counter grew by less than the pushes, one feed is several pushes: the pushes closest to each other are merged. A counter that
-decreased was reset, and shows nothing about that time.
+If the counter grew by less than the pushes, one feed is several pushes: the pushes closest to each
+other are merged. A counter that decreased was reset, and shows nothing about that time.
 """
 
 from __future__ import annotations
@@ -26,13 +28,16 @@ from jbclog.analysis.verdict.idle import Flags, Floats
 ONE_FEED_S: Final = 0.3
 ONE_CYCLE_S: Final = 3.0  # pushes further apart than this are never one cycle of the feeder
 READ_BEFORE_S: Final = 0.3  # a count can be so much older than its time, because it is read twice
-MORE_THAN_COUNTED: Final = 0.1  # of the feeds: more surplus pushes are not an accident of a reading at an edge
+# of the feeds: more surplus pushes are not an accident of a reading at an edge
+MORE_THAN_COUNTED: Final = 0.1
 LEAST_READINGS: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Feed:
-    """Wire was pushed once between these two moments in seconds of the run's grid; `is_seen`: its first and last reading."""
+    """Wire was pushed once between these two moments in seconds of the run's grid; `is_seen`: its
+    first and last reading.
+    """
 
     start_s: float
     end_s: float
@@ -56,8 +61,9 @@ class CountedFeeds:
 class FeedEvents:
     """Everything known about a port's feeds.
 
-    `known_s` are the intervals in which the counter was read and not reset; `counted` is its growth in them, None if it was not
-    read twice. `sees_all`: pushes last longer than two readings are apart, so that none is missed.
+    `known_s` are the intervals in which the counter was read and not reset; `counted` is its growth
+    in them, None if it was not read twice. `sees_all`: pushes last longer than two readings are
+    apart, so that none is missed.
     """
 
     seen: list[Feed]
@@ -95,10 +101,16 @@ def feed_events(series: Series) -> FeedEvents | None:
         excess = _excess(pushes, series.cycles, known, grown)
     at, begin, end = series.cycles.seconds, float(series.seconds[0]), float(series.seconds[-1])
     counted_only = [
-        CountedFeeds(max(float(at[place]) - READ_BEFORE_S, begin), min(float(at[place + 1]), end), int(excess[place]))
+        CountedFeeds(
+            max(float(at[place]) - READ_BEFORE_S, begin),
+            min(float(at[place + 1]), end),
+            int(excess[place]),
+        )
         for place in np.flatnonzero(excess > 0).tolist()
     ]
-    return FeedEvents(pushes, counted_only, _intervals(at, known), int(grown[known].sum()), sees_all)
+    return FeedEvents(
+        pushes, counted_only, _intervals(at, known), int(grown[known].sum()), sees_all
+    )
 
 
 def pushes_in(series: Series) -> list[Feed]:
@@ -108,7 +120,9 @@ def pushes_in(series: Series) -> list[Feed]:
     read = ~np.isnan(series.feeding)
     seconds, half = series.seconds[read], series.period_s / 2
     feeds: list[Feed] = []
-    for first, last in zip(*(rows.tolist() for rows in runs(series.feeding[read] > 0)), strict=True):
+    for first, last in zip(
+        *(rows.tolist() for rows in runs(series.feeding[read] > 0)), strict=True
+    ):
         start = float(seconds[first])
         end = max(float(seconds[last - 1]), min(start + half, float(series.seconds[-1])))
         if feeds and start - feeds[-1].end_s < ONE_FEED_S:
@@ -130,18 +144,26 @@ def _intervals(at: Floats, known: Flags) -> list[tuple[float, float]]:
 
 
 def _excess(pushes: Sequence[Feed], cycles: Cycles, known: Flags, grown: Floats) -> Floats:
-    """Return, from each reading to the next, the growth of the counter beyond the pushes seen; negative if it grew by less."""
+    """Return, from each reading to the next, the growth of the counter beyond the pushes seen;
+    negative if it grew by less.
+    """
     as_begun = _excess_at(np.array([one.start_s for one in pushes]), cycles.seconds, known, grown)
     as_ended = _excess_at(np.array([one.end_s for one in pushes]), cycles.seconds, known, grown)
     return min((as_begun, as_ended), key=lambda excess: float(np.abs(excess).sum()))
 
 
 def _excess_at(moments: Floats, at: Floats, known: Flags, grown: Floats) -> Floats:
-    """Return the same if feeds count at these moments. A feed seen on one side of a reading and counted on the other cancels."""
+    """Return the same if feeds count at these moments. A feed seen on one side of a reading and
+    counted on the other cancels.
+    """
     seen = np.diff(np.searchsorted(moments, at, side="right"))
     excess = np.where(known, grown - seen, 0.0)
     for place in np.flatnonzero(excess[:-1] * excess[1:] < 0).tolist():
-        shared = float(min(abs(excess[place]), abs(excess[place + 1]))) if excess[place] * excess[place + 1] < 0 else 0.0
+        shared = (
+            float(min(abs(excess[place]), abs(excess[place + 1])))
+            if excess[place] * excess[place + 1] < 0
+            else 0.0
+        )
         excess[place] -= np.sign(excess[place]) * shared
         excess[place + 1] -= np.sign(excess[place + 1]) * shared
     return excess
@@ -150,7 +172,11 @@ def _excess_at(moments: Floats, at: Floats, known: Flags, grown: Floats) -> Floa
 def _merge_nearest(pushes: Sequence[Feed], times: int) -> list[Feed]:
     """Return the pushes with the closest neighbours merged, this many times."""
     apart = np.array([after.start_s - before.end_s for before, after in pairwise(pushes)])
-    nearest = {place for place in np.argsort(apart, kind="stable")[:times].tolist() if apart[place] < ONE_CYCLE_S}
+    nearest = {
+        place
+        for place in np.argsort(apart, kind="stable")[:times].tolist()
+        if apart[place] < ONE_CYCLE_S
+    }
     merged: list[Feed] = []
     for place, push in enumerate(pushes):
         if place - 1 in nearest:

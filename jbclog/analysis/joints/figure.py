@@ -1,8 +1,9 @@
 """A figure: one number with what it is based on, or the reason why there is none.
 
-`n` is the number of readings, joints or heat-ups in it; `coverage` the share of readings due in its window that were obtained, in
-per cent; `resolution` the smallest difference that it can show, in its unit. A figure whose window has a gap has no value, never
-zero. A gap is where two consecutive readings are more than `GAP_PERIODS` periods apart.
+`n` is the number of readings, joints or heat-ups in it; `coverage` the share of readings due in its
+window that were obtained, in per cent; `resolution` the smallest difference that it can show, in
+its unit. A figure whose window has a gap has no value, never zero. A gap is where two consecutive
+readings are more than `GAP_PERIODS` periods apart.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ GAP_PERIODS = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One metric of one port: its name in the table of definitions, its value (None: see `why`), its unit."""
+    """One metric of one port: its name in the table of definitions, its value (None: see `why`),
+    its unit.
+    """
 
     name: str
     value: float | None

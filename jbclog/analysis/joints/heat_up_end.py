@@ -1,9 +1,10 @@
 """When a tip is ready to solder with: its heat-up is over.
 
-A tip is ready once it has come within `NEAR_K` of its setpoint and rises slower than `SLOW_K_PER_S`, since it began to work or
-since its setpoint was last raised; or once it has stopped rising for `CALM_S`, because a tip that never reaches its setpoint is
-used, too. Across a short gap of the record, and across a stand that left the tip warm, it stays ready if it is not much colder than
-before.
+A tip is ready once it has come within `NEAR_K` of its setpoint and rises slower than
+`SLOW_K_PER_S`, since it began to work or since its setpoint was last raised; or once it has stopped
+rising for `CALM_S`, because a tip that never reaches its setpoint is used, too. Across a short gap
+of the record, and across a stand that left the tip warm, it stays ready if it is not much colder
+than before.
 """
 
 from __future__ import annotations
@@ -49,7 +50,9 @@ def ready_stretches(stretches: Sequence[Stretch]) -> list[ReadyStretch]:
     return found
 
 
-def ready_stretches_of_window(stretches: Sequence[Stretch], window_before: Sequence[ReadyStretch]) -> list[ReadyStretch]:
+def ready_stretches_of_window(
+    stretches: Sequence[Stretch], window_before: Sequence[ReadyStretch]
+) -> list[ReadyStretch]:
     """Return the stretches of one window of a record with their ready rows.
 
     A stretch that continues from the window before is ready where it was ready there.
@@ -58,29 +61,48 @@ def ready_stretches_of_window(stretches: Sequence[Stretch], window_before: Seque
     trusted_s = float(stretches[0].seconds[0]) + TRUSTED_S if stretches else 0.0
     for stretch in stretches:
         known_row = _last_known_row(stretch, trusted_s, window_before)
-        found.append(ReadyStretch(stretch, _ready(stretch, found[-1] if found else None, known_row)))
+        found.append(
+            ReadyStretch(stretch, _ready(stretch, found[-1] if found else None, known_row))
+        )
     return found
 
 
-def _last_known_row(stretch: Stretch, until_s: float, window_before: Sequence[ReadyStretch]) -> tuple[int, bool] | None:
-    """Return the last row of a stretch that the window before contains, and whether the tip was ready in it; or None."""
+def _last_known_row(
+    stretch: Stretch, until_s: float, window_before: Sequence[ReadyStretch]
+) -> tuple[int, bool] | None:
+    """Return the last row of a stretch that the window before contains, and whether the tip was
+    ready in it; or None.
+    """
     if stretch.seconds[0] > until_s:
         return None
     row = min(int(np.searchsorted(stretch.seconds, until_s)), len(stretch) - 1)
     moment = float(stretch.seconds[row])
     for part in window_before:
         if part.stretch.seconds[0] - 1e-6 <= moment <= part.stretch.seconds[-1] + 1e-6:
-            return row, bool(part.ready[min(int(np.searchsorted(part.stretch.seconds, moment - 1e-6)), len(part.ready) - 1)])
+            return row, bool(
+                part.ready[
+                    min(
+                        int(np.searchsorted(part.stretch.seconds, moment - 1e-6)),
+                        len(part.ready) - 1,
+                    )
+                ]
+            )
     return None
 
 
-def _ready(stretch: Stretch, before: ReadyStretch | None, known_row: tuple[int, bool] | None = None) -> Flags:
-    """Return the rows in which the tip is ready; `known_row` overrides what comes before that row."""
+def _ready(
+    stretch: Stretch, before: ReadyStretch | None, known_row: tuple[int, bool] | None = None
+) -> Flags:
+    """Return the rows in which the tip is ready; `known_row` overrides what comes before that
+    row.
+    """
     unknown, setpoint = np.isnan(stretch.setting), stretch.setting
     if unknown.any():
         setpoint = np.where(unknown, np.median(stretch.temperature), setpoint)
     rows = np.arange(len(stretch))
-    near = ((stretch.temperature >= setpoint - NEAR_K) & _rises_slowly(stretch)) | _has_stopped_rising(stretch)
+    near = (
+        (stretch.temperature >= setpoint - NEAR_K) & _rises_slowly(stretch)
+    ) | _has_stopped_rising(stretch)
     near[0] |= _stays_ready(stretch, before)
     raises = np.diff(setpoint, prepend=setpoint[0]) > 0
     if known_row is not None:
@@ -95,7 +117,9 @@ def _rises_slowly(stretch: Stretch) -> Flags:
     back = max(round(SLOW_FOR_S / stretch.period_s), 1)
     risen = np.full(len(stretch), np.inf)
     risen[back:] = stretch.temperature[back:] - stretch.temperature[:-back]
-    return np.asarray(risen < SLOW_K_PER_S * max(back * stretch.period_s, SLOW_FOR_S), dtype=np.bool_)
+    return np.asarray(
+        risen < SLOW_K_PER_S * max(back * stretch.period_s, SLOW_FOR_S), dtype=np.bool_
+    )
 
 
 def _has_stopped_rising(stretch: Stretch) -> Flags:
@@ -103,7 +127,9 @@ def _has_stopped_rising(stretch: Stretch) -> Flags:
     back = max(round(CALM_S / stretch.period_s), 1)
     stopped = np.zeros(len(stretch), dtype=np.bool_)
     temperature = stretch.temperature
-    stopped[back:] = (temperature[back:] - temperature[:-back] < CALM_K) & (temperature[back:] > 100.0)
+    stopped[back:] = (temperature[back:] - temperature[:-back] < CALM_K) & (
+        temperature[back:] > 100.0
+    )
     return stopped
 
 

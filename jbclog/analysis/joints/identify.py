@@ -1,21 +1,26 @@
-"""Identify a tip's thermal model on the run itself, or give the reason why the record does not show it.
+"""Identify a tip's thermal model on the run itself, or give the reason why the record does not show
+it.
 
-A mixture gives first estimates (`mixture`); usual tips are tried as well. From each of these: find the contacts, fit the four
-parameters to the temperatures read in the rows at least `MARGIN_S` away from any contact, the heat-up among them (`rest_fit`), and
-repeat. The best `FINALISTS` are repeated to `ROUNDS` in all, and the best of them is taken (`_score`): the one that explains most
-rows as rest, with hardly any heat coming back from the work, and that is not an unusual tip. No quantile of a line that may never
-rest is used. The uncertainties are those of the last fit, with the rows of each piece of rest taken together because neighbours are
-alike (the sandwich estimate of Huber and White with clusters).
+A mixture gives first estimates (`mixture`); usual tips are tried as well. From each of these: find
+the contacts, fit the four parameters to the temperatures read in the rows at least `MARGIN_S` away
+from any contact, the heat-up among them (`rest_fit`), and repeat. The best `FINALISTS` are repeated
+to `ROUNDS` in all, and the best of them is taken (`_score`): the one that explains most rows as
+rest, with hardly any heat coming back from the work, and that is not an unusual tip. No quantile of
+a line that may never rest is used. The uncertainties are those of the last fit, with the rows of
+each piece of rest taken together because neighbours are alike (the sandwich estimate of Huber and
+White with clusters).
 
-The noise is what the noise of the readings explains, or what the flow below zero shows if that is more: heat that comes back is
-noise or an error of the model (a regulator that switches in bursts, a reported power that is a mean), whatever the line does.
+The noise is what the noise of the readings explains, or what the flow below zero shows if that is
+more: heat that comes back is noise or an error of the model (a regulator that switches in bursts, a
+reported power that is a mean), whatever the line does.
 
-A long record is sampled: `MOST_S` in windows of `WINDOW_S`, spread evenly over it, the first at its beginning. This bounds the
-work, and a week shows no more of a tip than an hour.
+A long record is sampled: `MOST_S` in windows of `WINDOW_S`, spread evenly over it, the first at its
+beginning. This bounds the work, and a week shows no more of a tip than an hour.
 
-There is no model if a parameter lies beyond what a soldering tip can have, if less than `LEAST_REST_S` without contact remain, or
-if more heat comes back from the work than noise explains. If hardly anything warmed or cooled the tip without contact, its capacity
-is not known, and there is a model only if all usual capacities give as many contacts.
+There is no model if a parameter lies beyond what a soldering tip can have, if less than
+`LEAST_REST_S` without contact remain, or if more heat comes back from the work than noise explains.
+If hardly anything warmed or cooled the tip without contact, its capacity is not known, and there is
+a model only if all usual capacities give as many contacts.
 """
 
 from __future__ import annotations
@@ -29,7 +34,14 @@ import numpy as np
 from jbclog.analysis.joints.contacts import Flow, find_contacts
 from jbclog.analysis.joints.delay import delay_of
 from jbclog.analysis.joints.heat_up_end import ReadyStretch
-from jbclog.analysis.joints.mixture import FLAT_PERMILLE, REFERENCE_NOISE, USUAL_CAPACITY, USUAL_LOSS, Rows, first_estimates
+from jbclog.analysis.joints.mixture import (
+    FLAT_PERMILLE,
+    REFERENCE_NOISE,
+    USUAL_CAPACITY,
+    USUAL_LOSS,
+    Rows,
+    first_estimates,
+)
 from jbclog.analysis.joints.rest_fit import BalancedStretch, Fit, balanced_stretch, fit_rest
 from jbclog.analysis.joints.thermal import (
     COARSE_S,
@@ -65,7 +77,9 @@ MOST_NOISE_FACTOR: Final = 6.0  # times the noise of readings: more is not noise
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """The model of a tool, or the reason why it is not known. With both, the model is not plausible."""
+    """The model of a tool, or the reason why it is not known. With both, the model is not
+    plausible.
+    """
 
     model: ThermalModel | None
     why: str | None = None
@@ -83,37 +97,59 @@ def identify(parts: Sequence[ReadyStretch]) -> Identification:
     reading = _ReadingNoise(temperature_noise(stretches), power_noise(stretches))
     usable = np.concatenate([one.usable for one in balanced])
     if usable.sum() < LEAST_REST_ROWS:
-        return Identification(None, f"The tip was hot in {int(usable.sum())} readings; its heat balance takes {LEAST_REST_ROWS}.")
+        return Identification(
+            None,
+            f"The tip was hot in {int(usable.sum())} readings; its heat balance takes"
+            f" {LEAST_REST_ROWS}.",
+        )
     every = _rows(balanced, stretches[0].period_s, reading)
     known = np.concatenate([one.known for one in balanced])
     starts = _starts(first_estimates(every.take(usable)))
     started = [_refined_candidate(balanced, usable, known, start, reading, 1) for start in starts]
     started.sort(key=lambda one: -one.score)
-    candidates = [_refined_candidate(balanced, usable, known, one.fit.values, reading, ROUNDS - 1) for one in started[:FINALISTS]]
+    candidates = [
+        _refined_candidate(balanced, usable, known, one.fit.values, reading, ROUNDS - 1)
+        for one in started[:FINALISTS]
+    ]
     best = max(candidates, key=lambda one: one.score)
     found = _plausible_model(balanced, best.rest, best.fit, best.noise, reading)
     return found if found.model is None else replace(found, model=replace(found.model, delay=delay))
 
 
-def identify_each(tools: Sequence[Sequence[ReadyStretch]]) -> tuple[list[ThermalModel | None], str | None]:
-    """Return the model of each tool, None where it is not known, and the first reason why one is not."""
+def identify_each(
+    tools: Sequence[Sequence[ReadyStretch]],
+) -> tuple[list[ThermalModel | None], str | None]:
+    """Return the model of each tool, None where it is not known, and the first reason why one is
+    not.
+    """
     found = [identify(parts) for parts in tools]
     why = next((one.why for one in found if one.why is not None), None)
     return [one.model if one.why is None else None for one in found], why
 
 
 def _starts(estimates: list[Floats]) -> list[Floats]:
-    """Return the estimates, and the capacities of a small, a medium and a large tip with the loss of the most likely estimate."""
+    """Return the estimates, and the capacities of a small, a medium and a large tip with the loss
+    of the most likely estimate.
+    """
     loss = min(max(float(estimates[0][1]), LOSS_RANGE[0]), LOSS_RANGE[1])
     usual = [np.array([capacity, loss, 0.0, 0.0]) for capacity in USUAL_CAPACITIES]
     near = [one for one in estimates if one[0] > CAPACITY_RANGE[0] and one[1] > LOSS_RANGE[0]]
-    return near + [one for one in usual if all(abs(np.log(one[0] / other[0])) > APART for other in near)]
+    return near + [
+        one for one in usual if all(abs(np.log(one[0] / other[0])) > APART for other in near)
+    ]
 
 
 def _refined_candidate(
-    balanced: Sequence[BalancedStretch], usable: Flags, known: Flags, start: Floats, reading: _ReadingNoise, rounds: int
+    balanced: Sequence[BalancedStretch],
+    usable: Flags,
+    known: Flags,
+    start: Floats,
+    reading: _ReadingNoise,
+    rounds: int,
 ) -> _Candidate:
-    """Find contacts and refine the parameters in turn, `rounds` times, and return the result with its score."""
+    """Find contacts and refine the parameters in turn, `rounds` times, and return the result with
+    its score.
+    """
     fit, rest, score = Fit(start, np.full((4, 4), np.nan), 0.0), usable, -np.inf
     noise = _observed_noise(balanced, usable, start, reading)
     for _ in range(rounds):
@@ -122,24 +158,36 @@ def _refined_candidate(
             break
         fit = fit_rest(balanced, rest, known, fit.values, reading.celsius)
         noise = _observed_noise(balanced, usable, fit.values, reading)
-        score = _score(fit, noise, _backward_rows(balanced, usable, fit.values, reading), int(usable.sum()))
+        score = _score(
+            fit, noise, _backward_rows(balanced, usable, fit.values, reading), int(usable.sum())
+        )
     return _Candidate(fit, noise, rest, score)
 
 
 def _score(fit: Fit, noise: Noise, backward: int, rows: int) -> float:
-    """Return how much more likely the rows at rest are than contact with any flow; heat that comes back counts against it."""
+    """Return how much more likely the rows at rest are than contact with any flow; heat that comes
+    back counts against it.
+    """
     capacity, loss = np.maximum(fit.values[:2], 1e-3)
-    unusual = (np.log(capacity / USUAL_CAPACITY) / CAPACITY_SPREAD) ** 2 + (np.log(loss / USUAL_LOSS) / LOSS_SPREAD) ** 2
+    unusual = (np.log(capacity / USUAL_CAPACITY) / CAPACITY_SPREAD) ** 2 + (
+        np.log(loss / USUAL_LOSS) / LOSS_SPREAD
+    ) ** 2
     gain = np.log(FLAT_PERMILLE / np.sqrt(noise.flow * REFERENCE_NOISE))
-    return float(gain * (fit.rows_explained - BACKWARD_COST * backward - PRIOR_SHARE * rows * unusual))
+    return float(
+        gain * (fit.rows_explained - BACKWARD_COST * backward - PRIOR_SHARE * rows * unusual)
+    )
 
 
 def _noise(period_s: float, values: Floats, reading: _ReadingNoise) -> Noise:
     return least_smoothed_noise(period_s, values, reading.celsius, reading.permille)
 
 
-def _backward_rows(parts: Sequence[BalancedStretch], usable: Flags, values: Floats, reading: _ReadingNoise) -> int:
-    """Return the number of rows in which heat comes back from the work for longer than the noise of readings explains."""
+def _backward_rows(
+    parts: Sequence[BalancedStretch], usable: Flags, values: Floats, reading: _ReadingNoise
+) -> int:
+    """Return the number of rows in which heat comes back from the work for longer than the noise of
+    readings explains.
+    """
     noise = _noise(parts[0].stretch.period_s, values, reading)
     flow = np.concatenate([_flow(one, values, max(COARSE_S, noise.smooth_s)) for one in parts])
     return int((usable & (flow < -BACKWARD_NOISES * noise.coarse)).sum())
@@ -147,22 +195,37 @@ def _backward_rows(parts: Sequence[BalancedStretch], usable: Flags, values: Floa
 
 def model_windows(parts: Sequence[ReadyStretch]) -> list[ReadyStretch]:
     """Return the stretches, or windows of a long record."""
-    taken = pieces_for_model([len(part.stretch) for part in parts], parts[0].stretch.period_s) if parts else []
-    return [ReadyStretch(parts[place].stretch.take(rows), parts[place].ready[rows]) for place, rows in taken]
+    taken = (
+        pieces_for_model([len(part.stretch) for part in parts], parts[0].stretch.period_s)
+        if parts
+        else []
+    )
+    return [
+        ReadyStretch(parts[place].stretch.take(rows), parts[place].ready[rows])
+        for place, rows in taken
+    ]
 
 
 def pieces_for_model(lengths: Sequence[int], period_s: float) -> list[tuple[int, slice]]:
-    """Return which rows of stretches of these `lengths` in rows the model comes from, as pairs of stretch and rows."""
+    """Return which rows of stretches of these `lengths` in rows the model comes from, as pairs of
+    stretch and rows.
+    """
     if sum(length * period_s for length in lengths) <= MOST_S:
         return [(place, slice(0, length)) for place, length in enumerate(lengths)]
-    pieces = [(place, rows) for place, length in enumerate(lengths) for rows in _windows_of(length, period_s)]
+    pieces = [
+        (place, rows)
+        for place, length in enumerate(lengths)
+        for rows in _windows_of(length, period_s)
+    ]
     taken = np.unique(np.linspace(0, len(pieces) - 1, round(MOST_S / WINDOW_S)).astype(np.int64))
     return [pieces[number] for number in taken.tolist()]
 
 
 def _windows_of(length: int, period_s: float) -> list[slice]:
     rows = max(round(WINDOW_S / period_s), 1)
-    return [slice(cut, min(cut + rows, length)) for cut in range(0, max(length - rows // 2, 1), rows)]
+    return [
+        slice(cut, min(cut + rows, length)) for cut in range(0, max(length - rows // 2, 1), rows)
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,8 +276,11 @@ class _Candidate:
     score: float
 
 
-def _observed_noise(parts: Sequence[BalancedStretch], usable: Flags, values: Floats, reading: _ReadingNoise) -> Noise:
-    """Return the noise that the readings explain, or that the flow below zero shows if that is more; contact only adds to the flow.
+def _observed_noise(
+    parts: Sequence[BalancedStretch], usable: Flags, values: Floats, reading: _ReadingNoise
+) -> Noise:
+    """Return the noise that the readings explain, or that the flow below zero shows if that is
+    more; contact only adds to the flow.
 
     The flow is smoothed as little as keeps its noise below `QUIET_PERMILLE`.
     """
@@ -223,7 +289,11 @@ def _observed_noise(parts: Sequence[BalancedStretch], usable: Flags, values: Flo
     for level in noise_levels(period, values, reading.celsius, reading.permille):
         flow = np.concatenate([_flow(one, values, level.smooth_s) for one in parts])[usable]
         below = -flow[flow < 0]
-        times = MEDIAN_TO_SD * float(np.median(below)) / level.flow if len(below) >= LEAST_REST_ROWS else 1.0
+        times = (
+            MEDIAN_TO_SD * float(np.median(below)) / level.flow
+            if len(below) >= LEAST_REST_ROWS
+            else 1.0
+        )
         times = min(max(times, 1.0), MOST_NOISE_FACTOR)
         noise = level.times(times)
         if noise.flow <= QUIET_PERMILLE:
@@ -232,23 +302,45 @@ def _observed_noise(parts: Sequence[BalancedStretch], usable: Flags, values: Flo
     return noise
 
 
-def _model_without_capacity(parts: Sequence[BalancedStretch], rest: Flags, reading: _ReadingNoise) -> Identification:
+def _model_without_capacity(
+    parts: Sequence[BalancedStretch], rest: Flags, reading: _ReadingNoise
+) -> Identification:
     """Return a model of unknown capacity if all usual capacities find as many contacts."""
     period = parts[0].stretch.period_s
     power = np.concatenate([one.balance.power for one in parts])[rest]
     above_air = np.concatenate([one.balance.terms[:, 1] for one in parts])[rest]
     loss = float(np.median(power / np.maximum(above_air, 1.0)))
     candidates = [np.array([capacity, loss, 0.0, 0.0]) for capacity in USUAL_CAPACITIES]
-    counts = [_count_contacts(parts, values, _noise(period, values, reading)) for values in candidates]
+    counts = [
+        _count_contacts(parts, values, _noise(period, values, reading)) for values in candidates
+    ]
     if max(counts) - min(counts) > AGREE_SHARE * max(counts):
-        return Identification(None, "The tip was never seen warming or cooling without contact: its heat capacity is not known.")
+        return Identification(
+            None,
+            "The tip was never seen warming or cooling without contact: its heat capacity is not"
+            " known.",
+        )
     noise = _noise(period, candidates[1], reading)
     unsure = (USUAL_CAPACITY, 0.1 * loss, 0.0, 0.0)
-    return Identification(ThermalModel(USUAL_CAPACITY, loss, 0.0, 0.0, unsure, noise, reading.celsius, float(rest.sum()) * period))
+    return Identification(
+        ThermalModel(
+            USUAL_CAPACITY,
+            loss,
+            0.0,
+            0.0,
+            unsure,
+            noise,
+            reading.celsius,
+            float(rest.sum()) * period,
+        )
+    )
 
 
 def _count_contacts(parts: Sequence[BalancedStretch], values: Floats, noise: Noise) -> int:
-    return sum(len(find_contacts(Flow(one.stretch, _flow(one, values, noise.smooth_s)), noise)) for one in parts)
+    return sum(
+        len(find_contacts(Flow(one.stretch, _flow(one, values, noise.smooth_s)), noise))
+        for one in parts
+    )
 
 
 def _plausible_model(
@@ -258,13 +350,25 @@ def _plausible_model(
     rest_s = float(rest.sum()) * parts[0].stretch.period_s
     if rest.sum() < LEAST_REST_ROWS or rest_s < LEAST_REST_S:
         took = f"{LEAST_REST_S:g} s and {LEAST_REST_ROWS} readings"
-        why = f"Only {rest_s:.1f} s ({rest.sum()} readings) are without contact; the tip's heat balance takes {took}."
+        why = (
+            f"Only {rest_s:.1f} s ({rest.sum()} readings) are without contact; the tip's heat"
+            f" balance takes {took}."
+        )
         return Identification(None, why)
     capacity, loss, second, lag = fit.values.tolist()
     unsure = np.sqrt(np.diag(fit.covariance)).tolist()
     if unsure[0] > MOST_UNSURE * capacity:
         return _model_without_capacity(parts, rest, reading)
-    model = ThermalModel(capacity, loss, second, lag, (unsure[0], unsure[1], unsure[2], unsure[3]), noise, reading.celsius, rest_s)
+    model = ThermalModel(
+        capacity,
+        loss,
+        second,
+        lag,
+        (unsure[0], unsure[1], unsure[2], unsure[3]),
+        noise,
+        reading.celsius,
+        rest_s,
+    )
     flow = np.concatenate([_flow(one, fit.values, noise.smooth_s)[one.ready] for one in parts])
     return Identification(model, _implausible(model, flow))
 
@@ -276,9 +380,15 @@ def _implausible(model: ThermalModel, flow: Floats) -> str | None:
         ("heat loss", model.loss, "‰/K", LOSS_RANGE),
     ):
         if not low <= value <= high:
-            return f"The tip's {name} comes out as {value:.2g} {unit}; a soldering tip has {low:g} to {high:g}."
+            return (
+                f"The tip's {name} comes out as {value:.2g} {unit}; a soldering tip has {low:g} to"
+                f" {high:g}."
+            )
     backward = float((flow < -BACKWARD_NOISES * model.noise.flow).mean()) if len(flow) else 0.0
     if backward > MOST_BACKWARD:
         share = f"{100 * backward:.0f} %"
-        return f"Heat seems to come back from the work in {share} of the readings: one heat balance does not fit them."
+        return (
+            f"Heat seems to come back from the work in {share} of the readings: one heat balance"
+            " does not fit them."
+        )
     return None

@@ -1,14 +1,16 @@
 """Find the joints of a port, without labels, from the heat that leaves the tip.
 
-A *joint* is a heat draw of at least `least_dwell_s`: from the moment the tip touches something that takes heat until it leaves it
-(`contacts`, `draws`). Contacts less than `merge_gap_s` apart are one draw, and so is a continuous drag. Power and temperature do
-not show whether there was solder: a wipe over a sponge, or a touch without solder, that lasts as long is a draw too. A draw shorter
-than `SURE_DWELL_S`, of less than `SURE_HEAT` ‰·s, or that never reaches `SURE_PEAK` ‰ counts as a joint whose kind is not known. A
-joint found is no statement about its quality.
+A *joint* is a heat draw of at least `least_dwell_s`: from the moment the tip touches something that
+takes heat until it leaves it (`contacts`, `draws`). Contacts less than `merge_gap_s` apart are one
+draw, and so is a continuous drag. Power and temperature do not show whether there was solder: a
+wipe over a sponge, or a touch without solder, that lasts as long is a draw too. A draw shorter than
+`SURE_DWELL_S`, of less than `SURE_HEAT` ‰·s, or that never reaches `SURE_PEAK` ‰ counts as a joint
+whose kind is not known. A joint found is no statement about its quality.
 
-A feeder is independent evidence (`feeding`). Joints are not known where the tip's thermal model is not (`identify`); the result
-then has the reason and is never "no joints". Where the joints found depend on the assumptions, their number is not known (`doubt`)
-and the joints are provisional. See docs/explanation/joints.md.
+A feeder is independent evidence (`feeding`). Joints are not known where the tip's thermal model is
+not (`identify`); the result then has the reason and is never "no joints". Where the joints found
+depend on the assumptions, their number is not known (`doubt`) and the joints are provisional. See
+docs/explanation/joints.md.
 """
 
 from __future__ import annotations
@@ -23,7 +25,12 @@ from jbclog.analysis.joints.feeding import FeederEvidence, feeder_evidence
 from jbclog.analysis.joints.heat_up_end import ready_stretches
 from jbclog.analysis.joints.identify import NEVER_READ, identify_each
 from jbclog.analysis.joints.levels import resting_levels
-from jbclog.analysis.joints.parameters import JointOptions, JointSettings, regular_every_s, settings_for
+from jbclog.analysis.joints.parameters import (
+    JointOptions,
+    JointSettings,
+    regular_every_s,
+    settings_for,
+)
 from jbclog.analysis.joints.recovery import Joint, joints_of
 from jbclog.analysis.joints.series import Series, stretches, unseen
 from jbclog.analysis.joints.thermal import ThermalModel
@@ -34,15 +41,17 @@ from jbclog.analysis.joints.tools import Tool, by_tool
 class FoundJoints:
     """The joints of a port, and what is not known of them.
 
-    `others` are draws that are no joints: too short, or without a feed where the feeder decides. `models` has one model for each
-    tool. `levels` maps each setpoint to the temperature at which the tip rests, both in °C. `settings` are the ones used.
+    `others` are draws that are no joints: too short, or without a feed where the feeder decides.
+    `models` has one model for each tool. `levels` maps each setpoint to the temperature at which
+    the tip rests, both in °C. `settings` are the ones used.
 
-    `why` is the reason why joints are not known, or only some of them. `heat_why` is the same for the heat balance alone; where the
-    feeder decides, `heat_why` may be set and `why` None. `by_heat` are the draws that are joints without the feeder's help;
-    `number_why` is the reason why their number is not known, and `doubt` how much it depends on the assumptions.
+    `why` is the reason why joints are not known, or only some of them. `heat_why` is the same for
+    the heat balance alone; where the feeder decides, `heat_why` may be set and `why` None.
+    `by_heat` are the draws that are joints without the feeder's help; `number_why` is the reason
+    why their number is not known, and `doubt` how much it depends on the assumptions.
 
-    `unseen_s` is how long the tool may have worked while nothing could be analysed, in `unseen` pieces; joints in these are not
-    known.
+    `unseen_s` is how long the tool may have worked while nothing could be analysed, in `unseen`
+    pieces; joints in these are not known.
     """
 
     joints: list[Joint]
@@ -76,13 +85,23 @@ def find_joints(series: Series, options: JointOptions | None = None) -> FoundJoi
     parts, unseen_time = ready_stretches(found), unseen(series, found)
     by_exchange = by_tool(series, parts)
     each, why = identify_each(by_exchange) if parts else ([], NEVER_READ)
-    tools = [Tool(pieces, model) for pieces, model in zip(by_exchange, each, strict=True) if model is not None]
+    tools = [
+        Tool(pieces, model)
+        for pieces, model in zip(by_exchange, each, strict=True)
+        if model is not None
+    ]
     flows, models = _flows_by_time(tools)
-    every = [draw for flow, model in zip(flows, models, strict=True) for draw in find_draws(flow, model, settings)]
+    every = [
+        draw
+        for flow, model in zip(flows, models, strict=True)
+        for draw in find_draws(flow, model, settings)
+    ]
     feeder = feeder_evidence(series, every, flows, options.wire_decides)
     settings = settings_for(options, series.period_s, feeder is not None and feeder.decides)
     draws, others = sort_draws(every if feeder is None else feeder.draws, settings)
-    others = sorted([*others, *(() if feeder is None else feeder.others)], key=lambda draw: draw.start_s)
+    others = sorted(
+        [*others, *(() if feeder is None else feeder.others)], key=lambda draw: draw.start_s
+    )
     levels = resting_levels(flows, every)
     joints = joints_of(series, draws, [*draws, *others], levels, settings.recovered_within_c)
     by_heat, _ = sort_draws(every, settings)
@@ -93,7 +112,9 @@ def find_joints(series: Series, options: JointOptions | None = None) -> FoundJoi
 
 @dataclass(frozen=True, slots=True)
 class ByHeat:
-    """Results of the heat balance alone: the models of the tools or the reason why there is none, the joints, and their doubt."""
+    """Results of the heat balance alone: the models of the tools or the reason why there is none,
+    the joints, and their doubt.
+    """
 
     models: list[ThermalModel]
     why: str | None
@@ -115,7 +136,9 @@ def concluded(
 
     `unseen_time` is what `series.unseen` returns, and `period_s` the sampling period.
     """
-    number_why = None if heat.doubt is None else why_not_known(heat.doubt, len(heat.draws), period_s)
+    number_why = (
+        None if heat.doubt is None else why_not_known(heat.doubt, len(heat.draws), period_s)
+    )
     return FoundJoints(
         joints,
         others,
@@ -133,8 +156,14 @@ def concluded(
 
 
 def _flows_by_time(tools: Sequence[Tool]) -> tuple[list[Flow], list[ThermalModel]]:
-    """Return the flow of each stretch whose tool has a model, in order of time, and these models."""
-    flows = [flow_into_work(part.stretch, tool.model, part.ready) for tool in tools for part in tool.parts]
+    """Return the flow of each stretch whose tool has a model, in order of time, and these
+    models.
+    """
+    flows = [
+        flow_into_work(part.stretch, tool.model, part.ready)
+        for tool in tools
+        for part in tool.parts
+    ]
     models = [tool.model for tool in tools for _ in tool.parts]
     order = sorted(range(len(flows)), key=lambda number: float(flows[number].stretch.seconds[0]))
     return [flows[number] for number in order], [models[number] for number in order]

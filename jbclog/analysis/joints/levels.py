@@ -1,8 +1,9 @@
 """The temperature at which a tip rests at each setpoint.
 
-A reading is *at rest* if no draw was in the `CALM_S` before it and the tip has moved no more than `CALM_K` in that time. The level
-is the median of these readings at a setpoint. With less than `LEAST_S` of them there is no level. The idle error
-(`metrics/idling.py`) measures how far a level lies from its setpoint.
+A reading is *at rest* if no draw was in the `CALM_S` before it and the tip has moved no more than
+`CALM_K` in that time. The level is the median of these readings at a setpoint. With less than
+`LEAST_S` of them there is no level. The idle error (`metrics/idling.py`) measures how far a level
+lies from its setpoint.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ DECIMALS: Final = 3
 
 
 class Levels:
-    """Counts of the readings at rest by setpoint and temperature, in memory that does not grow with the record."""
+    """Counts of the readings at rest by setpoint and temperature, in memory that does not grow with
+    the record.
+    """
 
     def __init__(self) -> None:
         self._counts: dict[float, Counter[float]] = defaultdict(Counter)
@@ -41,13 +44,19 @@ class Levels:
 
     def levels(self, period_s: float) -> dict[float, float]:
         """Return the level in °C for each setpoint at which the tip was at rest."""
-        return {setpoint: _median(some) for setpoint, some in sorted(self._counts.items()) if some.total() * period_s >= LEAST_S}
+        return {
+            setpoint: _median(some)
+            for setpoint, some in sorted(self._counts.items())
+            if some.total() * period_s >= LEAST_S
+        }
 
 
 def _median(counts: Counter[float]) -> float:
     values = sorted(counts)
     behind = list(accumulate(counts[value] for value in values))
-    below, above = (bisect_right(behind, place) for place in ((behind[-1] - 1) // 2, behind[-1] // 2))
+    below, above = (
+        bisect_right(behind, place) for place in ((behind[-1] - 1) // 2, behind[-1] // 2)
+    )
     return (values[below] + values[above]) / 2
 
 
@@ -61,7 +70,9 @@ def resting_levels(parts: Sequence[Flow], draws: Sequence[Draw]) -> dict[float, 
 
 def resting(part: Flow, draws: Sequence[Draw]) -> Flags:
     """Return which readings of a stretch are at rest; `draws` are in order of time."""
-    starts, ends = (np.array([getattr(draw, name) for draw in draws]) for name in ("start_s", "end_s"))
+    starts, ends = (
+        np.array([getattr(draw, name) for draw in draws]) for name in ("start_s", "end_s")
+    )
     stretch, back = part.stretch, max(round(CALM_S / part.stretch.period_s), 1)
     rest = np.zeros(len(stretch), dtype=np.bool_)
     if len(stretch) <= back:

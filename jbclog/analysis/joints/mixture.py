@@ -1,9 +1,12 @@
-"""First estimates of a tip's thermal model, from a record that does not show where the tip touched something.
+"""First estimates of a tip's thermal model, from a record that does not show where the tip touched
+something.
 
-Each row is either rest, where the heat balance leaves only noise, or contact, where any amount of heat may leave and none comes
-back: a mixture of a regression and a flat distribution (DeSarbo and Cron, Journal of Classification 5, 1988), found by expectation
-maximisation from a grid of starts. Estimates that are nearly as likely are returned too, because the most likely one is not always
-the one that `identify` takes. The noise of rest is limited to what the noise of the temperature explains; without that limit dense
+Each row is either rest, where the heat balance leaves only noise, or contact, where any amount of
+heat may leave and none comes
+back: a mixture of a regression and a flat distribution (DeSarbo and Cron, Journal of Classification
+5, 1988), found by expectation maximisation from a grid of starts. Estimates that are nearly as
+likely are returned too, because the most likely one is not always the one that `identify` takes.
+The noise of rest is limited to what the noise of the temperature explains; without that limit dense
 contacts pass for noise. Rows of a heat-up, in which nothing is soldered, are known rest.
 """
 
@@ -22,7 +25,8 @@ from jbclog.analysis.verdict.idle import Flags, Floats
 CAPACITIES: Final = np.geomspace(4.0, 45.0, 14)  # ‰·s/K; a tip of 1.2 J/K at 130 W has 9
 LOSSES: Final = np.geomspace(0.06, 1.6, 10)  # ‰/K; 100 ‰ at 350 °C are 0.3
 USUAL: Final = np.array([0.0, 0.35, 0.0, 0.02])
-STIFF: Final = np.diag([1e-4, 1e4, 2e8, 2e8])  # keeps second and lag near zero; left free they explain contacts
+# keeps second and lag near zero; left free they explain contacts
+STIFF: Final = np.diag([1e-4, 1e4, 2e8, 2e8])
 FLAT_PERMILLE: Final = 1500.0  # the width of the flat distribution of heat that leaves
 BACKWARD_PERMILLE: Final = 40_000.0  # and of heat that comes back, which is almost impossible
 DOUBT: Final = 0.02  # that a row of a heat-up is not rest
@@ -32,7 +36,8 @@ STARTS, FINALISTS = 8, 4
 LEAST_SIGNAL: Final = 0.1  # of the moments, whatever the noise
 USUAL_CAPACITY, USUAL_LOSS = 10.0, 0.35  # ‰·s/K, ‰/K
 LAG_RANGE: Final = (-0.1, 1.5)  # s
-SENSOR_LAG_S: Final = 0.3  # second ≤ capacity × (lag + this): of two masses it is lag × the heater's, a sensor adds its own
+# second ≤ capacity × (lag + this): of two masses it is lag × the heater's, a sensor adds its own
+SENSOR_LAG_S: Final = 0.3
 Limits = Callable[[Floats], tuple[float, float]]
 """Returns the lower and upper limit of a parameter, given the parameters solved so far."""
 LIMITS: Final[Sequence[tuple[int, Limits]]] = (
@@ -44,7 +49,9 @@ REFERENCE_NOISE: Final = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Rows of the heat balance: power, terms, whether each is known rest, and the covariance of the terms' noise."""
+    """Rows of the heat balance: power, terms, whether each is known rest, and the covariance of the
+    terms' noise.
+    """
 
     power: Floats
     terms: Floats
@@ -70,7 +77,9 @@ class _State:
 
 
 def first_estimates(rows: Rows) -> list[Floats]:
-    """Return the parameters that make the rows most likely, and others that are nearly as likely; the most likely first."""
+    """Return the parameters that make the rows most likely, and others that are nearly as likely;
+    the most likely first.
+    """
     sample = _sampled(rows)
     started = [_maximise(sample, _State(start, 0.4, 0.0), 6, 1.5) for start in _starts(sample)]
     started.sort(key=lambda state: -state.likelihood)
@@ -110,11 +119,15 @@ def _is_apart(one: Floats, other: Floats) -> bool:
 def _likelihood(rows: Rows, values: Floats, share: float, wider: float) -> tuple[Floats, float]:
     """Return the probability of each row to be rest, and the mean log-likelihood of the rows.
 
-    The density of rest has the same height for all values; otherwise a capacity of zero, which leaves no noise, would be the most
-    likely.
+    The density of rest has the same height for all values; otherwise a capacity of zero, which
+    leaves no noise, would be the most likely.
     """
     left = rows.power - rows.terms @ values
-    noise = wider * NOISE_MARGIN * float(np.hypot(np.sqrt(values @ rows.term_noise @ values), POWER_NOISE_PERMILLE))
+    noise = (
+        wider
+        * NOISE_MARGIN
+        * float(np.hypot(np.sqrt(values @ rows.term_noise @ values), POWER_NOISE_PERMILLE))
+    )
     rest = np.exp(-0.5 * np.square(left / noise)) / (REFERENCE_NOISE * np.sqrt(2 * np.pi))
     contact = np.where(left > 0, 1 / FLAT_PERMILLE, 1 / BACKWARD_PERMILLE)
     of_rest = np.where(rows.is_rest, 1 - DOUBT, share) * rest
@@ -133,12 +146,16 @@ def _maximise(rows: Rows, state: _State, rounds: int, wider: float) -> _State:
     return _State(values, share, _likelihood(rows, values, share, wider)[1])
 
 
-def weighted_fit(terms: Floats, power: Floats, weight: Floats, stiffness: Floats, noise: float) -> Floats:
-    """Return the weighted least squares solution with a weak pull to usual values, corrected for the noise of the warming rate.
+def weighted_fit(
+    terms: Floats, power: Floats, weight: Floats, stiffness: Floats, noise: float
+) -> Floats:
+    """Return the weighted least squares solution with a weak pull to usual values, corrected for
+    the noise of the warming rate.
 
-    Noise in a term pulls an ordinary fit towards zero, the more the less happens: at rest the capacity becomes zero. Its variance
-    is subtracted from the moment (W. A. Fuller, Measurement Error Models, 1987), but never so much that less than `LEAST_SIGNAL`
-    remains. Second mass and lag stay smaller than they are: they spare the flow an error and are not results.
+    Noise in a term pulls an ordinary fit towards zero, the more the less happens: at rest the
+    capacity becomes zero. Its variance is subtracted from the moment (W. A. Fuller, Measurement
+    Error Models, 1987), but never so much that less than `LEAST_SIGNAL` remains. Second mass and
+    lag stay smaller than they are: they spare the flow an error and are not results.
     """
     weighted = terms * weight[:, None]
     moments = weighted.T @ terms + stiffness
@@ -146,11 +163,14 @@ def weighted_fit(terms: Floats, power: Floats, weight: Floats, stiffness: Floats
     return bounded_solution(moments, weighted.T @ power + stiffness @ USUAL, LIMITS)
 
 
-def bounded_solution(moments: Floats, right: Floats, limits: Sequence[tuple[int, Limits]]) -> Floats:
-    """Return the least squares solution of the normal equations, with some parameters held within their limits.
+def bounded_solution(
+    moments: Floats, right: Floats, limits: Sequence[tuple[int, Limits]]
+) -> Floats:
+    """Return the least squares solution of the normal equations, with some parameters held within
+    their limits.
 
-    The parameters in `limits` are checked in that order; one beyond its limits is set to the nearer of them, and the others are
-    solved for again.
+    The parameters in `limits` are checked in that order; one beyond its limits is set to the nearer
+    of them, and the others are solved for again.
     """
     values: Floats = np.asarray(np.linalg.solve(moments, right), dtype=np.float64)
     held: list[int] = []
@@ -161,5 +181,8 @@ def bounded_solution(moments: Floats, right: Floats, limits: Sequence[tuple[int,
             held.append(place)
             values[place] = bound
             free = [one for one in range(4) if one not in held]
-            values[free] = np.linalg.solve(moments[np.ix_(free, free)], right[free] - moments[np.ix_(free, held)] @ values[held])
+            values[free] = np.linalg.solve(
+                moments[np.ix_(free, free)],
+                right[free] - moments[np.ix_(free, held)] @ values[held],
+            )
     return values

@@ -18,7 +18,9 @@ LEARNT: Final = ("least_dwell_s", "merge_gap_s", "wire_decides")
 
 @dataclass(frozen=True, slots=True)
 class JointOptions:
-    """The options of a recipe; None: from the run. `expected_every_s` helps to separate two contacts and never makes a joint."""
+    """The options of a recipe; None: from the run. `expected_every_s` helps to separate two
+    contacts and never makes a joint.
+    """
 
     least_dwell_s: float | None = None
     merge_gap_s: float | None = None
@@ -40,9 +42,11 @@ def options_of(table: Mapping[str, object]) -> JointOptions:
 
 @dataclass(frozen=True, slots=True)
 class JointSettings:
-    """The settings that joints of a run were found with. `learnt` has the keys that the recipe leaves open.
+    """The settings that joints of a run were found with. `learnt` has the keys that the recipe
+    leaves open.
 
-    `every_s` is the regular time from one joint to the next, from the joints found; reports show it and it does not find joints.
+    `every_s` is the regular time from one joint to the next, from the joints found; reports show it
+    and it does not find joints.
     """
 
     least_dwell_s: float
@@ -55,7 +59,9 @@ class JointSettings:
 
 
 def settings_for(options: JointOptions, period_s: float, wire_decides: bool) -> JointSettings:
-    """Return the options; where open, the shortest draw and gap that this period shows, and whether the feeder decides."""
+    """Return the options; where open, the shortest draw and gap that this period shows, and whether
+    the feeder decides.
+    """
     least, gap = options.least_dwell_s, options.merge_gap_s
     return JointSettings(
         max(LEAST_DWELL_S, LEAST_DWELL_PERIODS * period_s) if least is None else least,
@@ -68,7 +74,9 @@ def settings_for(options: JointOptions, period_s: float, wire_decides: bool) -> 
 
 
 def regular_every_s(starts: Sequence[float]) -> float | None:
-    """Return the time in s from one joint's start to the next if most of the times are alike; None if not, or if they are few."""
+    """Return the time in s from one joint's start to the next if most of the times are alike; None
+    if not, or if they are few.
+    """
     times = [after - before for before, after in pairwise(starts)]
     if len(times) < LEAST_TIMES:
         return None

@@ -1,7 +1,8 @@
 """The rows of ports, read from the row groups of a run's samples for many ports at once.
 
-A run that fits into memory is read once and kept; otherwise each sweep reads the row groups anew and memory holds one window of
-each port. The verdict's joints, the metrics, the table of joints and the live count read a run this way.
+A run that fits into memory is read once and kept; otherwise each sweep reads the row groups anew
+and memory holds one window of each port. The verdict's joints, the metrics, the table of joints and
+the live count read a run this way.
 """
 
 from __future__ import annotations
@@ -28,12 +29,15 @@ from jbclog.record.schema import SCHEMAS
 
 T = TypeVar("T")
 Groups = Callable[[list[str]], Iterable[pa.Table]]
-"""Reads these columns of the row groups of a run's samples in order; station and port are among them."""
+"""Reads these columns of the row groups of a run's samples in order; station and port are among
+them.
+"""
 MOST_ROWS: Final = 1_000_000  # at once in memory, some 100 MB
 MOST_PORTS: Final = 48  # read together in windows, some 3 MB each
 TIMES: Final = ["time", "tick", "station", "port"]
 SAME_S: Final = 1e-6
-STEP_DECIMALS: Final = 12  # of a second: times since 1970 as floats are multiples of 0.24 µs, so there are few steps
+# of a second: times since 1970 as floats are multiples of 0.24 µs, so there are few steps
+STEP_DECIMALS: Final = 12
 
 
 def at_once(some: Sequence[T], size: Callable[[T], float], most: float) -> Iterator[list[T]]:
@@ -52,14 +56,27 @@ class Sweeps(Protocol):
     """What sweeps over the rows of a port several times, such as `PortSweeps`."""
 
     def next_sweep(self) -> Windows | None:
-        """Return what takes the rows next, None if there is nothing more to do; called again when the rows have ended."""
+        """Return what takes the rows next, None if there is nothing more to do; called again when
+        the rows have ended.
+        """
 
 
 class PortReader:
-    """The ports of stations, read together. `steps` are those of the wall clock, `t0_us` is the run's zero."""
+    """The ports of stations, read together. `steps` are those of the wall clock, `t0_us` is the
+    run's zero.
+    """
 
-    def __init__(self, stations: Sequence[StationFacts], groups: Groups, steps: Sequence[Step], t0_us: int, most_rows: int) -> None:
-        self._facts: dict[Key, StationFacts] = {(facts.name, port): facts for facts in stations for port in facts.ports}
+    def __init__(
+        self,
+        stations: Sequence[StationFacts],
+        groups: Groups,
+        steps: Sequence[Step],
+        t0_us: int,
+        most_rows: int,
+    ) -> None:
+        self._facts: dict[Key, StationFacts] = {
+            (facts.name, port): facts for facts in stations for port in facts.ports
+        }
         self._groups, self._steps, self._t0_us, self._most_rows = groups, steps, t0_us, most_rows
         self._rows: dict[Key, int] | None = None
         self._kept: list[tuple[Key, Series]] | None = None
@@ -88,21 +105,38 @@ class PortReader:
         return raw_series(self._facts[key], rows, self.clock(key), self._periods[key])
 
     def whole(self) -> dict[Key, tuple[Series, Counts]]:
-        """Return all rows of each port at once, and their UTC in microseconds, for what needs the whole record."""
+        """Return all rows of each port at once, and their UTC in microseconds, for what needs the
+        whole record.
+        """
         clocks = {key: self.clock(key) for key in self._facts}
-        pieces, times = {key: [self.like(key)] for key in self._facts}, {key: [np.empty(0, dtype=np.int64)] for key in self._facts}
+        pieces, times = (
+            {key: [self.like(key)] for key in self._facts},
+            {key: [np.empty(0, dtype=np.int64)] for key in self._facts},
+        )
         for group in self._groups(COLUMNS):
             for key, rows in self._split(group):
-                pieces[key].append(raw_series(self._facts[key], rows, clocks[key], self._periods[key]))
+                pieces[key].append(
+                    raw_series(self._facts[key], rows, clocks[key], self._periods[key])
+                )
                 times[key].append(micros(rows))
-        return {key: (self._complete(key, placed(joined(pieces.pop(key)))), np.concatenate(times.pop(key))) for key in self._facts}
+        return {
+            key: (
+                self._complete(key, placed(joined(pieces.pop(key)))),
+                np.concatenate(times.pop(key)),
+            )
+            for key in self._facts
+        }
 
     def _complete(self, key: Key, series: Series) -> Series:
         return replace(series, period_s=self._facts[key].period_s or nominal_period(series.seconds))
 
     def sweep(self, ports: Mapping[Key, Sweeps]) -> None:
         """Show the rows of these ports as often as each of them needs."""
-        while taking := {key: windows for key, port in ports.items() if (windows := port.next_sweep()) is not None}:
+        while taking := {
+            key: windows
+            for key, port in ports.items()
+            if (windows := port.next_sweep()) is not None
+        }:
             for key, piece in self._pieces():
                 if key in taking:
                     taking[key].take(piece)
@@ -110,7 +144,9 @@ class PortReader:
                 windows.end()
 
     def utc_us(self, moments: Mapping[Key, Sequence[float]]) -> dict[Key, dict[float, int]]:
-        """Return the UTC in microseconds of the rows at these moments or next after them; of the last row if there is none."""
+        """Return the UTC in microseconds of the rows at these moments or next after them; of the
+        last row if there is none.
+        """
         wanted = {key: np.unique(some) for key, some in moments.items() if len(some)}
         found: dict[Key, dict[float, int]] = {key: {} for key in moments}
         last: dict[Key, int] = {}
@@ -118,8 +154,16 @@ class PortReader:
             if key not in wanted or not len(seconds):
                 continue
             some = wanted[key]
-            here = some[len(found[key]) : int(np.searchsorted(some, seconds[-1] + SAME_S, side="right"))]
-            found[key].update(zip(here.tolist(), times[np.searchsorted(seconds, here - SAME_S)].tolist(), strict=True))
+            here = some[
+                len(found[key]) : int(np.searchsorted(some, seconds[-1] + SAME_S, side="right"))
+            ]
+            found[key].update(
+                zip(
+                    here.tolist(),
+                    times[np.searchsorted(seconds, here - SAME_S)].tolist(),
+                    strict=True,
+                )
+            )
             last[key] = int(times[-1])
         for key, time in last.items():
             found[key].update(dict.fromkeys(wanted[key][len(found[key]) :].tolist(), time))
@@ -145,14 +189,19 @@ class PortReader:
                 yield key, clocks[key].seconds(floats(rows["tick"]), times), times
 
     def _pieces(self) -> Iterator[tuple[Key, Series]]:
-        """Yield the rows of all ports; they are kept for the next sweep if there are at most `most_rows`.
+        """Yield the rows of all ports; they are kept for the next sweep if there are at most
+        `most_rows`.
 
         In a run that grows, all sweeps see the rows of the first one.
         """
         if self._kept is not None:
             yield from self._kept
             return
-        clocks, limits, rows = {key: self.clock(key) for key in self._facts}, self._rows, dict.fromkeys(self._facts, 0)
+        clocks, limits, rows = (
+            {key: self.clock(key) for key in self._facts},
+            self._rows,
+            dict.fromkeys(self._facts, 0),
+        )
         kept: list[tuple[Key, Series]] | None = []
         for group in self._groups(COLUMNS):
             for key, table in self._split(group):
@@ -174,9 +223,11 @@ class PortReader:
 
 
 def raw_series(facts: StationFacts, rows: pa.Table, clock: Clock, period_s: float = 0.0) -> Series:
-    """Return rows of a port as a series; whether its tool was in its place needs the rows on both sides (`windows.placed`).
+    """Return rows of a port as a series; whether its tool was in its place needs the rows on both
+    sides (`windows.placed`).
 
-    `period_s` is the period of a port without a grid; without it, the median distance of these rows.
+    `period_s` is the period of a port without a grid; without it, the median distance of these
+    rows.
     """
     seconds, status = clock.seconds(floats(rows["tick"]), micros(rows)), rows["status"]
     block = Block(
@@ -189,8 +240,17 @@ def raw_series(facts: StationFacts, rows: pa.Table, clock: Clock, period_s: floa
         floats(rows["port_error"]) if has_tip(facts) else np.full(len(seconds), np.nan),
     )
     period = facts.period_s or period_s or nominal_period(seconds)
-    feeding = floats(pc.equal(rows["motor"], PUSHING).cast(pa.int8())) if has_feeder(facts) else None
-    return Series(block, _flags(pc.is_valid(status)), period, feeding, facts.rated_power_w, on_grid=bool(facts.period_s))
+    feeding = (
+        floats(pc.equal(rows["motor"], PUSHING).cast(pa.int8())) if has_feeder(facts) else None
+    )
+    return Series(
+        block,
+        _flags(pc.is_valid(status)),
+        period,
+        feeding,
+        facts.rated_power_w,
+        on_grid=bool(facts.period_s),
+    )
 
 
 def micros(rows: pa.Table) -> Counts:

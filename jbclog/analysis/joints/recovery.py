@@ -1,15 +1,20 @@
-"""What a joint does to the tip: how far below its level it begins, how low it falls, and whether it recovers before the next one.
+"""What a joint does to the tip: how far below its level it begins, how low it falls, and whether it
+recovers before the next one.
 
-The *level* is the temperature at which the tip rests at this setpoint (`levels`), or the setpoint if it was never at rest. At the
-start of a joint the tip is `deficit_c` below its setpoint and `resting_below_c` below its level. *Depth* is the temperature at the
-start minus the lowest until the tip is back.
+The *level* is the temperature at which the tip rests at this setpoint (`levels`), or the setpoint
+if it was never at rest. At the start of a joint the tip is `deficit_c` below its setpoint and
+`resting_below_c` below its level. *Depth* is the temperature at the start minus the lowest until
+the tip is back.
 
-The tip is *back* at the first moment after its lowest at which it is no more than the band (`recovered_within_c`) below the level,
-and stays so for `BACK_FOR_S`; it is back at once if it never left the band. *Recovery* is the time from the joint's start until
-then. A joint that the next draw of heat follows before that is *not recovered*: its recovery is longer than the time that it had. A
-joint that the end of the record, a gap, a stand or another setpoint cuts off is censored: it is neither.
+The tip is *back* at the first moment after its lowest at which it is no more than the band
+(`recovered_within_c`) below the level, and stays so for `BACK_FOR_S`; it is back at once if it
+never left the band. *Recovery* is the time from the joint's start until then. A joint that the next
+draw of heat follows before that is *not recovered*: its recovery is longer than the time that it
+had. A joint that the end of the record, a gap, a stand or another setpoint cuts off is censored: it
+is neither.
 
-*Energy* is the power above what holds the tip, from the start until it is back, in ‰·s (trapezoids).
+*Energy* is the power above what holds the tip, from the start until it is back, in ‰·s
+(trapezoids).
 """
 
 from __future__ import annotations
@@ -28,7 +33,8 @@ from jbclog.analysis.joints.track import Track, track_of
 from jbclog.analysis.verdict.idle import Flags, Floats, setting_in_force
 
 BACK_FOR_S: Final = 0.3
-MOST_RECOVERY_S: Final = 60.0  # a tip that is not back by then is cut off, which bounds the rows of one joint
+# a tip that is not back by then is cut off, which bounds the rows of one joint
+MOST_RECOVERY_S: Final = 60.0
 NEXT_CAME: Final = "The next joint began before the tip was back."
 FEED_CAME: Final = "A feed without a draw of heat came before the tip was back."
 FEED_ALONE: Final = "Only the feeder tells of it; no draw of heat was found."
@@ -39,9 +45,11 @@ UNKNOWN_SETPOINT: Final = "The setpoint is not known."
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """A joint: a draw of heat, and what it did to the tip, in °C and s; None if not known, with the reason in `why`.
+    """A joint: a draw of heat, and what it did to the tip, in °C and s; None if not known, with the
+    reason in `why`.
 
-    `recovered` is None if the joint was cut off; `had_s` is how long the tip had until the next draw or until it was cut off.
+    `recovered` is None if the joint was cut off; `had_s` is how long the tip had until the next
+    draw or until it was cut off.
     """
 
     draw: Draw
@@ -81,15 +89,30 @@ class Joint:
 
 
 def joints_of(
-    series: Series, draws: Sequence[Draw], every: Sequence[Draw], levels: Mapping[float, float], within_c: float
+    series: Series,
+    draws: Sequence[Draw],
+    every: Sequence[Draw],
+    levels: Mapping[float, float],
+    within_c: float,
 ) -> list[Joint]:
-    """Return these draws as joints. `every` has all draws, also those that are no joints: any of them can precede the recovery."""
+    """Return these draws as joints. `every` has all draws, also those that are no joints: any of
+    them can precede the recovery.
+    """
     if not draws or not len(series.seconds):
         return [Joint(draw, why=NOT_READ) for draw in draws]
     tip = _Tip(track_of(series, series.rows.temperature), levels, within_c, series.rated_w)
-    drawn, fed = [draw for draw in draws if draw.heat is not None], [draw for draw in draws if draw.heat is None]
-    joints = _measured_joints(tip, series, _timing(series, tip.track, drawn, every, fed), drawn) if drawn else []
-    return sorted([*joints, *(Joint(draw, why=FEED_ALONE) for draw in fed)], key=lambda joint: joint.start_s)
+    drawn, fed = (
+        [draw for draw in draws if draw.heat is not None],
+        [draw for draw in draws if draw.heat is None],
+    )
+    joints = (
+        _measured_joints(tip, series, _timing(series, tip.track, drawn, every, fed), drawn)
+        if drawn
+        else []
+    )
+    return sorted(
+        [*joints, *(Joint(draw, why=FEED_ALONE) for draw in fed)], key=lambda joint: joint.start_s
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,10 +127,11 @@ class _Tip:
 
 @dataclass(frozen=True, slots=True)
 class _Timing:
-    """When the temperature shows each joint: its setpoint (NaN: not known), and until when and why its recovery can be watched.
+    """When the temperature shows each joint: its setpoint (NaN: not known), and until when and why
+    its recovery can be watched.
 
-    In `cuts`, None is the next draw. `first`, `last` and `touched` are places of its readings: the first, the one after the last,
-    and the one after the last of its contact.
+    In `cuts`, None is the next draw. `first`, `last` and `touched` are places of its readings: the
+    first, the one after the last, and the one after the last of its contact.
     """
 
     starts: Floats
@@ -122,21 +146,46 @@ class _Timing:
     gaps: Flags
 
 
-def _timing(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[Draw], fed: Sequence[Draw]) -> _Timing:
+def _timing(
+    series: Series, track: Track, draws: Sequence[Draw], every: Sequence[Draw], fed: Sequence[Draw]
+) -> _Timing:
     late = np.array([draw.late_s for draw in draws])
-    starts, ends = np.array([draw.start_s for draw in draws]) + late, np.array([draw.end_s for draw in draws]) + late
+    starts, ends = (
+        np.array([draw.start_s for draw in draws]) + late,
+        np.array([draw.end_s for draw in draws]) + late,
+    )
     setpoints = setting_in_force(series.seconds, series.rows.setting)
     rows = np.clip(np.searchsorted(series.seconds, starts + 1e-6) - 1, 0, None)
-    following = np.array(sorted({draw.start_s + draw.late_s for draw in every if draw.heat is not None}))
+    following = np.array(
+        sorted({draw.start_s + draw.late_s for draw in every if draw.heat is not None})
+    )
     stops, cuts = _stops(series, starts, ends, following, np.array([draw.start_s for draw in fed]))
-    before = np.clip(track.last(starts) - 1, 0, None)  # the reading at the start, or the one before it
-    unread = starts - track.seconds[before] > series.gap_s if len(track.seconds) else np.ones(len(starts), dtype=np.bool_)
+    # the reading at the start, or the one before it
+    before = np.clip(track.last(starts) - 1, 0, None)
+    unread = (
+        starts - track.seconds[before] > series.gap_s
+        if len(track.seconds)
+        else np.ones(len(starts), dtype=np.bool_)
+    )
     broken = unread | track.has_gap(starts, np.maximum(ends, starts + series.period_s))
     last, touched = track.last(stops), track.last(ends)
-    return _Timing(starts, ends, setpoints[rows], stops, cuts, before, last, touched, broken, track.has_gap(starts, stops))
+    return _Timing(
+        starts,
+        ends,
+        setpoints[rows],
+        stops,
+        cuts,
+        before,
+        last,
+        touched,
+        broken,
+        track.has_gap(starts, stops),
+    )
 
 
-def _stops(series: Series, starts: Floats, ends: Floats, draws: Floats, feeds: Floats) -> tuple[Floats, list[str | None]]:
+def _stops(
+    series: Series, starts: Floats, ends: Floats, draws: Floats, feeds: Floats
+) -> tuple[Floats, list[str | None]]:
     """Return until when each joint can be watched, and what cuts it off then."""
     reasons = (
         "The record ended before the tip was back.",
@@ -157,7 +206,10 @@ def _stops(series: Series, starts: Floats, ends: Floats, draws: Floats, feeds: F
     stops, which = moments.min(axis=0), moments.argmin(axis=0).tolist()
     following = _next_after(draws, starts)
     is_next = following <= stops
-    cuts = [None if after else reasons[place] for after, place in zip(is_next.tolist(), which, strict=True)]
+    cuts = [
+        None if after else reasons[place]
+        for after, place in zip(is_next.tolist(), which, strict=True)
+    ]
     return np.where(is_next, following - series.period_s / 2, stops), cuts
 
 
@@ -167,12 +219,16 @@ def _next_after(moments: Floats, starts: Floats) -> Floats:
 
 
 def _setpoint_changes(series: Series, starts: Floats) -> Floats:
-    """Return since when the setpoint at each start may have changed: since it was last read before the change."""
+    """Return since when the setpoint at each start may have changed: since it was last read before
+    the change.
+    """
     read = ~np.isnan(series.rows.setting)
     at, values = series.seconds[read], series.rows.setting[read]
     places = np.flatnonzero(np.diff(values) != 0)
     before, behind = np.append(at[places], np.inf), at[places + 1]
-    return np.asarray(np.maximum(before[np.searchsorted(behind, starts, side="right")], starts), dtype=np.float64)
+    return np.asarray(
+        np.maximum(before[np.searchsorted(behind, starts, side="right")], starts), dtype=np.float64
+    )
 
 
 def _ends_of_work(series: Series) -> Floats:
@@ -181,7 +237,9 @@ def _ends_of_work(series: Series) -> Floats:
     return np.asarray(series.seconds[1:][working[:-1] & ~working[1:]], dtype=np.float64)
 
 
-def _measured_joints(tip: _Tip, series: Series, timing: _Timing, draws: Sequence[Draw]) -> list[Joint]:
+def _measured_joints(
+    tip: _Tip, series: Series, timing: _Timing, draws: Sequence[Draw]
+) -> list[Joint]:
     """Return the joints, with what each did to the tip."""
     joints = [Joint(draw, _joules(tip, draw), why=GAP) for draw in draws]
     complete = np.flatnonzero(~timing.broken)
@@ -189,20 +247,55 @@ def _measured_joints(tip: _Tip, series: Series, timing: _Timing, draws: Sequence
     touched = np.maximum(timing.touched[complete], first + 1)
     begin, end, least = values[first], values[touched - 1], segments(first, touched).least(values)
     levels = np.array([tip.levels.get(one, np.nan) for one in setpoints.tolist()])
-    outcomes = _outcomes(tip, timing, complete, np.where(np.isnan(levels), setpoints, levels) - tip.within_c)
+    outcomes = _outcomes(
+        tip, timing, complete, np.where(np.isnan(levels), setpoints, levels) - tip.within_c
+    )
     energies = _energies(series, timing, complete, outcomes, draws)
     lowest = np.minimum(least, outcomes.lowest)
-    columns = (setpoints, setpoints - begin, levels - begin, begin - lowest, lowest, end, outcomes.recovery, outcomes.had, energies)
+    columns = (
+        setpoints,
+        setpoints - begin,
+        levels - begin,
+        begin - lowest,
+        lowest,
+        end,
+        outcomes.recovery,
+        outcomes.had,
+        energies,
+    )
     known = zip(*(_none_where_nan(column) for column in columns), strict=True)
-    for place, (setpoint, deficit, below, depth, low, last, recovery, had, energy) in enumerate(known):
+    for place, (setpoint, deficit, below, depth, low, last, recovery, had, energy) in enumerate(
+        known
+    ):
         number = int(complete[place])
         draw, heat_j, cut = draws[number], joints[number].heat_j, timing.cuts[number]
         if setpoint is None:
             low = float(least[place])
-            joints[number] = Joint(draw, heat_j, depth_c=float(begin[place]) - low, lowest_c=low, end_c=last, why=UNKNOWN_SETPOINT)
+            joints[number] = Joint(
+                draw,
+                heat_j,
+                depth_c=float(begin[place]) - low,
+                lowest_c=low,
+                end_c=last,
+                why=UNKNOWN_SETPOINT,
+            )
             continue
         back, why = outcomes.outcome(place, cut)
-        joints[number] = Joint(draw, heat_j, setpoint, deficit, below, depth, low, last, back, recovery, had, energy, why)
+        joints[number] = Joint(
+            draw,
+            heat_j,
+            setpoint,
+            deficit,
+            below,
+            depth,
+            low,
+            last,
+            back,
+            recovery,
+            had,
+            energy,
+            why,
+        )
     return joints
 
 
@@ -216,7 +309,8 @@ def _none_where_nan(column: Floats) -> list[float | None]:
 
 @dataclass(frozen=True, slots=True)
 class _Outcomes:
-    """What follows the start of each joint: whether the tip was back or a gap hid it, and its lowest temperature until then.
+    """What follows the start of each joint: whether the tip was back or a gap hid it, and its
+    lowest temperature until then.
 
     NaN: not back, or not known. An infinite `lowest` means none besides that of the contact.
     """
@@ -228,7 +322,9 @@ class _Outcomes:
     lowest: Floats
 
     def outcome(self, place: int, cut: str | None) -> tuple[bool | None, str | None]:
-        """Return whether the tip recovered, and why not; `cut` is what cut the joint off, None for the next draw."""
+        """Return whether the tip recovered, and why not; `cut` is what cut the joint off, None for
+        the next draw.
+        """
         if self.is_lost[place]:
             return None, GAP
         if self.is_back[place]:
@@ -255,7 +351,9 @@ def _outcomes(tip: _Tip, timing: _Timing, complete: Places, floors: Floats) -> _
 
 
 def _places_back(track: Track, watched: Segments, floors: Floats, stops: Floats) -> Places:
-    """Return the place at which the temperature is back after its lowest, in each piece watched; -1 where it is not."""
+    """Return the place at which the temperature is back after its lowest, in each piece watched; -1
+    where it is not.
+    """
     rows, piece = watched.rows, np.repeat(np.arange(len(watched.first)), watched.lengths)
     low, lowest = track.values[rows] < floors[piece], watched.where_least(track.values)[piece]
     behind, before = rows > lowest, np.append(False, low[:-1])
@@ -263,19 +361,34 @@ def _places_back(track: Track, watched: Segments, floors: Floats, stops: Floats)
     begins = np.flatnonzero(~low & ((behind & before) | (rows == lowest)))
     ends = np.append(falls, len(rows))[np.searchsorted(falls, begins, side="right")]
     falls_again = ends < (watched.begins + watched.lengths)[piece[begins]]
-    until = np.where(falls_again, track.seconds[rows[np.where(falls_again, ends, 0)]], stops[piece[begins]])
+    until = np.where(
+        falls_again, track.seconds[rows[np.where(falls_again, ends, 0)]], stops[piece[begins]]
+    )
     stays = np.zeros(len(rows), dtype=np.bool_)
     stays[begins] = until - track.seconds[rows[begins]] >= BACK_FOR_S - 1e-6
     return watched.first_row(stays)
 
 
-def _energies(series: Series, timing: _Timing, complete: Places, outcomes: _Outcomes, draws: Sequence[Draw]) -> Floats:
+def _energies(
+    series: Series, timing: _Timing, complete: Places, outcomes: _Outcomes, draws: Sequence[Draw]
+) -> Floats:
     """Return the energy of the joints that recovered; NaN for the others."""
-    power, above_air = track_of(series, series.rows.power), track_of(series, series.rows.temperature - AIR_C)
+    power, above_air = (
+        track_of(series, series.rows.power),
+        track_of(series, series.rows.temperature - AIR_C),
+    )
     starts = timing.starts[complete]
     ends = np.maximum(starts + np.nan_to_num(outcomes.recovery), timing.ends[complete])
-    loss = np.array([np.nan if (one := draws[number].loss) is None else one for number in complete.tolist()])
+    loss = np.array(
+        [np.nan if (one := draws[number].loss) is None else one for number in complete.tolist()]
+    )
     late = np.array([draws[number].late_s for number in complete.tolist()])
-    energies = power.area_between(starts - late, ends - late) - loss * above_air.area_between(starts, ends)
-    is_known = ~np.isnan(outcomes.recovery) & ~power.has_gap(starts - late, ends - late) & ~above_air.has_gap(starts, ends)
+    energies = power.area_between(starts - late, ends - late) - loss * above_air.area_between(
+        starts, ends
+    )
+    is_known = (
+        ~np.isnan(outcomes.recovery)
+        & ~power.has_gap(starts - late, ends - late)
+        & ~above_air.has_gap(starts, ends)
+    )
     return np.where(is_known, energies, np.nan)

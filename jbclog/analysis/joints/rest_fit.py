@@ -1,8 +1,9 @@
 """Fit the heat balance of a tip to the temperatures read while it touches nothing.
 
-The reading itself is explained, by the heat that came and went since a piece of rest began. Its noise is white, and the terms have
-hardly any, whereas rates of change have much (L. Ljung, System Identification, 1999, section 3.2: output error). In K: T = begin +
-(power_sum - loss × above_sum + lag × power - second × T') / capacity.
+The reading itself is explained, by the heat that came and went since a piece of rest began. Its
+noise is white, and the terms have hardly any, whereas rates of change have much (L. Ljung, System
+Identification, 1999, section 3.2: output error). In K: T = begin + (power_sum - loss × above_sum +
+lag × power - second × T') / capacity.
 """
 
 from __future__ import annotations
@@ -22,83 +23,143 @@ from jbclog.analysis.verdict.idle import Flags, Floats
 
 HOT_C: Final = 85.0  # a colder tip shows little of its losses
 RISING_K_PER_S: Final = 5.0
-FULL_SHARE: Final = 0.95  # of its highest power: a heat-up takes more while nothing is regulated yet
+# of its highest power: a heat-up takes more while nothing is regulated yet
+FULL_SHARE: Final = 0.95
 PIECE_S: Final = 2.0  # in longer pieces what the balance neglects adds up
 LEAST_PIECE: Final = 4
 REWEIGHTED: Final = 6
-LATE_SPREAD_S, SECOND_S, SECOND_SPREAD_S = 0.15, 0.03, 0.06  # usual values; `second` divided by the capacity
+# usual values; `second` divided by the capacity
+LATE_SPREAD_S, SECOND_S, SECOND_SPREAD_S = 0.15, 0.03, 0.06
 LAG_RANGE_S, SECOND_RANGE_S = (-0.15, 0.4), (0.0, 0.06)  # `second` divided by the capacity
-INVERSE_SPREAD, INVERSE_RANGE, ALIKE_ROWS = 0.7, (1 / 60, 1 / 2), 20.0  # of 1 / capacity; so many rows share their errors
+# of 1 / capacity; so many rows share their errors
+INVERSE_SPREAD, INVERSE_RANGE, ALIKE_ROWS = 0.7, (1 / 60, 1 / 2), 20.0
 LEAVES_NOISES: Final = 1.5  # of the slope of a piece: a steeper one is contact that was not found
 KNOWN_COST: Final = 3.0  # rows at rest that outweigh one of a heat-up that the fit does not explain
-LIMITS: Final[Sequence[tuple[int, Limits]]] = (  # of 1 / capacity, lag / capacity and second / capacity
+# of 1 / capacity, lag / capacity and second / capacity
+LIMITS: Final[Sequence[tuple[int, Limits]]] = (
     (0, lambda _: INVERSE_RANGE),
-    (2, lambda fitted: (LAG_RANGE_S[0] * max(fitted[0], 1e-3), LAG_RANGE_S[1] * max(fitted[0], 1e-3))),
+    (
+        2,
+        lambda fitted: (
+            LAG_RANGE_S[0] * max(fitted[0], 1e-3),
+            LAG_RANGE_S[1] * max(fitted[0], 1e-3),
+        ),
+    ),
     (3, lambda _: SECOND_RANGE_S),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """The four parameters of the heat balance, their covariance, and the number of rows that they explain."""
+    """The four parameters of the heat balance, their covariance, and the number of rows that they
+    explain.
+    """
 
     values: Floats
     covariance: Floats
     rows_explained: float
 
 
-def fit_rest(parts: Sequence[BalancedStretch], rest: Flags, known: Flags, values: Floats, noise_c: float) -> Fit:
-    """Return the parameters with which the balance, summed over each piece of rest, gives the temperatures that were read.
+def fit_rest(
+    parts: Sequence[BalancedStretch], rest: Flags, known: Flags, values: Floats, noise_c: float
+) -> Fit:
+    """Return the parameters with which the balance, summed over each piece of rest, gives the
+    temperatures that were read.
 
-    `rest` and `known` have a value for each row of all stretches: at rest, and certainly so. The fit starts from `values`;
-    `noise_c` is the noise of a reading in °C.
+    `rest` and `known` have a value for each row of all stretches: at rest, and certainly so. The
+    fit starts from `values`; `noise_c` is the noise of a reading in °C.
     """
     terms, temperature, piece, known_rest = _rest_pieces(parts, rest, known)
     capacity = values[0]
     usual = np.array([1 / USUAL_CAPACITY, USUAL_LOSS / capacity, 0.0, SECOND_S])
-    spread = np.array([INVERSE_SPREAD / USUAL_CAPACITY, USUAL_LOSS / capacity, LATE_SPREAD_S / capacity, SECOND_SPREAD_S])
+    spread = np.array(
+        [
+            INVERSE_SPREAD / USUAL_CAPACITY,
+            USUAL_LOSS / capacity,
+            LATE_SPREAD_S / capacity,
+            SECOND_SPREAD_S,
+        ]
+    )
     stiffness = np.diag(np.square(noise_c / spread) * [ALIKE_ROWS, 1.0, 1.0, 1.0])
-    fitted, weight = np.array([1.0, values[1], values[3], values[2]]) / capacity, np.ones(len(temperature))
+    fitted, weight = (
+        np.array([1.0, values[1], values[3], values[2]]) / capacity,
+        np.ones(len(temperature)),
+    )
     for _ in range(REWEIGHTED):
         residuals = _centred(temperature - terms @ fitted, piece, weight)
         weight = _weights(residuals, piece, known_rest, noise_c)
-        centred_terms, centred_temperature = _centred(terms, piece, weight), _centred(temperature, piece, weight)
+        centred_terms, centred_temperature = (
+            _centred(terms, piece, weight),
+            _centred(temperature, piece, weight),
+        )
         weighted = centred_terms * weight[:, None]
         fitted = bounded_solution(
-            weighted.T @ centred_terms + stiffness, weighted.T @ centred_temperature + stiffness @ usual, LIMITS
+            weighted.T @ centred_terms + stiffness,
+            weighted.T @ centred_temperature + stiffness @ usual,
+            LIMITS,
         )
     residuals = centred_temperature - centred_terms @ fitted
-    scores = np.add.reduceat(weighted * residuals[:, None], np.flatnonzero(np.diff(piece, prepend=-1)), axis=0)
+    scores = np.add.reduceat(
+        weighted * residuals[:, None], np.flatnonzero(np.diff(piece, prepend=-1)), axis=0
+    )
     bread = np.linalg.inv(weighted.T @ centred_terms + stiffness)
     meat = scores.T @ scores + stiffness * noise_c**2
-    rows_explained = np.where(known_rest, 1 - KNOWN_COST * (np.abs(residuals) > 3 * noise_c), weight)
+    rows_explained = np.where(
+        known_rest, 1 - KNOWN_COST * (np.abs(residuals) > 3 * noise_c), weight
+    )
     return _as_balance(fitted, bread @ meat @ bread, float(rows_explained.sum()))
 
 
-def _weights(residuals: Floats, piece: NDArray[np.int64], known_rest: Flags, noise_c: float) -> Floats:
-    """Return the weight of each row: less beyond the noise, and less in a piece in which heat leaves, which is contact not found.
+def _weights(
+    residuals: Floats, piece: NDArray[np.int64], known_rest: Flags, noise_c: float
+) -> Floats:
+    """Return the weight of each row: less beyond the noise, and less in a piece in which heat
+    leaves, which is contact not found.
 
-    A piece in which heat comes back keeps its full weight: it does not exist, so the fit must not need it.
+    A piece in which heat comes back keeps its full weight: it does not exist, so the fit must not
+    need it.
     """
     count = np.bincount(piece)
-    row = np.arange(len(residuals)) - np.concatenate(([0], np.cumsum(count)[:-1]))[piece] - 0.5 * (count[piece] - 1)
-    slopes = np.bincount(piece, row * residuals) / (noise_c * np.sqrt(np.bincount(piece, np.square(row))))
+    row = (
+        np.arange(len(residuals))
+        - np.concatenate(([0], np.cumsum(count)[:-1]))[piece]
+        - 0.5 * (count[piece] - 1)
+    )
+    slopes = np.bincount(piece, row * residuals) / (
+        noise_c * np.sqrt(np.bincount(piece, np.square(row)))
+    )
     leaves = np.maximum(-slopes - LEAVES_NOISES, 0.0) / LEAVES_NOISES
     closeness = 1 / (1 + np.square(residuals / (3 * noise_c)))
-    return np.asarray(np.where(known_rest, 1.0, closeness / (1 + np.square(leaves))[piece]), dtype=np.float64)
+    return np.asarray(
+        np.where(known_rest, 1.0, closeness / (1 + np.square(leaves))[piece]), dtype=np.float64
+    )
 
 
 def _as_balance(fitted: Floats, covariance: Floats, rows_explained: float) -> Fit:
     """Return the four parameters of the heat balance from those that explain the temperature."""
     inverse, loss, late, second = fitted.tolist()
     inverse = max(inverse, 1e-3)
-    turn = np.array([[-1, 0, 0, 0], [-loss, inverse, 0, 0], [-second, 0, 0, inverse], [-late, 0, inverse, 0]]) / inverse**2
+    turn = (
+        np.array(
+            [
+                [-1, 0, 0, 0],
+                [-loss, inverse, 0, 0],
+                [-second, 0, 0, inverse],
+                [-late, 0, inverse, 0],
+            ]
+        )
+        / inverse**2
+    )
     values = np.array([1.0, loss, max(second, 0.0), late]) / inverse
     return Fit(values, turn @ covariance @ turn.T, rows_explained)
 
 
-def _rest_pieces(parts: Sequence[BalancedStretch], rest: Flags, known: Flags) -> tuple[Floats, Floats, NDArray[np.int64], Flags]:
-    """Return terms, temperature, piece number and known rest of each row at rest, in pieces of up to `PIECE_S`."""
+def _rest_pieces(
+    parts: Sequence[BalancedStretch], rest: Flags, known: Flags
+) -> tuple[Floats, Floats, NDArray[np.int64], Flags]:
+    """Return terms, temperature, piece number and known rest of each row at rest, in pieces of up
+    to `PIECE_S`.
+    """
     period = parts[0].stretch.period_s
     longest = max(round(PIECE_S / period), LEAST_PIECE)
     begins = np.cumsum([0, *(len(one.stretch) for one in parts)])
@@ -108,25 +169,39 @@ def _rest_pieces(parts: Sequence[BalancedStretch], rest: Flags, known: Flags) ->
     since = np.arange(len(new)) - np.maximum.accumulate(np.where(new, np.arange(len(new)), 0))
     number = np.cumsum(new | (since % longest == 0))[rest]
     terms = np.concatenate(
-        [np.stack([one.power_sum, -one.above_sum, one.stretch.power, -one.balance.warming], axis=1) for one in parts]
+        [
+            np.stack(
+                [one.power_sum, -one.above_sum, one.stretch.power, -one.balance.warming], axis=1
+            )
+            for one in parts
+        ]
     )[rest]
     temperature = np.concatenate([one.stretch.temperature for one in parts])[rest]
     _, place, count = np.unique(number, return_inverse=True, return_counts=True)
     enough = count[place] >= LEAST_PIECE
-    return terms[enough], temperature[enough], np.unique(place[enough], return_inverse=True)[1], known[rest][enough]
+    return (
+        terms[enough],
+        temperature[enough],
+        np.unique(place[enough], return_inverse=True)[1],
+        known[rest][enough],
+    )
 
 
 def _centred(values: Floats, piece: NDArray[np.int64], weight: Floats) -> Floats:
     """Return the values less their weighted mean in each piece."""
     total = np.bincount(piece, weight)
     if values.ndim == 1:
-        return np.asarray(values - (np.bincount(piece, weight * values) / total)[piece], dtype=np.float64)
+        return np.asarray(
+            values - (np.bincount(piece, weight * values) / total)[piece], dtype=np.float64
+        )
     return np.stack([_centred(column, piece, weight) for column in values.T], axis=1)
 
 
 @dataclass(frozen=True, slots=True)
 class BalancedStretch:
-    """A stretch with its heat balance, and the integrals over time of its power and of its temperature above the air."""
+    """A stretch with its heat balance, and the integrals over time of its power and of its
+    temperature above the air.
+    """
 
     stretch: Stretch
     ready: Flags
@@ -141,13 +216,19 @@ class BalancedStretch:
     @property
     def heats(self) -> Flags:
         """Rows of a heat-up."""
-        return np.asarray(self.hot & ~self.ready & (self.balance.warming > RISING_K_PER_S), dtype=np.bool_)
+        return np.asarray(
+            self.hot & ~self.ready & (self.balance.warming > RISING_K_PER_S), dtype=np.bool_
+        )
 
     @property
     def known(self) -> Flags:
-        """Rows of a heat-up at full power, which are at rest; closer to the setpoint, soldering may have begun."""
+        """Rows of a heat-up at full power, which are at rest; closer to the setpoint, soldering may
+        have begun.
+        """
         power = self.stretch.power
-        return np.asarray(self.heats & (power >= FULL_SHARE * power[self.heats].max(initial=0.0)), dtype=np.bool_)
+        return np.asarray(
+            self.heats & (power >= FULL_SHARE * power[self.heats].max(initial=0.0)), dtype=np.bool_
+        )
 
     @property
     def usable(self) -> Flags:
@@ -157,7 +238,10 @@ class BalancedStretch:
 
 def balanced_stretch(part: ReadyStretch) -> BalancedStretch:
     stretch = part.stretch
-    sums = (_integral(stretch.power, stretch.period_s), _integral(stretch.temperature - AIR_C, stretch.period_s))
+    sums = (
+        _integral(stretch.power, stretch.period_s),
+        _integral(stretch.temperature - AIR_C, stretch.period_s),
+    )
     return BalancedStretch(stretch, part.ready, balance_of(stretch), *sums)
 
 

@@ -1,8 +1,9 @@
 """One port of one run as arrays, and the stretches of it that have no gap.
 
-Seconds are on the run's grid (tick × period). With ``--rate max`` there is no grid: seconds are UTC less the steps of the wall
-clock, the period is the median distance of two rows, and a gap is longer than four periods and than half a second, because rows are
-then as far apart as the station is slow. A value that was not read is NaN.
+Seconds are on the run's grid (tick × period). With ``--rate max`` there is no grid: seconds are UTC
+less the steps of the wall clock, the period is the median distance of two rows, and a gap is longer
+than four periods and than half a second, because rows are then as far apart as the station is slow.
+A value that was not read is NaN.
 """
 
 from __future__ import annotations
@@ -19,12 +20,15 @@ from numpy.typing import NDArray
 from jbclog.analysis.joints.figure import GAP_PERIODS
 from jbclog.analysis.verdict.idle import Block, Flags, Floats, setting_in_force
 
-RESOLUTION_C, RESOLUTION_PERMILLE = 1.0, 1.0  # of R-TT and R-PP: whole °C and whole ‰ (manuals 000 and 002)
+# of R-TT and R-PP: whole °C and whole ‰ (manuals 000 and 002)
+RESOLUTION_C, RESOLUTION_PERMILLE = 1.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Cycles:
-    """The feeder's counted dispensing cycles (R-DCx): when each count was read, in seconds of the run's grid, and the count."""
+    """The feeder's counted dispensing cycles (R-DCx): when each count was read, in seconds of the
+    run's grid, and the count.
+    """
 
     seconds: Floats
     counted: Floats
@@ -37,9 +41,10 @@ class Cycles:
 class Series:
     """The rows of one port in order of time.
 
-    `rows` has seconds, °C, ‰, the setpoint in °C where it was read, and whether the tool works (hot air: is on). `known` is whether
-    the state was read. `feeding` is 1 where the feeder's motor pushed wire, 0 where not, NaN where it was not read; None for a tool
-    without a feeder. `cycles` are the feeder's counts, if they were read. `rated_w` is the power at 1000 ‰, if the line file
+    `rows` has seconds, °C, ‰, the setpoint in °C where it was read, and whether the tool works (hot
+    air: is on). `known` is whether the state was read. `feeding` is 1 where the feeder's motor
+    pushed wire, 0 where not, NaN where it was not read; None for a tool without a feeder. `cycles`
+    are the feeder's counts, if they were read. `rated_w` is the power at 1000 ‰, if the line file
     declares it; `ordered_s` is when the run ordered the tool to work.
     """
 
@@ -59,14 +64,25 @@ class Series:
     @property
     def gap_s(self) -> float:
         """The time in s between two readings above which there is a gap."""
-        return GAP_PERIODS * self.period_s if self.on_grid else max(2 * GAP_PERIODS * self.period_s, 0.5)
+        return (
+            GAP_PERIODS * self.period_s
+            if self.on_grid
+            else max(2 * GAP_PERIODS * self.period_s, 0.5)
+        )
 
     def window(self, values: Floats, start_s: float, end_s: float) -> Window:
         """Return the readings of one column from `start_s` to `end_s`, both included."""
         first, last = np.searchsorted(self.seconds, [start_s - 1e-6, end_s + 1e-6])
         here = slice(int(first), int(last))
         is_read = ~np.isnan(values[here])
-        return Window(start_s, end_s, self.period_s, self.gap_s, self.seconds[here][is_read], values[here][is_read])
+        return Window(
+            start_s,
+            end_s,
+            self.period_s,
+            self.gap_s,
+            self.seconds[here][is_read],
+            values[here][is_read],
+        )
 
 
 class Extent(ABC):
@@ -86,12 +102,18 @@ class Extent(ABC):
     @property
     @abstractmethod
     def longest_gap_s(self) -> float:
-        """The longest time in s from one reading to the next, including from the start and to the end."""
+        """The longest time in s from one reading to the next, including from the start and to the
+        end.
+        """
 
     @property
     def due(self) -> int:
         """The number of readings due in this time."""
-        return max(round((self.end_s - self.start_s) / self.period_s) + 1, 1) if self.period_s else self.n
+        return (
+            max(round((self.end_s - self.start_s) / self.period_s) + 1, 1)
+            if self.period_s
+            else self.n
+        )
 
     @property
     def coverage(self) -> float:
@@ -106,7 +128,10 @@ class Extent(ABC):
             return "Nothing was read in its window: it is one gap."
         if longest <= self.gap_s + 1e-6:
             return None
-        return f"The record has a gap: no reading for {longest:.1f} s; {self.gap_s:g} s are allowed between two."
+        return (
+            f"The record has a gap: no reading for {longest:.1f} s; {self.gap_s:g} s are allowed"
+            " between two."
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +153,17 @@ class Window(Extent):
     def longest_gap_s(self) -> float:
         if not self.n:
             return self.end_s - self.start_s + 2 * self.period_s
-        edges = np.concatenate(([self.start_s - self.period_s], self.seconds, [self.end_s + self.period_s]))
+        edges = np.concatenate(
+            ([self.start_s - self.period_s], self.seconds, [self.end_s + self.period_s])
+        )
         return float(np.diff(edges).max())
 
 
 @dataclass(slots=True)
 class Column(Extent):
-    """How much of a column was read over all rows of a port, which are added piece by piece in order of time."""
+    """How much of a column was read over all rows of a port, which are added piece by piece in
+    order of time.
+    """
 
     period_s: float
     gap_s: float
@@ -186,7 +215,9 @@ class Stretch:
         return Stretch(self.period_s, *columns)
 
     def power_later(self, rows: int) -> Stretch:
-        """Return the stretch with its power so many rows later; before the first reading of the power it has that one."""
+        """Return the stretch with its power so many rows later; before the first reading of the
+        power it has that one.
+        """
         if not rows or not len(self):
             return self
         power = np.concatenate([np.full(min(rows, len(self)), self.power[0]), self.power[:-rows]])
@@ -205,11 +236,14 @@ FALL_C, FALL_K_PER_S = 60.0, 400.0
 """No tip moves so far so fast: another tool, or none, is in its place."""
 
 
-def stretches(series: Series, shortest_s: float = 3.0, begun: Sequence[Stretch] = ()) -> list[Stretch]:
-    """Return the stretches of the record: the tool works, temperature and power were read, no gap beyond `BRIDGED_S`.
+def stretches(
+    series: Series, shortest_s: float = 3.0, begun: Sequence[Stretch] = ()
+) -> list[Stretch]:
+    """Return the stretches of the record: the tool works, temperature and power were read, no gap
+    beyond `BRIDGED_S`.
 
-    Stretches shorter than `shortest_s` are left out. In a record that is analysed in windows, `begun` are the stretches of the
-    window before: one that began there stays on its grid.
+    Stretches shorter than `shortest_s` are left out. In a record that is analysed in windows,
+    `begun` are the stretches of the window before: one that began there stays on its grid.
     """
     rows = series.rows
     is_read = ~np.isnan(rows.temperature) & ~np.isnan(rows.power) & rows.working
@@ -218,21 +252,31 @@ def stretches(series: Series, shortest_s: float = 3.0, begun: Sequence[Stretch] 
         return []
     apart = np.diff(rows.seconds[places]) > max(series.gap_s, BRIDGED_S) + 1e-6
     moved, took_s = np.diff(rows.temperature[places]), np.diff(rows.seconds[places])
-    leaps = (moved > np.maximum(RISE_C, RISE_K_PER_S * took_s)) | (-moved > np.maximum(FALL_C, FALL_K_PER_S * took_s))
+    leaps = (moved > np.maximum(RISE_C, RISE_K_PER_S * took_s)) | (
+        -moved > np.maximum(FALL_C, FALL_K_PER_S * took_s)
+    )
     rested = np.diff(np.cumsum(series.known & ~rows.working)[places]) > 0
     pieces = np.split(places, np.flatnonzero(apart | rested | leaps) + 1)
     setting = setting_in_force(rows.seconds, rows.setting)
-    begins = [_grid_start(float(rows.seconds[places[0]]), begun), *(float(rows.seconds[piece[0]]) for piece in pieces[1:])]
+    begins = [
+        _grid_start(float(rows.seconds[places[0]]), begun),
+        *(float(rows.seconds[piece[0]]) for piece in pieces[1:]),
+    ]
     every = zip(pieces, begins, strict=True)
-    found = [_on_even_grid(rows, setting, piece, series.period_s, begin) for piece, begin in every if len(piece) > 1]
+    found = [
+        _on_even_grid(rows, setting, piece, series.period_s, begin)
+        for piece, begin in every
+        if len(piece) > 1
+    ]
     return [stretch for stretch in found if len(stretch) * series.period_s >= shortest_s]
 
 
 def unseen(series: Series, parts: Sequence[Stretch]) -> tuple[float, int]:
-    """Return how long the tool may have worked while nothing could be analysed, in s, and in how many pieces.
+    """Return how long the tool may have worked while nothing could be analysed, in s, and in how
+    many pieces.
 
-    These are gaps, and what is too short between two gaps. Where the state was not read the tool may have worked. Pieces of up to
-    `BRIDGED_S` do not count.
+    These are gaps, and what is too short between two gaps. Where the state was not read the tool
+    may have worked. Pieces of up to `BRIDGED_S` do not count.
     """
     found = Unseen()
     found.add(series, parts, slice(0, len(series.seconds)))
@@ -249,18 +293,25 @@ class Unseen:
         self._period_s = 0.0
 
     def add(self, series: Series, parts: Sequence[Stretch], own: slice) -> None:
-        """Add the rows `own` of a window, in order of time; the window may have other rows before and after them."""
+        """Add the rows `own` of a window, in order of time; the window may have other rows before
+        and after them.
+        """
         at, period = series.seconds[own], series.period_s
         if not len(at) or not period:
             return
         self._period_s = period
         analysed = np.zeros(len(at), dtype=np.bool_)
         for part in parts:
-            first, last = np.searchsorted(at, [part.seconds[0] - period / 2, part.seconds[-1] + period / 2])
+            first, last = np.searchsorted(
+                at, [part.seconds[0] - period / 2, part.seconds[-1] + period / 2]
+            )
             analysed[first:last] = True
         lost = (series.rows.working[own] | ~series.known[own]) & ~analysed
         if self._last_s is not None:
-            at, lost = np.concatenate(([self._last_s], at)), np.concatenate(([self._since_s is not None], lost))
+            at, lost = (
+                np.concatenate(([self._last_s], at)),
+                np.concatenate(([self._since_s is not None], lost)),
+            )
         steps = np.diff(at)
         absent = steps[(steps > max(series.gap_s, BRIDGED_S)) & ~lost[:-1] & ~lost[1:]] - period
         self._count(absent)
@@ -275,7 +326,11 @@ class Unseen:
 
     def total(self) -> tuple[float, int]:
         """Return seconds and number of pieces."""
-        open_s = 0.0 if self._since_s is None or self._last_s is None else self._last_s - self._since_s + self._period_s
+        open_s = (
+            0.0
+            if self._since_s is None or self._last_s is None
+            else self._last_s - self._since_s + self._period_s
+        )
         is_long = open_s > BRIDGED_S
         return self._seconds + open_s * is_long, self._pieces + is_long
 
@@ -291,13 +346,22 @@ def _grid_start(first_s: float, begun: Sequence[Stretch]) -> float:
     return float(begun[place].seconds[0]) if continues else first_s
 
 
-def _on_even_grid(rows: Block, setting: Floats, places: NDArray[np.int64], period_s: float, begin_s: float) -> Stretch:
-    """Return these rows interpolated on an even grid through `begin_s`; the setpoint is the last one before."""
+def _on_even_grid(
+    rows: Block, setting: Floats, places: NDArray[np.int64], period_s: float, begin_s: float
+) -> Stretch:
+    """Return these rows interpolated on an even grid through `begin_s`; the setpoint is the last
+    one before.
+    """
     seconds = rows.seconds[places]
-    first, last = ceil((seconds[0] - begin_s) / period_s - 1e-6), floor((seconds[-1] - begin_s) / period_s + 1e-6)
+    first, last = (
+        ceil((seconds[0] - begin_s) / period_s - 1e-6),
+        floor((seconds[-1] - begin_s) / period_s + 1e-6),
+    )
     grid = np.asarray(begin_s + np.arange(first, last + 1) * period_s, dtype=np.float64)
     last = np.clip(np.searchsorted(seconds, grid + 1e-6) - 1, 0, len(seconds) - 1)
-    temperature, power = (np.interp(grid, seconds, column[places]) for column in (rows.temperature, rows.power))
+    temperature, power = (
+        np.interp(grid, seconds, column[places]) for column in (rows.temperature, rows.power)
+    )
     return Stretch(period_s, grid, temperature, power, setting[places][last])
 
 

@@ -1,14 +1,17 @@
-"""Solder wire of a soldering feeder (ALE): wire per joint, delivery of the set length, speed, and suspected clogging.
+"""Solder wire of a soldering feeder (ALE): wire per joint, delivery of the set length, speed, and
+suspected clogging.
 
-Figures come from the counters dispensed_mm and dispensed_cycles (R-DLx, R-DCx), the feeder's settings and the motor's state
-(R-PSx). *Wire* and *feeds* are the last reading of the counter minus the first. *Wire per joint* is wire divided by the joints
-found between these two readings, *wire per feed* is wire divided by feeds, and *delivered* is wire per feed as a share of the set
-length. *Speed* is wire divided by the time in which the motor was seen pushing between the two readings; it needs `LEAST_READINGS`
-of them. *Clogging suspected* is how many times the motor was seen pushing for `PUSHED_S` or more between two readings of the length
-that show no progress; it is a suspicion, because the station reports only whether its own detection is on.
+Figures come from the counters dispensed_mm and dispensed_cycles (R-DLx, R-DCx), the feeder's
+settings and the motor's state (R-PSx). *Wire* and *feeds* are the last reading of the counter minus
+the first. *Wire per joint* is wire divided by the joints found between these two readings, *wire
+per feed* is wire divided by feeds, and *delivered* is wire per feed as a share of the set length.
+*Speed* is wire divided by the time in which the motor was seen pushing between the two readings; it
+needs `LEAST_READINGS` of them. *Clogging suspected* is how many times the motor was seen pushing
+for `PUSHED_S` or more between two readings of the length that show no progress; it is a suspicion,
+because the station reports only whether its own detection is on.
 
-A counter that decreased was reset and gives no figure. No manual states whether wire that is drawn back counts; it may affect the
-lengths.
+A counter that decreased was reset and gives no figure. No manual states whether wire that is drawn
+back counts; it may affect the lengths.
 """
 
 from __future__ import annotations
@@ -40,7 +43,9 @@ NAMES = (
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """The feeder's counter of lengths in mm, by seconds of the run's grid, and the set length in mm (None: not known)."""
+    """The feeder's counter of lengths in mm, by seconds of the run's grid, and the set length in mm
+    (None: not known).
+    """
 
     length_s: Floats
     length_mm: Floats
@@ -51,7 +56,10 @@ def wire_figures(series: Series, wire: Wire | None, joints: Sequence[Joint]) -> 
     """Return all figures of the wire, without values if there is no feeder."""
     if wire is None or series.feeding is None:
         return [no_figure(name, unit, "The tool has no feeder.") for name, unit in NAMES]
-    length, feeds = counter_growth("wire_mm", "mm", wire.length_mm, LENGTH_RESOLUTION_MM), feeds_counted(series)
+    length, feeds = (
+        counter_growth("wire_mm", "mm", wire.length_mm, LENGTH_RESOLUTION_MM),
+        feeds_counted(series),
+    )
     each = _ratio("wire_per_feed_mm", "mm", length, feeds)
     return [
         length,
@@ -66,7 +74,9 @@ def wire_figures(series: Series, wire: Wire | None, joints: Sequence[Joint]) -> 
 
 def feeds_counted(series: Series) -> Figure:
     """Return the growth of the counter of feeds."""
-    return counter_growth("wire_feeds", "count", np.empty(0) if series.cycles is None else series.cycles.counted, 1.0)
+    return counter_growth(
+        "wire_feeds", "count", np.empty(0) if series.cycles is None else series.cycles.counted, 1.0
+    )
 
 
 def counter_growth(name: str, unit: str, counter: Floats, resolution: float) -> Figure:
@@ -83,7 +93,14 @@ def _ratio(name: str, unit: str, over: Figure, under: Figure) -> Figure:
         return no_figure(name, unit, over.why or under.why or "")
     if not under.value:
         return no_figure(name, unit, "Nothing was fed.")
-    return Figure(name, over.value / under.value, unit, round(under.value), 100.0, (over.resolution or 0.0) / under.value)
+    return Figure(
+        name,
+        over.value / under.value,
+        unit,
+        round(under.value),
+        100.0,
+        (over.resolution or 0.0) / under.value,
+    )
 
 
 def _per_joint(series: Series, wire: Wire, joints: Sequence[Joint], length: Figure) -> Figure:
@@ -93,20 +110,34 @@ def _per_joint(series: Series, wire: Wire, joints: Sequence[Joint], length: Figu
     start, end = counter_span(series, wire.length_s)
     window = series.window(series.rows.temperature, start, end)
     if window.gap:
-        return no_figure(name, unit, f"{window.gap} Joints in it are not known.", 0, window.coverage)
+        return no_figure(
+            name, unit, f"{window.gap} Joints in it are not known.", 0, window.coverage
+        )
     count = sum(start <= draw.start_s < end for draw in joints)
     if not count:
-        return no_figure(name, unit, "No joints were found between the readings of the counter.", 0, window.coverage)
-    return Figure(name, length.value / count, unit, count, window.coverage, LENGTH_RESOLUTION_MM / count)
+        return no_figure(
+            name,
+            unit,
+            "No joints were found between the readings of the counter.",
+            0,
+            window.coverage,
+        )
+    return Figure(
+        name, length.value / count, unit, count, window.coverage, LENGTH_RESOLUTION_MM / count
+    )
 
 
 def counter_span(series: Series, counter_s: Floats) -> tuple[float, float]:
-    """Return the first and last moment of a counter, moved to the first and last row if it was read just outside them."""
+    """Return the first and last moment of a counter, moved to the first and last row if it was read
+    just outside them.
+    """
     first, last = float(counter_s[0]), float(counter_s[-1])
     if not len(series.seconds):
         return first, last
     row, final = float(series.seconds[0]), float(series.seconds[-1])
-    return (row if row - BESIDE_S <= first < row else first), (final if final < last <= final + BESIDE_S else last)
+    return (row if row - BESIDE_S <= first < row else first), (
+        final if final < last <= final + BESIDE_S else last
+    )
 
 
 def _delivered(each: Figure, set_length_mm: float | None) -> Figure:
@@ -114,7 +145,12 @@ def _delivered(each: Figure, set_length_mm: float | None) -> Figure:
     if each.value is None or not set_length_mm:
         return no_figure(name, "%", each.why or "The length of a feed is not known.", each.n)
     return Figure(
-        name, 100 * each.value / set_length_mm, "%", each.n, each.coverage, 100 * (each.resolution or 0.0) / set_length_mm
+        name,
+        100 * each.value / set_length_mm,
+        "%",
+        each.n,
+        each.coverage,
+        100 * (each.resolution or 0.0) / set_length_mm,
     )
 
 
@@ -125,7 +161,10 @@ def _speed(series: Series, wire: Wire, length: Figure) -> Figure:
     motor = series.window(series.feeding, *counter_span(series, wire.length_s))
     pushing = int(motor.values.sum())
     if motor.gap or pushing < LEAST_READINGS:
-        why = motor.gap or f"The motor was seen pushing in {pushing} readings; it takes {LEAST_READINGS}."
+        why = (
+            motor.gap
+            or f"The motor was seen pushing in {pushing} readings; it takes {LEAST_READINGS}."
+        )
         return no_figure(name, unit, why, pushing, motor.coverage)
     speed = length.value / (pushing * series.period_s)
     return Figure(name, speed, unit, pushing, motor.coverage, speed / pushing)
@@ -134,7 +173,9 @@ def _speed(series: Series, wire: Wire, length: Figure) -> Figure:
 def _clogs(series: Series, wire: Wire) -> Figure:
     name, feeding = "wire_clog_suspicions", series.feeding
     if feeding is None or len(wire.length_mm) < 2:
-        return no_figure(name, "count", "The counter was read less than twice.", len(wire.length_mm))
+        return no_figure(
+            name, "count", "The counter was read less than twice.", len(wire.length_mm)
+        )
     stuck = 0
     for place in np.flatnonzero(np.diff(wire.length_mm) == 0):
         motor = series.window(feeding, float(wire.length_s[place]), float(wire.length_s[place + 1]))

@@ -1,15 +1,20 @@
-"""The joints of a port whose rows are read piece by piece: a record of any length, in the memory of one window.
+"""The joints of a port whose rows are read piece by piece: a record of any length, in the memory of
+one window.
 
-There are three sweeps over the rows, each in windows (`windows`) whose edges do not depend on how the rows are read:
+There are three sweeps over the rows, each in windows (`windows`) whose edges do not depend on how
+the rows are read:
 
-1. *Stretches*: where each begins, how long it is, and which tool it belongs to. This determines the pieces that a model comes from.
-2. *Tips*: keep those pieces, 20 minutes of each tool at most, and identify the models on them (`identify`). Then *draws*: find each
-   in the window in which it begins, and count the temperatures at rest.
+1. *Stretches*: where each begins, how long it is, and which tool it belongs to. This determines the
+   pieces that a model comes from.
+2. *Tips*: keep those pieces, 20 minutes of each tool at most, and identify the models on them
+   (`identify`). Then *draws*: find each in the window in which it begins, and count the
+   temperatures at rest.
 3. *Joints*: what each draw did to the tip, against the levels that are now known.
 
-The second sweep has two halves, so the rows are read four times. Kept in memory are a table of stretches, of draws and of joints,
-and a count of readings by temperature. A draw longer than `windows.MOST_WINDOWS` windows is cut off. A port with a feeder is
-analysed as a whole (`joints`), because counts and pushes far apart explain each other.
+The second sweep has two halves, so the rows are read four times. Kept in memory are a table of
+stretches, of draws and of joints, and a count of readings by temperature. A draw longer than
+`windows.MOST_WINDOWS` windows is cut off. A port with a feeder is analysed as a whole (`joints`),
+because counts and pushes far apart explain each other.
 """
 
 from __future__ import annotations
@@ -35,7 +40,8 @@ from jbclog.analysis.joints.thermal import ThermalModel
 from jbclog.analysis.joints.tools import UNKNOWN_CODE, Tool, code_at, merged_by_code
 from jbclog.analysis.joints.windows import WINDOW_S, View, Windows
 
-SETTLED_S: Final = 30.0  # a draw that ends so long before the last row does not depend on later rows
+# a draw that ends so long before the last row does not depend on later rows
+SETTLED_S: Final = 30.0
 NEAR_S: Final = 10.0
 
 
@@ -55,7 +61,9 @@ class _KnownStretch:
 
 @dataclass(slots=True)
 class _ModelPiece:
-    """A piece of the record that a model comes from: its first and last moment, and its rows as they are read."""
+    """A piece of the record that a model comes from: its first and last moment, and its rows as
+    they are read.
+    """
 
     first_s: float
     last_s: float
@@ -65,14 +73,26 @@ class _ModelPiece:
         """Return the rows of the piece as one stretch."""
         stretches = [part.stretch for part in self.parts]
         names = ("seconds", "temperature", "power", "setting")
-        columns = [np.concatenate([getattr(stretch, name) for stretch in stretches]) for name in names]
-        return ReadyStretch(Stretch(stretches[0].period_s, *columns), np.concatenate([part.ready for part in self.parts]))
+        columns = [
+            np.concatenate([getattr(stretch, name) for stretch in stretches]) for name in names
+        ]
+        return ReadyStretch(
+            Stretch(stretches[0].period_s, *columns),
+            np.concatenate([part.ready for part in self.parts]),
+        )
 
 
 class PortSweeps:
-    """The sweeps over one port: `next_sweep` returns what takes the rows, and None once the joints are `found`."""
+    """The sweeps over one port: `next_sweep` returns what takes the rows, and None once the joints
+    are `found`.
+    """
 
-    def __init__(self, options: JointOptions, window_s: float = WINDOW_S, observe: Callable[[View], None] | None = None) -> None:
+    def __init__(
+        self,
+        options: JointOptions,
+        window_s: float = WINDOW_S,
+        observe: Callable[[View], None] | None = None,
+    ) -> None:
         """`observe` is called with the windows of the first sweep too."""
         self._options, self._window_s, self._done, self._observe = options, window_s, 0, observe
         self._period_s = 0.0
@@ -126,12 +146,19 @@ class PortSweeps:
                 continue
             if part.start_s >= view.begin_s or not self._stretches:
                 row = int(np.searchsorted(series.seconds, part.start_s - 1e-6))
-                self._begin(_KnownStretch(part.start_s, series.period_s, 0), series, row, int(absent[row] - absent[own.start]))
+                self._begin(
+                    _KnownStretch(part.start_s, series.period_s, 0),
+                    series,
+                    row,
+                    int(absent[row] - absent[own.start]),
+                )
             self._stretches[-1].rows += rows.stop - rows.start
         self._absent += int(absent[own.stop] - absent[own.start])
 
     def _begin(self, known: _KnownStretch, series: Series, row: int, absent: int) -> None:
-        """Note a new stretch; another tool, or one that was out of its port, begins a new group of stretches."""
+        """Note a new stretch; another tool, or one that was out of its port, begins a new group of
+        stretches.
+        """
         code = code_at(series.rows.tool, row)
         tool = (code, self._absent + absent)
         if tool != self._last_tool or not self._groups:
@@ -146,11 +173,16 @@ class PortSweeps:
         for tool in self._stretches_by_tool:
             rows_of_model = pieces_for_model([part.rows for part in tool], self._period_s)
             kept = [
-                _ModelPiece(tool[part].start_s + rows.start * self._period_s, tool[part].start_s + (rows.stop - 1) * self._period_s)
+                _ModelPiece(
+                    tool[part].start_s + rows.start * self._period_s,
+                    tool[part].start_s + (rows.stop - 1) * self._period_s,
+                )
                 for part, rows in rows_of_model
             ]
             self._kept.append(kept)
-        self._pieces = sorted((piece for kept in self._kept for piece in kept), key=lambda piece: piece.first_s)
+        self._pieces = sorted(
+            (piece for kept in self._kept for piece in kept), key=lambda piece: piece.first_s
+        )
 
     def _keep_pieces(self, view: View) -> None:
         """Keep the rows of this window that a model needs."""
@@ -160,20 +192,29 @@ class PortSweeps:
             seconds = part.stretch.seconds[own]
             if not len(seconds):
                 continue
-            place = max(bisect_right(self._pieces, float(seconds[0]), key=lambda piece: piece.first_s) - 1, 0)
+            place = max(
+                bisect_right(self._pieces, float(seconds[0]), key=lambda piece: piece.first_s) - 1,
+                0,
+            )
             while place < len(self._pieces) and self._pieces[place].first_s <= seconds[-1] + half:
                 piece, place = self._pieces[place], place + 1
                 first, last = np.searchsorted(seconds, [piece.first_s - half, piece.last_s + half])
                 rows = slice(own.start + int(first), own.start + int(last))
                 if last > first:
-                    piece.parts.append(ReadyStretch(_copy(part.stretch.take(rows)), part.ready[rows].copy()))
+                    piece.parts.append(
+                        ReadyStretch(_copy(part.stretch.take(rows)), part.ready[rows].copy())
+                    )
 
     def _identify_tools(self) -> None:
         """Identify the models, and measure the doubt about the number of joints."""
         pieces = [[piece.whole() for piece in kept] for kept in self._kept]
         models, self._why = identify_each(pieces)
         self._models = [model for model in models if model is not None]
-        tools = [Tool(parts, model) for parts, model in zip(pieces, models, strict=True) if model is not None]
+        tools = [
+            Tool(parts, model)
+            for parts, model in zip(pieces, models, strict=True)
+            if model is not None
+        ]
         for tool, model in zip(self._stretches_by_tool, models, strict=True):
             for part in tool:
                 part.model = model
@@ -185,13 +226,27 @@ class PortSweeps:
         self._doubt = doubt_of(tools, self._settings) if tools else None
 
     def _find_draws(self, view: View) -> float | None:
-        """Find the draws that begin in this window and count its readings at rest; return since when it must be seen again."""
-        near = [part for part in view.parts if part.stretch.seconds[-1] >= view.begin_s - NEAR_S and part.start_s < view.end_s]
-        modelled = [(part, model) for part in near if (model := self._model_at(float(part.stretch.seconds[-1]))) is not None]
-        flows = [(flow_into_work(part.stretch, model, part.ready), model) for part, model in modelled]
+        """Find the draws that begin in this window and count its readings at rest; return since
+        when it must be seen again.
+        """
+        near = [
+            part
+            for part in view.parts
+            if part.stretch.seconds[-1] >= view.begin_s - NEAR_S and part.start_s < view.end_s
+        ]
+        modelled = [
+            (part, model)
+            for part in near
+            if (model := self._model_at(float(part.stretch.seconds[-1]))) is not None
+        ]
+        flows = [
+            (flow_into_work(part.stretch, model, part.ready), model) for part, model in modelled
+        ]
         found = [draw for flow, model in flows for draw in find_draws(flow, model, self._settings)]
         again_s = _seen_again_from(view, found, SETTLED_S)
-        first, last = view.own(np.array([draw.start_s for draw in found]), until_s=_or_never(again_s)).indices(len(found))[:2]
+        first, last = view.own(
+            np.array([draw.start_s for draw in found]), until_s=_or_never(again_s)
+        ).indices(len(found))[:2]
         self._draws += found[first:last]
         for flow, _ in flows:
             rest, own = resting(flow, found), view.own(flow.stretch.seconds, _or_never(again_s))
@@ -213,19 +268,33 @@ class PortSweeps:
         again_s = _seen_again_from(view, own, MOST_RECOVERY_S + self._period_s)
         own = _between(own, view.begin_s, _or_never(again_s))
         near = _between(self._draws, view.begin_s, view.last_s)
-        self._joints += joints_of(view.series, own, near, self._resting_levels, self._settings.recovered_within_c)
+        self._joints += joints_of(
+            view.series, own, near, self._resting_levels, self._settings.recovered_within_c
+        )
         return again_s
 
     def _conclude(self) -> None:
         heat = ByHeat(self._models, self._why, self._joint_draws, self._doubt)
         self._found = concluded(
-            self._joints, self._others, self._resting_levels, self._settings, heat, self._unseen.total(), self._period_s
+            self._joints,
+            self._others,
+            self._resting_levels,
+            self._settings,
+            heat,
+            self._unseen.total(),
+            self._period_s,
         )
 
 
 def _seen_again_from(view: View, draws: Sequence[Draw], behind_s: float) -> float | None:
-    """Return since when a window must be seen again, because a draw in it may continue beyond its rows; None if not."""
-    late = [draw.start_s for draw in draws if view.begin_s <= draw.start_s < view.end_s and draw.end_s > view.last_s - behind_s]
+    """Return since when a window must be seen again, because a draw in it may continue beyond its
+    rows; None if not.
+    """
+    late = [
+        draw.start_s
+        for draw in draws
+        if view.begin_s <= draw.start_s < view.end_s and draw.end_s > view.last_s - behind_s
+    ]
     return None if view.is_final or not late else late[0]
 
 
@@ -235,7 +304,9 @@ def _or_never(moment: float | None) -> float:
 
 def _between(draws: Sequence[Draw], begin_s: float, end_s: float) -> Sequence[Draw]:
     """Return the draws that begin between two moments."""
-    first, last = (bisect_left(draws, moment, key=lambda draw: draw.start_s) for moment in (begin_s, end_s))
+    first, last = (
+        bisect_left(draws, moment, key=lambda draw: draw.start_s) for moment in (begin_s, end_s)
+    )
     return draws[first:last]
 
 

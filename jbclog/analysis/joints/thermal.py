@@ -1,16 +1,18 @@
 """Heat balance of a tip: the heat flow into the work, from power and temperature alone.
 
-What the heater puts in stays in the tip, goes to the air, or goes into the work, all in ‰ of full power:
+What the heater puts in stays in the tip, goes to the air, or goes into the work, all in ‰ of full
+power:
 
     flow = power - capacity × T' - loss × (T - air) - second × T'' + lag × power'
 
-*Capacity* is the tip's heat capacity in ‰·s/K, *loss* the heat that it gives to the air in ‰/K. *Second* (‰·s²/K) is because heater
-and point are two masses with a resistance between them; *lag* (s) is because the reported power or temperature comes late. The flow
-is zero at rest, while the tip heats up and while it recovers, whatever the regulator does, and positive in contact with work.
+*Capacity* is the tip's heat capacity in ‰·s/K, *loss* the heat that it gives to the air in ‰/K.
+*Second* (‰·s²/K) is because heater and point are two masses with a resistance between them; *lag*
+(s) is because the reported power or temperature comes late. The flow is zero at rest, while the tip
+heats up and while it recovers, whatever the regulator does, and positive in contact with work.
 
-Temperature and power are smoothed alike with a Gaussian, and all rates of change are those of the smoothed signals. Everything is
-linear, so the noise of the flow and of its rate of change follow from the noise of the temperature, and limits that are multiples
-of them have known error rates.
+Temperature and power are smoothed alike with a Gaussian, and all rates of change are those of the
+smoothed signals. Everything is linear, so the noise of the flow and of its rate of change follow
+from the noise of the temperature, and limits that are multiples of them have known error rates.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ MOST_SMOOTH_S: Final = 0.45
 SMOOTH_PERIODS: Final = 0.7  # a narrower sampled Gaussian has no useful derivative
 STEP_NOISE: Final = 1 / np.sqrt(12)  # of a reading rounded to whole °C
 MOST_NOISE_C: Final = 2.0
-POWER_NOISE_PERMILLE: Final = 6.0  # steps of up to 10 ‰, and a heater that switches whole mains cycles
+# steps of up to 10 ‰, and a heater that switches whole mains cycles
+POWER_NOISE_PERMILLE: Final = 6.0
 MOST_POWER_NOISE: Final = 200.0
 FAST_S: Final = 0.25  # contact changes every reading that is further from the next
 QUARTER_TO_SD: Final = 0.3186  # a quarter of normal values are within so many standard deviations
@@ -43,9 +46,11 @@ EDGE_NOISE_S: Final = 0.2  # the time over which that noise changes
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Standard deviations at rest: of the flow in ‰, of its rate of change in ‰/s, and of the flow smoothed to `COARSE_S` in ‰.
+    """Standard deviations at rest: of the flow in ‰, of its rate of change in ‰/s, and of the flow
+    smoothed to `COARSE_S` in ‰.
 
-    `smooth_s` is the smoothing of the flow that they belong to; `floors` is a factor on the minimum limits in ‰.
+    `smooth_s` is the smoothing of the flow that they belong to; `floors` is a factor on the minimum
+    limits in ‰.
     """
 
     flow: float
@@ -55,15 +60,19 @@ class Noise:
     floors: float = 1.0
 
     def times(self, factor: float) -> Noise:
-        return replace(self, flow=factor * self.flow, rate=factor * self.rate, coarse=factor * self.coarse)
+        return replace(
+            self, flow=factor * self.flow, rate=factor * self.rate, coarse=factor * self.coarse
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """How many seconds the temperature is shown later than the power, and one standard deviation; or why it is not known.
+    """How many seconds the temperature is shown later than the power, and one standard deviation;
+    or why it is not known.
 
-    `rows` is by how many rows the power is moved so that both belong together; the model's `lag_s` is the rest. `moved_s` is how
-    much earlier than the temperature shows them joints are. Both are 0 unless a delay is certain.
+    `rows` is by how many rows the power is moved so that both belong together; the model's `lag_s`
+    is the rest. `moved_s` is how much earlier than the temperature shows them joints are. Both are
+    0 unless a delay is certain.
     """
 
     seconds: float | None = None
@@ -75,9 +84,11 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class ThermalModel:
-    """The thermal model of a tip, from its own record. `uncertainties` are one standard deviation of the four parameters, in order.
+    """The thermal model of a tip, from its own record. `uncertainties` are one standard deviation
+    of the four parameters, in order.
 
-    `temperature_noise` is that of a reading in °C, `rest_s` how much of the record without contact the model comes from.
+    `temperature_noise` is that of a reading in °C, `rest_s` how much of the record without contact
+    the model comes from.
     """
 
     capacity: float
@@ -97,7 +108,9 @@ class ThermalModel:
 
 @dataclass(frozen=True, slots=True)
 class Balance:
-    """The smoothed power of a record in ‰, and the terms that the four parameters multiply, a column each."""
+    """The smoothed power of a record in ‰, and the terms that the four parameters multiply, a
+    column each.
+    """
 
     power: Floats
     terms: Floats
@@ -130,18 +143,25 @@ def balance_of(stretch: Stretch) -> Balance:
 
 
 def flow_of(stretch: Stretch, values: Floats, smooth_s: float) -> Floats:
-    """Return the flow into the work in ‰ in each row, by one filter for the power and one for the temperature."""
-    from scipy.ndimage import correlate1d  # here, so that commands that measure nothing do not load it
+    """Return the flow into the work in ‰ in each row, by one filter for the power and one for the
+    temperature.
+    """
+    # here, so that commands that measure nothing do not load it
+    from scipy.ndimage import correlate1d
 
     of_power, of_temperature = _kernels(stretch.period_s, values, smooth_s)
     above_air = stretch.temperature - AIR_C
     margin = len(of_power) // 2
-    into = correlate1d(_extended(stretch.power, margin), of_power) - correlate1d(_extended(above_air, margin), of_temperature)
+    into = correlate1d(_extended(stretch.power, margin), of_power) - correlate1d(
+        _extended(above_air, margin), of_temperature
+    )
     return np.asarray(into[margin : margin + len(stretch)], dtype=np.float64)
 
 
 def smooth(values: Floats, sigma: float, order: int = 0) -> Floats:
-    """Return the values smoothed with a Gaussian of `sigma` rows, or a derivative of that per row."""
+    """Return the values smoothed with a Gaussian of `sigma` rows, or a derivative of that per
+    row.
+    """
     from scipy.ndimage import gaussian_filter1d
 
     margin = int(4 * sigma + 1)
@@ -150,7 +170,9 @@ def smooth(values: Floats, sigma: float, order: int = 0) -> Floats:
 
 
 def _extended(values: Floats, rows: int) -> Floats:
-    """Return the values with their course continued at both ends, so that a tip that warms at the end of a record keeps warming."""
+    """Return the values with their course continued at both ends, so that a tip that warms at the
+    end of a record keeps warming.
+    """
     if len(values) < 2:
         return np.pad(values, rows, mode="edge")
     return np.pad(values, rows, mode="reflect", reflect_type="odd")
@@ -158,32 +180,54 @@ def _extended(values: Floats, rows: int) -> Floats:
 
 def rate(flow: Floats, period_s: float) -> Floats:
     """Return the flow's rate of change in ‰/s."""
-    return np.asarray(np.gradient(flow) / period_s if len(flow) > 1 else np.zeros(len(flow)), dtype=np.float64)
+    return np.asarray(
+        np.gradient(flow) / period_s if len(flow) > 1 else np.zeros(len(flow)), dtype=np.float64
+    )
 
 
-def noise_levels(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> Iterator[Noise]:
-    """Return the noise of the flow that the noise of readings causes, from little smoothing to much."""
+def noise_levels(
+    period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0
+) -> Iterator[Noise]:
+    """Return the noise of the flow that the noise of readings causes, from little smoothing to
+    much.
+    """
     least = smoothing_s(period_s)
-    smoothings = [times * least for times in SMOOTHER if times == 1 or times * least <= MOST_SMOOTH_S]
-    return (noise_at(period_s, values, temperature_noise, power_noise, smooth_s) for smooth_s in smoothings)
+    smoothings = [
+        times * least for times in SMOOTHER if times == 1 or times * least <= MOST_SMOOTH_S
+    ]
+    return (
+        noise_at(period_s, values, temperature_noise, power_noise, smooth_s)
+        for smooth_s in smoothings
+    )
 
 
-def least_smoothed_noise(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> Noise:
-    """Return the noise at the least smoothing that keeps it below `QUIET_PERMILLE`, or at the most."""
+def least_smoothed_noise(
+    period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0
+) -> Noise:
+    """Return the noise at the least smoothing that keeps it below `QUIET_PERMILLE`, or at the
+    most.
+    """
     for found in noise_levels(period_s, values, temperature_noise, power_noise):
         if found.flow <= QUIET_PERMILLE:
             break
     return found
 
 
-def noise_at(period_s: float, values: Floats, temperature_noise: float, power_noise: float, smooth_s: float) -> Noise:
+def noise_at(
+    period_s: float, values: Floats, temperature_noise: float, power_noise: float, smooth_s: float
+) -> Noise:
     """Return the noise of the flow at one smoothing."""
-    fine, coarse = _kernels(period_s, values, smooth_s), _kernels(period_s, values, max(COARSE_S, smooth_s))
+    fine, coarse = (
+        _kernels(period_s, values, smooth_s),
+        _kernels(period_s, values, max(COARSE_S, smooth_s)),
+    )
     changes = [rate(np.pad(kernel, 2), period_s) for kernel in fine]
 
     def combined(kernels: Sequence[Floats], least: float) -> float:
         of_power, of_temperature = (_norm(kernel) for kernel in kernels)
-        return float(np.hypot(of_temperature * temperature_noise, max(of_power * power_noise, least)))
+        return float(
+            np.hypot(of_temperature * temperature_noise, max(of_power * power_noise, least))
+        )
 
     return Noise(
         combined(fine, POWER_NOISE_PERMILLE),
@@ -198,7 +242,9 @@ def _norm(kernel: Floats) -> float:
 
 
 def term_noise(period_s: float, temperature_noise: float) -> Floats:
-    """Return the covariance that the noise of the temperature gives the four terms of the heat balance."""
+    """Return the covariance that the noise of the temperature gives the four terms of the heat
+    balance.
+    """
     sigma = smoothing_s(period_s) / period_s
     impulse = _impulse(sigma)
     kernels = [smooth(impulse, sigma, order) / period_s**order for order in (1, 0, 2)]
@@ -207,7 +253,9 @@ def term_noise(period_s: float, temperature_noise: float) -> Floats:
 
 
 def temperature_noise(stretches: Sequence[Stretch]) -> float:
-    """Return the noise of a reading in °C, from the residuals of a parabola through five readings (Savitzky and Golay, 1964)."""
+    """Return the noise of a reading in °C, from the residuals of a parabola through five readings
+    (Savitzky and Golay, 1964).
+    """
     residuals = np.concatenate([_parabola_residuals(stretch.temperature) for stretch in stretches])
     if len(residuals) < 20:
         return 0.5
@@ -216,20 +264,32 @@ def temperature_noise(stretches: Sequence[Stretch]) -> float:
 
 
 def power_noise(stretches: Sequence[Stretch]) -> float:
-    """Return the noise of a reading of the power in ‰, likewise, from the quarter of readings that a parabola fits best.
+    """Return the noise of a reading of the power in ‰, likewise, from the quarter of readings that
+    a parabola fits best.
 
-    Heat comes in bursts, and the reported power is a mean over some of them; contact changes it too, but not all of the time.
+    Heat comes in bursts, and the reported power is a mean over some of them; contact changes it
+    too, but not all of the time.
     """
-    residuals = np.abs(np.concatenate([_parabola_residuals(stretch.power) for stretch in stretches]))
+    residuals = np.abs(
+        np.concatenate([_parabola_residuals(stretch.power) for stretch in stretches])
+    )
     if len(residuals) < 20 or stretches[0].period_s > FAST_S:
         return POWER_NOISE_PERMILLE
-    return float(min(np.quantile(residuals, 0.25) / QUARTER_TO_SD / np.sqrt(18 / 35), MOST_POWER_NOISE))
+    return float(
+        min(np.quantile(residuals, 0.25) / QUARTER_TO_SD / np.sqrt(18 / 35), MOST_POWER_NOISE)
+    )
 
 
 def _parabola_residuals(values: Floats) -> Floats:
     if len(values) < 5:
         return np.empty(0)
-    fitted = (-3 * values[:-4] + 12 * values[1:-3] + 17 * values[2:-2] + 12 * values[3:-1] - 3 * values[4:]) / 35
+    fitted = (
+        -3 * values[:-4]
+        + 12 * values[1:-3]
+        + 17 * values[2:-2]
+        + 12 * values[3:-1]
+        - 3 * values[4:]
+    ) / 35
     return np.asarray(values[2:-2] - fitted, dtype=np.float64)
 
 

@@ -1,7 +1,8 @@
-"""The stretches of a port by tool: each exchange of the tool needs a new model, because another tip has another heat balance.
+"""The stretches of a port by tool: each exchange of the tool needs a new model, because another tip
+has another heat balance.
 
-The stretches between two exchanges are a tool of their own if they last at least `OWN_MODEL_S`; shorter ones are merged by the
-tool's code.
+The stretches between two exchanges are a tool of their own if they last at least `OWN_MODEL_S`;
+shorter ones are merged by the tool's code.
 """
 
 from __future__ import annotations
@@ -68,7 +69,9 @@ P = TypeVar("P", bound=Piece)
 
 
 def merged_by_code(groups: Sequence[tuple[float, list[P]]]) -> list[list[P]]:
-    """Return the stretches of each tool; `groups` are those between two exchanges, with the code of the tool."""
+    """Return the stretches of each tool; `groups` are those between two exchanges, with the code of
+    the tool.
+    """
     own = [parts for _, parts in groups if _length_s(parts) >= OWN_MODEL_S]
     small: dict[float, list[P]] = {}
     for code, parts in groups:

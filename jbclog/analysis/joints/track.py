@@ -1,7 +1,7 @@
 """The readings of one column, for questions about many windows at once.
 
-`Series.window` answers everything about one window and costs a hundred microseconds; a joint needs several windows, and a shift has
-thousands of joints.
+`Series.window` answers everything about one window and costs a hundred microseconds; a joint needs
+several windows, and a shift has thousands of joints.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ EPSILON_S = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Seconds and values of the readings; `gaps` is the number of gaps before each, `area` the integral up to it (trapezoids)."""
+    """Seconds and values of the readings; `gaps` is the number of gaps before each, `area` the
+    integral up to it (trapezoids).
+    """
 
     seconds: Floats
     values: Floats
@@ -36,22 +38,32 @@ class Track:
         return np.searchsorted(self.seconds, moments + EPSILON_S)
 
     def has_gap(self, starts: Floats, ends: Floats) -> Flags:
-        """Return whether no reading exists for longer than `gap_s` somewhere between each start and end, or none at all."""
+        """Return whether no reading exists for longer than `gap_s` somewhere between each start and
+        end, or none at all.
+        """
         if not len(self.seconds):
             return np.ones(len(starts), dtype=np.bool_)
         first, last = self.first(starts), self.last(ends) - 1
         none = last < first
-        inner = self.gaps[np.clip(last, 0, None)] - self.gaps[np.clip(first, 0, len(self.gaps) - 1)] > 0
+        inner = (
+            self.gaps[np.clip(last, 0, None)] - self.gaps[np.clip(first, 0, len(self.gaps) - 1)] > 0
+        )
         late = self.seconds[np.clip(first, 0, len(self.seconds) - 1)] - starts > self.gap_s
         early = ends - self.seconds[np.clip(last, 0, None)] > self.gap_s
         return np.asarray(none | inner | late | early, dtype=np.bool_)
 
     def area_between(self, starts: Floats, ends: Floats) -> Floats:
-        """Return the integral from the first reading after each start to the last before its end; NaN with fewer than two."""
+        """Return the integral from the first reading after each start to the last before its end;
+        NaN with fewer than two.
+        """
         first, last = self.first(starts), self.last(ends) - 1
         few = last <= first
         top = max(len(self.area) - 1, 0)
-        area = self.area[np.clip(last, 0, top)] - self.area[np.clip(first, 0, top)] if len(self.area) else np.zeros(len(starts))
+        area = (
+            self.area[np.clip(last, 0, top)] - self.area[np.clip(first, 0, top)]
+            if len(self.area)
+            else np.zeros(len(starts))
+        )
         return np.asarray(np.where(few, np.nan, area), dtype=np.float64)
 
 

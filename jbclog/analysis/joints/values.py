@@ -14,7 +14,9 @@ MOST_KEPT: Final = 20_000
 
 
 class Values:
-    """Values that are added piece by piece: up to `MOST_KEPT` as they are; beyond, counted after rounding to `decimals`."""
+    """Values that are added piece by piece: up to `MOST_KEPT` as they are; beyond, counted after
+    rounding to `decimals`.
+    """
 
     def __init__(self, decimals: int) -> None:
         self.n = 0
@@ -27,7 +29,9 @@ class Values:
         self.n += len(values)
         self._kept.append(values)
         if self.n > MOST_KEPT:
-            found, counts = np.unique(np.concatenate(self._kept).round(self._decimals), return_counts=True)
+            found, counts = np.unique(
+                np.concatenate(self._kept).round(self._decimals), return_counts=True
+            )
             self._counts.update(dict(zip(found.tolist(), counts.tolist(), strict=True)))
             self._kept.clear()
 
@@ -61,8 +65,12 @@ class Values:
         return float(values[below] + values[above]) / 2
 
     def _counted(self) -> tuple[Floats, Floats | None]:
-        """Return the values in the order added; or the distinct ones, sorted, with how often each occurs."""
+        """Return the values in the order added; or the distinct ones, sorted, with how often each
+        occurs.
+        """
         if not self._counts:
             return np.concatenate([np.empty(0), *self._kept]), None
         values = np.array(sorted(self._counts))
-        return values, np.array([self._counts[value] for value in values.tolist()], dtype=np.float64)
+        return values, np.array(
+            [self._counts[value] for value in values.tolist()], dtype=np.float64
+        )

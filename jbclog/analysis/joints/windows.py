@@ -1,11 +1,13 @@
 """The rows of a port in windows, whatever the size of the pieces that they are read in.
 
-A window has its own rows, `WINDOW_S` of them, and `BESIDE_S` more on both sides for filters, contacts and recoveries. Its edges are
-whole multiples of `WINDOW_S` in seconds of the run, so the same record gives the same windows whether it is read in row groups of a
-hundred rows or at once. Only one window is in memory.
+A window has its own rows, `WINDOW_S` of them, and `BESIDE_S` more on both sides for filters,
+contacts and recoveries. Its edges are whole multiples of `WINDOW_S` in seconds of the run, so the
+same record gives the same windows whether it is read in row groups of a hundred rows or at once.
+Only one window is in memory.
 
-What looks at a window may ask to see its last rows again (`Look`) if something in them continues beyond the window: the next window
-then begins there. After `MOST_WINDOWS` it must do with what it has.
+What looks at a window may ask to see its last rows again (`Look`) if something in them continues
+beyond the window: the next window then begins there. After `MOST_WINDOWS` it must do with what it
+has.
 """
 
 from __future__ import annotations
@@ -33,7 +35,8 @@ CODES: Final = ("tool", "port_error")
 class View:
     """A window: its own rows, from `begin_s` to before `end_s`, with those on both sides.
 
-    `parts` are the stretches in it, as they are in the whole record. `is_final`: its rows are not shown again.
+    `parts` are the stretches in it, as they are in the whole record. `is_final`: its rows are not
+    shown again.
     """
 
     series: Series
@@ -104,12 +107,15 @@ class Windows:
         self._before = self._parts(series)
         again_s = self._look(View(series, self._before, self._begin_s, self._end_s, is_final))
         self._begin_s = self._end_s if again_s is None or is_final else again_s
-        following = held.seconds[np.searchsorted(held.seconds, self._begin_s)]  # there is one, because rows follow this window
+        # there is one, because rows follow this window
+        following = held.seconds[np.searchsorted(held.seconds, self._begin_s)]
         self._end_s = max(self._end_s + self._window_s, self._edge(float(following)))
         self._pieces = [_copied_from(held, self._begin_s - BESIDE_S)]
 
     def _parts(self, series: Series) -> list[ReadyStretch]:
-        return ready_stretches_of_window(stretches(series, begun=[part.stretch for part in self._before]), self._before)
+        return ready_stretches_of_window(
+            stretches(series, begun=[part.stretch for part in self._before]), self._before
+        )
 
 
 def joined(pieces: Sequence[Series]) -> Series:
@@ -118,7 +124,12 @@ def joined(pieces: Sequence[Series]) -> Series:
     rows = [piece.rows for piece in pieces]
     columns = [_joined_column([getattr(one, name) for one in rows]) for name in (*COLUMNS, *CODES)]
     known = np.concatenate([piece.known for piece in pieces])
-    return replace(pieces[0], rows=Block(*columns), known=known, feeding=_joined_column([piece.feeding for piece in pieces]))
+    return replace(
+        pieces[0],
+        rows=Block(*columns),
+        known=known,
+        feeding=_joined_column([piece.feeding for piece in pieces]),
+    )
 
 
 def _joined_column(columns: Sequence[Any]) -> Any:
@@ -131,7 +142,9 @@ def rows_of(series: Series, rows: slice) -> Series:
 
 
 def _copied_from(series: Series, begin_s: float) -> Series:
-    """Return a copy of the rows from a moment on, so that those before it are freed; the first row has the codes last read."""
+    """Return a copy of the rows from a moment on, so that those before it are freed; the first row
+    has the codes last read.
+    """
     first = int(np.searchsorted(series.seconds, begin_s))
     kept = rows_of(series, slice(first, None))
     columns = [getattr(kept.rows, name).copy() for name in COLUMNS]
@@ -141,8 +154,12 @@ def _copied_from(series: Series, begin_s: float) -> Series:
 
 
 def placed(series: Series) -> Series:
-    """Return the rows, with a tool that is out of its place not working; the codes on both sides decide where it was."""
-    return replace(series, rows=replace(series.rows, working=series.rows.working & series.rows.in_place))
+    """Return the rows, with a tool that is out of its place not working; the codes on both sides
+    decide where it was.
+    """
+    return replace(
+        series, rows=replace(series.rows, working=series.rows.working & series.rows.in_place)
+    )
 
 
 def _codes_from(codes: Floats | None, first: int) -> Floats | None:

@@ -1,11 +1,12 @@
 """Power and energy of the heater.
 
-Power is in ‰ of the station's theoretical maximum (R-PP). *Energy* is its integral over the whole record by the trapezoid rule on
-the run's grid, in ‰·s, without a value if the record has a gap. *Recorded energy* is the same over the stretches without a gap, and
-so a lower bound. In joules it is ‰·s × full-scale power / 1000, if the line file declares that power. *Mean power* is the mean of
-the readings while the tool works. *Duty* is the time at `AT_LEAST_PERMILLE` or more as a share of the working readings.
-*Utilisation* is the readings of the state in which the tool works, as a share of all readings of the state. *Joint share* is the
-time in joints as a share of the working time.
+Power is in ‰ of the station's theoretical maximum (R-PP). *Energy* is its integral over the whole
+record by the trapezoid rule on the run's grid, in ‰·s, without a value if the record has a gap.
+*Recorded energy* is the same over the stretches without a gap, and so a lower bound. In joules it
+is ‰·s × full-scale power / 1000, if the line file declares that power. *Mean power* is the mean of
+the readings while the tool works. *Duty* is the time at `AT_LEAST_PERMILLE` or more as a share of
+the working readings. *Utilisation* is the readings of the state in which the tool works, as a share
+of all readings of the state. *Joint share* is the time in joints as a share of the working time.
 """
 
 from __future__ import annotations
@@ -40,10 +41,13 @@ class Totals:
     power_sum: float = 0.0
     power_high: int = 0
     recorded: float = 0.0
-    _before: Floats = field(default_factory=lambda: np.empty((2, 0)))  # the last reading of the power: its second and value
+    # the last reading of the power: its second and value
+    _before: Floats = field(default_factory=lambda: np.empty((2, 0)))
 
     def __post_init__(self) -> None:
-        self.temperature, self.power, self.state = (Column(self.period_s, self.gap_s) for _ in range(3))
+        self.temperature, self.power, self.state = (
+            Column(self.period_s, self.gap_s) for _ in range(3)
+        )
 
     def take(self, series: Series) -> None:
         seconds, rows = series.seconds, series.rows
@@ -53,7 +57,10 @@ class Totals:
         self.working += int(rows.working.sum())
         there = ~np.isnan(rows.power)
         working = rows.power[there & rows.working]
-        self.power_n, self.power_sum = self.power_n + len(working), self.power_sum + float(working.sum())
+        self.power_n, self.power_sum = (
+            self.power_n + len(working),
+            self.power_sum + float(working.sum()),
+        )
         self.power_high += int((working >= AT_LEAST_PERMILLE).sum())
         at, values = np.concatenate([self._before, [seconds[there], rows.power[there]]], axis=1)
         steps = np.diff(at)
@@ -68,7 +75,9 @@ def totals_of(series: Series) -> Totals:
 
 
 def energy(port: Totals, joints: Sequence[Joint] | None) -> list[Figure]:
-    """Return power, energy, duty and utilisation; `joints` is None for tools whose joints are not looked for."""
+    """Return power, energy, duty and utilisation; `joints` is None for tools whose joints are not
+    looked for.
+    """
     return [
         _mean(port),
         *_energies(port),
@@ -82,7 +91,9 @@ def _mean(port: Totals) -> Figure:
     if not port.power_n:
         return no_figure("power_mean_permille", "‰", "No power was read while the tool worked.")
     mean = port.power_sum / port.power_n
-    return Figure("power_mean_permille", mean, "‰", port.power_n, port.power.coverage, RESOLUTION_PERMILLE)
+    return Figure(
+        "power_mean_permille", mean, "‰", port.power_n, port.power.coverage, RESOLUTION_PERMILLE
+    )
 
 
 def _energies(port: Totals) -> list[Figure]:
@@ -90,9 +101,15 @@ def _energies(port: Totals) -> list[Figure]:
     if power.n < 2:
         return [no_figure(name, unit, "No power was read.", power.n) for name, unit in ENERGIES]
     resolution = RESOLUTION_PERMILLE * port.period_s
-    part = Figure("energy_recorded_permille_s", port.recorded, "‰·s", power.n, power.coverage, resolution)
+    part = Figure(
+        "energy_recorded_permille_s", port.recorded, "‰·s", power.n, power.coverage, resolution
+    )
     gap = power.gap
-    whole = part.named("energy_permille_s") if gap is None else no_figure("energy_permille_s", "‰·s", gap, power.n, power.coverage)
+    whole = (
+        part.named("energy_permille_s")
+        if gap is None
+        else no_figure("energy_permille_s", "‰·s", gap, power.n, power.coverage)
+    )
     return [whole, part, _joules(whole, port.rated_w)]
 
 
@@ -105,21 +122,37 @@ def _joules(whole: Figure, rated_w: float | None) -> Figure:
         return no_figure("energy_j", "J", why, whole.n, whole.coverage)
     if whole.value is None or whole.resolution is None:
         return no_figure("energy_j", "J", whole.why or "", whole.n, whole.coverage)
-    return Figure("energy_j", whole.value * rated_w / 1000, "J", whole.n, whole.coverage, whole.resolution * rated_w / 1000)
+    return Figure(
+        "energy_j",
+        whole.value * rated_w / 1000,
+        "J",
+        whole.n,
+        whole.coverage,
+        whole.resolution * rated_w / 1000,
+    )
 
 
 def _duty(port: Totals) -> Figure:
     if not port.power_n:
         return no_figure("duty_percent", "%", "No power was read while the tool worked.")
     share = 100.0 * (port.power_high / port.power_n)
-    return Figure("duty_percent", share, "%", port.power_n, port.power.coverage, 100.0 / port.power_n)
+    return Figure(
+        "duty_percent", share, "%", port.power_n, port.power.coverage, 100.0 / port.power_n
+    )
 
 
 def _utilisation(port: Totals) -> Figure:
     known = port.state.n
     if not known:
         return no_figure("utilisation_percent", "%", "The tool's state was never read.")
-    return Figure("utilisation_percent", 100.0 * port.working / known, "%", known, port.state.coverage, 100.0 / known)
+    return Figure(
+        "utilisation_percent",
+        100.0 * port.working / known,
+        "%",
+        known,
+        port.state.coverage,
+        100.0 / known,
+    )
 
 
 def _joint_share(port: Totals, joints: Sequence[Joint]) -> Figure:
@@ -127,4 +160,11 @@ def _joint_share(port: Totals, joints: Sequence[Joint]) -> Figure:
         return no_figure("joint_share_percent", "%", "The tool was never seen working.")
     busy = sum(joint.dwell_s or 0.0 for joint in joints)
     share = 100.0 * busy / (port.working * port.period_s)
-    return Figure("joint_share_percent", share, "%", len(joints), port.temperature.coverage, 100.0 / port.working)
+    return Figure(
+        "joint_share_percent",
+        share,
+        "%",
+        len(joints),
+        port.temperature.coverage,
+        100.0 / port.working,
+    )

@@ -1,15 +1,16 @@
 """Heat-up: how long it takes, how far the temperature overshoots, and when it has settled.
 
-A *heat-up* begins when the tool starts to work (or the record begins with it working), or when its setting is raised by
-`LEAST_RISE_C` or more, with a tip more than `BAND_C` below its setting. If the record begins with a working tool, it begins when
-the tool was ordered to work, if that was at most `ORDER_S` before the first row; otherwise its beginning is not known and it is
-left out.
+A *heat-up* begins when the tool starts to work (or the record begins with it working), or when its
+setting is raised by `LEAST_RISE_C` or more, with a tip more than `BAND_C` below its setting. If the
+record begins with a working tool, it begins when the tool was ordered to work, if that was at most
+`ORDER_S` before the first row; otherwise its beginning is not known and it is left out.
 
-*Heat-up time* is from that moment until the tip first enters its setting ± `BAND_C` and stays there for `HOLD_S`. *Overshoot* is
-the highest temperature minus the setting in the `AFTER_S` after that entry, or until setting or state change. *Settling time* is
-from the same beginning until the last moment of that time at which the tip is further than `CALM_C` from its setting; it has no
-value if the tip still is in the last `HOLD_S`. Each is the median over the heat-ups whose window has no gap, without a value if all
-have one.
+*Heat-up time* is from that moment until the tip first enters its setting ± `BAND_C` and stays there
+for `HOLD_S`. *Overshoot* is the highest temperature minus the setting in the `AFTER_S` after that
+entry, or until setting or state change. *Settling time* is from the same beginning until the last
+moment of that time at which the tip is further than `CALM_C` from its setting; it has no value if
+the tip still is in the last `HOLD_S`. Each is the median over the heat-ups whose window has no gap,
+without a value if all have one.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ ORDER_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class HeatUp:
-    """One heat-up: its figures (None: not known), the coverage of its readings, and its gap, if any."""
+    """One heat-up: its figures (None: not known), the coverage of its readings, and its gap, if
+    any.
+    """
 
     time_s: float | None
     overshoot_c: float | None
@@ -56,40 +59,61 @@ class Heating:
         self._ordered_s = ordered_s  # of the record's first row; None behind it
 
     def take(self, view: View) -> None:
-        """Add the heat-ups that begin in a window; each needs up to `PATIENCE_S` and `AFTER_S`, which windows have after them."""
+        """Add the heat-ups that begin in a window; each needs up to `PATIENCE_S` and `AFTER_S`,
+        which windows have after them.
+        """
         self._found += _heat_ups(replace(view.series, ordered_s=self._ordered_s), view)
         self._ordered_s = None
 
     def figures(self) -> list[Figure]:
         """Return the medians over all heat-ups."""
         time, found = self._period_s, self._found
-        not_reached, not_settled = "The tip did not reach its setting.", "The tip did not settle while it was looked at."
+        not_reached, not_settled = (
+            "The tip did not reach its setting.",
+            "The tip did not settle while it was looked at.",
+        )
         return [
             _median("heat_up_time_s", "s", time, found, lambda one: one.time_s, not_reached),
-            _median("overshoot_c", "°C", RESOLUTION_C, found, lambda one: one.overshoot_c, not_reached),
+            _median(
+                "overshoot_c", "°C", RESOLUTION_C, found, lambda one: one.overshoot_c, not_reached
+            ),
             _median("settling_time_s", "s", time, found, lambda one: one.settling_s, not_settled),
         ]
 
 
 def _heat_ups(series: Series, view: View) -> Iterator[HeatUp]:
     """Yield the heat-ups of a window whose beginning is known."""
-    rows, setting, own = series.rows, setting_in_force(series.seconds, series.rows.setting), view.own(series.seconds)
+    rows, setting, own = (
+        series.rows,
+        setting_in_force(series.seconds, series.rows.setting),
+        view.own(series.seconds),
+    )
     begins = _heat_up_starts(series, setting)
     for start in (np.flatnonzero(begins[own]) + own.start).tolist():
         aim = _aim(setting, start)
         if aim is None or not rows.temperature[start] < aim - BAND_C:
             continue
-        end = _change_after(series, setting, start, float(rows.seconds[-1]) if view.end_s == inf else inf)
+        end = _change_after(
+            series, setting, start, float(rows.seconds[-1]) if view.end_s == inf else inf
+        )
         yield _heat_up(series, _beginning_s(series, start), float(rows.seconds[start]), end, aim)
 
 
 def _beginning_s(series: Series, start: int) -> float:
-    """Return when the heat-up began: at the row, or when the tool was ordered to work before the first row."""
-    return series.ordered_s if start == 0 and series.ordered_s is not None else float(series.seconds[start])
+    """Return when the heat-up began: at the row, or when the tool was ordered to work before the
+    first row.
+    """
+    return (
+        series.ordered_s
+        if start == 0 and series.ordered_s is not None
+        else float(series.seconds[start])
+    )
 
 
 def _heat_up_starts(series: Series, setting: Floats) -> Flags:
-    """Return the rows at which the tool starts to work, or works with a higher setting than in the row before."""
+    """Return the rows at which the tool starts to work, or works with a higher setting than in the
+    row before.
+    """
     working, known = series.rows.working, series.known
     begins = np.zeros(len(working), dtype=np.bool_)
     first = series.seconds[0] if len(working) else 0.0
@@ -125,7 +149,13 @@ def _heat_up(series: Series, start_s: float, first_s: float, end_s: float, aim: 
     window = series.window(temperature, first_s, min(entry + HOLD_S, end_s))
     after = series.window(temperature, entry, min(entry + AFTER_S, end_s))
     overshoot = float(after.values.max() - aim) if after.n else None
-    return HeatUp(entry - start_s, overshoot, _settling_s(after, aim, start_s, entry), window.coverage, window.gap or after.gap)
+    return HeatUp(
+        entry - start_s,
+        overshoot,
+        _settling_s(after, aim, start_s, entry),
+        window.coverage,
+        window.gap or after.gap,
+    )
 
 
 def _settling_s(after: Window, aim: float, start_s: float, entry_s: float) -> float | None:
@@ -150,7 +180,12 @@ def _entry(window: Window, aim: float) -> float | None:
 
 
 def _median(
-    name: str, unit: str, resolution: float, found: list[HeatUp], value: Callable[[HeatUp], float | None], none: str
+    name: str,
+    unit: str,
+    resolution: float,
+    found: list[HeatUp],
+    value: Callable[[HeatUp], float | None],
+    none: str,
 ) -> Figure:
     whole = [one for one in found if one.gap is None]
     values = [known for one in whole if (known := value(one)) is not None]

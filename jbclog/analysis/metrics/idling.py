@@ -1,13 +1,16 @@
 """The idle tip: its error, its spread and its drift.
 
-Which readings are idle is defined by the verdict (`analysis/verdict/idle.py`), in the same blocks of ten minutes, so these figures
-equal the verdict's. *Idle error* is the mean of temperature minus setting, *idle spread* its standard deviation, *range* its
-highest minus its lowest. *Drift* is the Theil-Sen slope (the median of the slopes between all pairs; H. Theil 1950, P. K. Sen 1968)
-of the means of the idle readings of each `MEAN_S`, per hour; it needs `LEAST_MEANS` of them, `LEAST_DRIFT_S` apart.
+Which readings are idle is defined by the verdict (`analysis/verdict/idle.py`), in the same blocks
+of ten minutes, so these figures equal the verdict's. *Idle error* is the mean of temperature minus
+setting, *idle spread* its standard deviation, *range* its highest minus its lowest. *Drift* is the
+Theil-Sen slope (the median of the slopes between all pairs; H. Theil 1950, P. K. Sen 1968) of the
+means of the idle readings of each `MEAN_S`, per hour; it needs `LEAST_MEANS` of them,
+`LEAST_DRIFT_S` apart.
 
-Idle readings have no single window: they come from stretches without a gap, and each stretch has to settle anew. `coverage` is the
-share of the run's rows whose temperature was read. A spread below the resolution divided by √12 is that of the resolution, not of
-the tip; it has no value, because the true one may be anything up to it.
+Idle readings have no single window: they come from stretches without a gap, and each stretch has to
+settle anew. `coverage` is the share of the run's rows whose temperature was read. A spread below
+the resolution divided by √12 is that of the resolution, not of the tip; it has no value, because
+the true one may be anything up to it.
 """
 
 from __future__ import annotations
@@ -70,7 +73,12 @@ class Idling:
         self._rows.clear()
         errors = self._errors
         if errors.n < ENOUGH_ROWS or errors.n * self._period_s < ENOUGH_S:
-            names = (("idle_error_c", "°C"), ("idle_sd_c", "°C"), ("idle_range_c", "°C"), ("drift_c_per_h", "°C/h"))
+            names = (
+                ("idle_error_c", "°C"),
+                ("idle_sd_c", "°C"),
+                ("idle_range_c", "°C"),
+                ("drift_c_per_h", "°C/h"),
+            )
             return [no_figure(name, unit, NOT_IDLE, errors.n, coverage) for name, unit in names]
         return [
             Figure("idle_error_c", errors.mean, "°C", errors.n, coverage, RESOLUTION_C),
@@ -82,7 +90,10 @@ class Idling:
 
 def _spread(spread: float, n: int, coverage: float) -> Figure:
     if spread < FLOOR_C:
-        why = f"The readings come in whole degrees: a spread below {FLOOR_C:.2f} °C cannot be told from none."
+        why = (
+            "The readings come in whole degrees: a spread below"
+            f" {FLOOR_C:.2f} °C cannot be told from none."
+        )
         return no_figure("idle_sd_c", "°C", why, n, coverage)
     return Figure("idle_sd_c", spread, "°C", n, coverage, RESOLUTION_C)
 
@@ -90,22 +101,36 @@ def _spread(spread: float, n: int, coverage: float) -> Figure:
 def _drift(cells: Sequence[_Cells], coverage: float) -> Figure:
     at, means = _means(cells)
     if len(means) < LEAST_MEANS or at[-1] - at[0] < LEAST_DRIFT_S:
-        why = f"A drift takes {LEAST_MEANS} means of {MEAN_S:g} s over {LEAST_DRIFT_S:g} s or more; there are {len(means)}."
+        why = (
+            f"A drift takes {LEAST_MEANS} means of {MEAN_S:g} s over {LEAST_DRIFT_S:g} s or more;"
+            f" there are {len(means)}."
+        )
         return no_figure("drift_c_per_h", "°C/h", why, len(means), coverage)
     every = max(len(means) // MOST_MEANS, 1)
     slope = _theil_sen(at[::every], means[::every]) * 3600.0
-    return Figure("drift_c_per_h", slope, "°C/h", len(means), coverage, FLOOR_C * 3600.0 / float(at[-1] - at[0]))
+    return Figure(
+        "drift_c_per_h",
+        slope,
+        "°C/h",
+        len(means),
+        coverage,
+        FLOOR_C * 3600.0 / float(at[-1] - at[0]),
+    )
 
 
 def _theil_sen(x: Floats, y: Floats) -> float:
-    """Return the median of the slopes between all pairs, by numpy: scipy.stats needs most of a second to load."""
+    """Return the median of the slopes between all pairs, by numpy: scipy.stats needs most of a
+    second to load.
+    """
     one, other = np.triu_indices(len(x), 1)
     return float(np.median((y[other] - y[one]) / (x[other] - x[one])))
 
 
 @dataclass(frozen=True, slots=True)
 class _Cells:
-    """Of each `MEAN_S` that has idle readings: its number, the sums of their seconds and errors, and their number."""
+    """Of each `MEAN_S` that has idle readings: its number, the sums of their seconds and errors,
+    and their number.
+    """
 
     number: Floats
     seconds: Floats
@@ -114,15 +139,23 @@ class _Cells:
 
 
 def _cells(seconds: Floats, errors: Floats) -> _Cells:
-    number, place, count = np.unique(np.floor_divide(seconds, MEAN_S), return_inverse=True, return_counts=True)
-    columns = (np.asarray(one, dtype=np.float64) for one in (np.bincount(place, seconds), np.bincount(place, errors), count))
+    number, place, count = np.unique(
+        np.floor_divide(seconds, MEAN_S), return_inverse=True, return_counts=True
+    )
+    columns = (
+        np.asarray(one, dtype=np.float64)
+        for one in (np.bincount(place, seconds), np.bincount(place, errors), count)
+    )
     return _Cells(number, *columns)
 
 
 def _means(cells: Sequence[_Cells]) -> tuple[Floats, Floats]:
     """Return the mean moment and the mean error of each cell."""
-    columns = ([getattr(one, name) for one in cells] for name in ("number", "seconds", "errors", "count"))
+    columns = (
+        [getattr(one, name) for one in cells] for name in ("number", "seconds", "errors", "count")
+    )
     numbers, *sums = (np.concatenate(column) for column in columns)
-    first = np.flatnonzero(np.diff(numbers, prepend=-np.inf))  # a cell on the edge of two blocks is in both
+    # a cell on the edge of two blocks is in both
+    first = np.flatnonzero(np.diff(numbers, prepend=-np.inf))
     seconds, errors, count = (np.add.reduceat(column, first) for column in sums)
     return seconds / count, errors / count

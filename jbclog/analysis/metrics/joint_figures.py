@@ -1,9 +1,10 @@
 """Statistics of a port's joints: number, depth, deficit, dwell, heat, energy and recovery.
 
-Recovery is censored: of a joint that the next one follows, or that is cut off, only a lower bound is known. Median and 95 %
-quantile are those of the product-limit estimate (E. L. Kaplan and P. Meier, Journal of the American Statistical Association 53,
-1958); if the estimate does not reach that share, the quantile is not known. `n` is the number of joints with a value, `coverage`
-their share of all joints.
+Recovery is censored: of a joint that the next one follows, or that is cut off, only a lower bound
+is known. Median and 95 % quantile are those of the product-limit estimate (E. L. Kaplan and P.
+Meier, Journal of the American Statistical Association 53, 1958); if the estimate does not reach
+that share, the quantile is not known. `n` is the number of joints with a value, `coverage` their
+share of all joints.
 """
 
 from __future__ import annotations
@@ -61,7 +62,11 @@ def _counts(port: Totals, found: FoundJoints) -> list[Figure]:
     counts = (
         ("joints", len(joints), why),
         ("joints_kind_not_known", unknown, why),
-        ("joints_not_recovered", sum(joint.recovered is False for joint in joints), found.heat_why or why),
+        (
+            "joints_not_recovered",
+            sum(joint.recovered is False for joint in joints),
+            found.heat_why or why,
+        ),
         ("joints_by_heat", len(found.by_heat), heat_why),
         ("joints_by_feeder", None if feeder is None else feeder.feeds, None),
         ("joints_fed_alone", None if feeder is None else alone, None),
@@ -70,7 +75,13 @@ def _counts(port: Totals, found: FoundJoints) -> list[Figure]:
     )
     beside = f" {len(joints)} were found beside them." if joints and why != found.number_why else ""
     return [
-        _count(name, count, f"{reason}{beside}" if reason and name == "joints" else reason, len(joints), coverage)
+        _count(
+            name,
+            count,
+            f"{reason}{beside}" if reason and name == "joints" else reason,
+            len(joints),
+            coverage,
+        )
         for name, count, reason in counts
     ]
 
@@ -90,30 +101,49 @@ def _why_none(found: FoundJoints, text: str = "No joint has it.") -> str:
     return why or (f"{NONE_FOUND} {not_read(found.unseen_s)}" if found.unseen_s else NONE_FOUND)
 
 
-def _median_figure(name: str, unit: str, resolution: float | None, found: FoundJoints, value: Value) -> Figure:
+def _median_figure(
+    name: str, unit: str, resolution: float | None, found: FoundJoints, value: Value
+) -> Figure:
     values = [known for joint in found.joints if (known := value(joint)) is not None]
     if not values:
         why = "The station's full-scale power is not declared (rated_power_w in the line file)."
-        return no_figure(name, unit, why if unit == "J" and resolution is None else _why_none(found))
-    return Figure(name, float(np.median(values)), unit, len(values), _share(values, found.joints), resolution)
+        return no_figure(
+            name, unit, why if unit == "J" and resolution is None else _why_none(found)
+        )
+    return Figure(
+        name, float(np.median(values)), unit, len(values), _share(values, found.joints), resolution
+    )
 
 
 def _resting_below(found: FoundJoints) -> Figure:
-    """Return the figure; a tip that was never at rest is the reason, whatever else is not known of a joint."""
-    figure = _median_figure("joint_resting_below_c", "°C", RESOLUTION_C, found, lambda joint: joint.resting_below_c)
-    return figure if figure.value is not None or found.levels or not found.joints else replace(figure, why=NEVER_AT_REST)
+    """Return the figure; a tip that was never at rest is the reason, whatever else is not known of
+    a joint.
+    """
+    figure = _median_figure(
+        "joint_resting_below_c", "°C", RESOLUTION_C, found, lambda joint: joint.resting_below_c
+    )
+    return (
+        figure
+        if figure.value is not None or found.levels or not found.joints
+        else replace(figure, why=NEVER_AT_REST)
+    )
 
 
 def _recovery(name: str, share: float, period: float, found: FoundJoints) -> Figure:
     known = [(joint.recovery_s, True) for joint in found.joints if joint.recovery_s is not None]
-    censored = [(joint.had_s, False) for joint in found.joints if joint.recovery_s is None and joint.had_s is not None]
+    censored = [
+        (joint.had_s, False)
+        for joint in found.joints
+        if joint.recovery_s is None and joint.had_s is not None
+    ]
     if not known:
         return no_figure(name, "s", _why_none(found))
     value = censored_quantile([*known, *censored], share)
     if value is None:
         late = sum(joint.recovered is False for joint in found.joints)
         why = (
-            f"{late} of {len(found.joints)} joints were followed by the next before the tip was back; it lies beyond what was seen."
+            f"{late} of {len(found.joints)} joints were followed by the next before the tip was"
+            " back; it lies beyond what was seen."
         )
         return no_figure(name, "s", why, len(known), _share(known, found.joints))
     return Figure(name, value, "s", len(known), _share(known, found.joints), period)
@@ -126,18 +156,30 @@ def _recovered(found: FoundJoints) -> Figure:
         return no_figure(name, "%", _why_none(found))
     if found.why is not None:
         return no_figure(name, "%", found.why, len(known), _share(known, found.joints))
-    return Figure(name, 100.0 * sum(known) / len(known), "%", len(known), _share(known, found.joints), 100.0 / len(known))
+    return Figure(
+        name,
+        100.0 * sum(known) / len(known),
+        "%",
+        len(known),
+        _share(known, found.joints),
+        100.0 / len(known),
+    )
 
 
 def _model_figures(found: FoundJoints) -> list[Figure]:
-    """Return the tip's capacity, loss and delay if there was one tool; the resolution is twice the standard error."""
+    """Return the tip's capacity, loss and delay if there was one tool; the resolution is twice the
+    standard error.
+    """
     names = (("tip_capacity_permille_s_per_k", "‰·s/K"), ("tip_loss_permille_per_k", "‰/K"))
     model = found.model
     if model is None:
         why = found.heat_why or f"{len(found.models)} tools were used."
         return [no_figure(name, unit, why) for name, unit in (*names, ("temperature_delay_s", "s"))]
     values = zip(names, (model.capacity, model.loss), model.uncertainties, strict=False)
-    return [*(Figure(name, value, unit, 1, None, 2 * unsure) for (name, unit), value, unsure in values), _delay(model.delay)]
+    return [
+        *(Figure(name, value, unit, 1, None, 2 * unsure) for (name, unit), value, unsure in values),
+        _delay(model.delay),
+    ]
 
 
 def _delay(delay: Delay) -> Figure:

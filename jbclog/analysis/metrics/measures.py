@@ -1,4 +1,6 @@
-"""All metrics of one port, in the order of their definitions, each with its value or the reason why it has none."""
+"""All metrics of one port, in the order of their definitions, each with its value or the reason why
+it has none.
+"""
 
 from __future__ import annotations
 
@@ -44,9 +46,15 @@ class PortFigures:
     """The figures of a port that come from its rows, which are added window by window."""
 
     def __init__(self, like: Series) -> None:
-        """`like` has the port's period, its rated power and when it was ordered to work; its rows are not used."""
+        """`like` has the port's period, its rated power and when it was ordered to work; its rows
+        are not used.
+        """
         self.like = like
-        self._totals, self._heating, self._idling = totals_of(like), Heating(like.period_s, like.ordered_s), Idling(like.period_s)
+        self._totals, self._heating, self._idling = (
+            totals_of(like),
+            Heating(like.period_s, like.ordered_s),
+            Idling(like.period_s),
+        )
 
     def take(self, view: View) -> None:
         """Add the next window; each row is in one of them."""
@@ -58,20 +66,30 @@ class PortFigures:
     def measured(self, kind: str, found: FoundJoints | None, wire: Sequence[Figure]) -> Measured:
         """Return every metric, once all rows are added."""
         totals, joints = self._totals, None if found is None or found.why else found.joints
-        figures = [*self._heating.figures(), *self._idling.figures(totals.temperature.coverage), *energy(totals, joints)]
+        figures = [
+            *self._heating.figures(),
+            *self._idling.figures(totals.temperature.coverage),
+            *energy(totals, joints),
+        ]
         if found is not None:
             figures += [*joint_figures(totals, found), *wire]
         return Measured(_in_order(figures, kind, found), found)
 
 
-def measure_port(series: Series, kind: str, wire: Wire | None = None, options: JointOptions | None = None) -> Measured:
-    """Return every metric of a port whose tool is a ``tip``, hot ``air`` or an ``omega``; `options` are those for its joints."""
+def measure_port(
+    series: Series, kind: str, wire: Wire | None = None, options: JointOptions | None = None
+) -> Measured:
+    """Return every metric of a port whose tool is a ``tip``, hot ``air`` or an ``omega``; `options`
+    are those for its joints.
+    """
     if kind == "omega":
         return nothing_measured()
     found = find_joints(series, options) if kind == "tip" else None
     port = PortFigures(series)
     port.take(whole(series))
-    return port.measured(kind, found, [] if found is None else wire_figures(series, wire, found.joints))
+    return port.measured(
+        kind, found, [] if found is None else wire_figures(series, wire, found.joints)
+    )
 
 
 def nothing_measured() -> Measured:

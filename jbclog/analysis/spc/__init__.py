@@ -1,10 +1,13 @@
-"""Control charts, capability and gauge studies of features, never of raw samples: arrays in, results out.
+"""Control charts, capability and gauge studies of features, never of raw samples: arrays in,
+results out.
 
-Start with `study.py`, then `refusal.py` (when an index is refused), `charts.py` and `capability.py`.
+Start with `study.py`, then `refusal.py` (when an index is refused), `charts.py` and
+`capability.py`.
 
-Sources: NIST/SEMATECH e-Handbook of Statistical Methods, chapter 6; D. C. Montgomery, Introduction to Statistical Quality Control;
-L. S. Nelson, The Shewhart Control Chart: Tests for Special Causes, J. Quality Technology 16 (1984); A. F. Bissell, How Reliable is
-Your Capability Index?, Applied Statistics 39 (1990); AIAG, Measurement Systems Analysis, 4th edition; ISO 22514-2.
+Sources: NIST/SEMATECH e-Handbook of Statistical Methods, chapter 6; D. C. Montgomery, Introduction
+to Statistical Quality Control; L. S. Nelson, The Shewhart Control Chart: Tests for Special Causes,
+J. Quality Technology 16 (1984); A. F. Bissell, How Reliable is Your Capability Index?, Applied
+Statistics 39 (1990); AIAG, Measurement Systems Analysis, 4th edition; ISO 22514-2.
 """
 
 from jbclog.analysis.spc.capability import Capability, Index

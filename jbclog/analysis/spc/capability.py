@@ -1,13 +1,15 @@
 """Capability indices with their confidence.
 
-For normal values Cp and Cpk take the spread from differences of neighbours, Pp and Ppk from all values. Cp and Pp have the
-confidence of a variance (chi-squared), Cpk and Ppk Bissell's approximation (1990).
+For normal values Cp and Cpk take the spread from differences of neighbours, Pp and Ppk from all
+values. Cp and Pp have the confidence of a variance (chi-squared), Cpk and Ppk Bissell's
+approximation (1990).
 
-For other distributions the indices are shares of the distance from the median to the percentiles 0.135 and 99.865 (ISO 22514-2),
-which is three sigma for normal values; Cp and Cpk then equal Pp and Ppk, because the process is stable. Their bounds come from a
-parametric bootstrap: samples drawn from the distribution and fitted again, about the logarithm of the index (basic; additive if the
-index is not above zero). If no distribution fits, the percentiles are those of the values themselves, and the bound is that of the
-share beyond the limits (Clopper-Pearson).
+For other distributions the indices are shares of the distance from the median to the percentiles
+0.135 and 99.865 (ISO 22514-2), which is three sigma for normal values; Cp and Cpk then equal Pp and
+Ppk, because the process is stable. Their bounds come from a parametric bootstrap: samples drawn
+from the distribution and fitted again, about the logarithm of the index (basic; additive if the
+index is not above zero). If no distribution fits, the percentiles are those of the values
+themselves, and the bound is that of the share beyond the limits (Clopper-Pearson).
 """
 
 from __future__ import annotations
@@ -23,16 +25,21 @@ from jbclog.analysis.spc.charts import sigma_of_moving_ranges
 from jbclog.analysis.spc.distribution import REACH, Fit, Floats, widest_fit
 
 SAMPLES: Final = 500  # of the bootstrap
-MOST_DRAWN: Final = 400  # values a sample; for more values the spread is scaled by the root of their numbers
+# values a sample; for more values the spread is scaled by the root of their numbers
+MOST_DRAWN: Final = 400
 SEED: Final = 1
 CONFIDENCE = 0.95
 MOVING_RANGE_SHARE = 0.62
-"""Degrees of freedom of a mean moving range of two, as a share of a standard deviation's (Wheeler, Advanced Topics in SPC)."""
+"""Degrees of freedom of a mean moving range of two, as a share of a standard deviation's (Wheeler,
+Advanced Topics in SPC).
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """An index, its one-sided 95 % lower bound (`bound`, which verdicts use) and its two-sided 95 % interval."""
+    """An index, its one-sided 95 % lower bound (`bound`, which verdicts use) and its two-sided 95 %
+    interval.
+    """
 
     value: float
     bound: float
@@ -44,8 +51,8 @@ class Index:
 class Capability:
     """How the values lie within their limits. `cp` and `pp` are None if only one limit is given.
 
-    `distribution` is the one that fits ("percentiles": none), `chance` the probability of values as far from it; `percentiles` are
-    0.135, 50 and 99.865.
+    `distribution` is the one that fits ("percentiles": none), `chance` the probability of values as
+    far from it; `percentiles` are 0.135, 50 and 99.865.
     """
 
     n: int
@@ -68,22 +75,34 @@ def indices(points: Floats, lower: float | None, upper: float | None) -> Capabil
     mean, n = float(points.mean()), len(points)
     within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
     freedoms = MOVING_RANGE_SHARE * (n - 1), float(n - 1)
-    cp, pp = (_potential(lower, upper, sigma, freedom) for sigma, freedom in zip((within, overall), freedoms, strict=True))
-    cpk, ppk = (_actual(mean, lower, upper, s, n, freedom) for s, freedom in zip((within, overall), freedoms, strict=True))
+    cp, pp = (
+        _potential(lower, upper, sigma, freedom)
+        for sigma, freedom in zip((within, overall), freedoms, strict=True)
+    )
+    cpk, ppk = (
+        _actual(mean, lower, upper, s, n, freedom)
+        for s, freedom in zip((within, overall), freedoms, strict=True)
+    )
     return Capability(n, mean, within, overall, lower, upper, cp, cpk, pp, ppk)
 
 
-def _potential(lower: float | None, upper: float | None, sigma: float, freedom: float) -> Index | None:
+def _potential(
+    lower: float | None, upper: float | None, sigma: float, freedom: float
+) -> Index | None:
     """Return the tolerance in units of six sigma."""
     if lower is None or upper is None:
         return None
     value, tail = (upper - lower) / (6 * sigma), (1 - CONFIDENCE) / 2
-    chi_squares = (2 * gammaincinv(freedom / 2, share) for share in (1 - CONFIDENCE, tail, 1 - tail))
+    chi_squares = (
+        2 * gammaincinv(freedom / 2, share) for share in (1 - CONFIDENCE, tail, 1 - tail)
+    )
     bound, low, high = (value * sqrt(chi_square / freedom) for chi_square in chi_squares)
     return Index(value, float(bound), float(low), float(high))
 
 
-def _actual(mean: float, lower: float | None, upper: float | None, sigma: float, n: int, freedom: float) -> Index:
+def _actual(
+    mean: float, lower: float | None, upper: float | None, sigma: float, n: int, freedom: float
+) -> Index:
     """Return the distance to the nearer limit in units of three sigma."""
     distances = [upper - mean] if upper is not None else []
     distances += [mean - lower] if lower is not None else []
@@ -92,31 +111,51 @@ def _actual(mean: float, lower: float | None, upper: float | None, sigma: float,
 
 
 def actual_index(value: float, n: int, freedom: float) -> Index:
-    """Return a Cpk or Ppk of `n` values with its confidence (Bissell 1990; Montgomery, section 8.3.4)."""
+    """Return a Cpk or Ppk of `n` values with its confidence (Bissell 1990; Montgomery, section
+    8.3.4).
+    """
     error = sqrt(1 / (9 * n) + value**2 / (2 * freedom))
     one, two = float(ndtri(CONFIDENCE)), float(ndtri((1 + CONFIDENCE) / 2))
-    return Index(value, float(value - one * error), float(value - two * error), float(value + two * error))
+    return Index(
+        value, float(value - one * error), float(value - two * error), float(value + two * error)
+    )
 
 
-def indices_of_fit(points: Floats, fit: Fit, lower: float | None, upper: float | None) -> Capability:
-    """Return the indices of values that are not normal; their bounds allow for the choice of the distribution."""
+def indices_of_fit(
+    points: Floats, fit: Fit, lower: float | None, upper: float | None
+) -> Capability:
+    """Return the indices of values that are not normal; their bounds allow for the choice of the
+    distribution.
+    """
     low, middle, high = fit.at(-REACH), fit.at(0.0), fit.at(REACH)
-    found = [_index_of_fit(one, len(points), lower, upper) for one in (fit, *_alternatives(points, fit))]
+    found = [
+        _index_of_fit(one, len(points), lower, upper) for one in (fit, *_alternatives(points, fit))
+    ]
     pps = [one for one, _ in found if one is not None]
     pp, ppk = _widest(pps) if pps else None, _widest([one for _, one in found])
     within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
-    of_all = Capability(len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk)
-    return replace(of_all, distribution=fit.name, chance=fit.chance, percentiles=(low, middle, high))
+    of_all = Capability(
+        len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk
+    )
+    return replace(
+        of_all, distribution=fit.name, chance=fit.chance, percentiles=(low, middle, high)
+    )
 
 
 def _alternatives(points: Floats, fit: Fit) -> tuple[Fit, ...]:
-    """Return the family of three parameters beside one of two: which of two fits is often chance, and with it the tail."""
+    """Return the family of three parameters beside one of two: which of two fits is often chance,
+    and with it the tail.
+    """
     wider = widest_fit(points) if fit.family.free == 2 and not fit.outliers else None
     return () if wider is None else (wider,)
 
 
-def _index_of_fit(fit: Fit, n: int, lower: float | None, upper: float | None) -> tuple[Index | None, Index]:
-    """Return Pp (with both limits) and Ppk by the percentiles of a fit, with bounds by bootstrap."""
+def _index_of_fit(
+    fit: Fit, n: int, lower: float | None, upper: float | None
+) -> tuple[Index | None, Index]:
+    """Return Pp (with both limits) and Ppk by the percentiles of a fit, with bounds by
+    bootstrap.
+    """
     low, middle, high = (np.array([fit.at(score)]) for score in (-REACH, 0.0, REACH))
     both, nearer = quantile_indices(low, middle, high, lower, upper)
     drawn_both, drawn_nearer, scale = drawn_indices(fit, n, lower, upper)
@@ -136,30 +175,49 @@ def _widest(found: list[Index]) -> Index:
     return Index(found[0].value, bound, low, max(one.high for one in found))
 
 
-def quantile_indices(low: Floats, middle: Floats, high: Floats, lower: float | None, upper: float | None) -> tuple[Floats, Floats]:
-    """Return Pp and Ppk by percentiles 0.135, 50 and 99.865 (ISO 22514-2); Pp is NaN if a limit is missing."""
+def quantile_indices(
+    low: Floats, middle: Floats, high: Floats, lower: float | None, upper: float | None
+) -> tuple[Floats, Floats]:
+    """Return Pp and Ppk by percentiles 0.135, 50 and 99.865 (ISO 22514-2); Pp is NaN if a limit is
+    missing.
+    """
     distances = [] if upper is None else [(upper - middle) / (high - middle)]
     distances += [] if lower is None else [(middle - lower) / (middle - low)]
-    both = np.full_like(middle, np.nan) if lower is None or upper is None else (upper - lower) / (high - low)
+    both = (
+        np.full_like(middle, np.nan)
+        if lower is None or upper is None
+        else (upper - lower) / (high - low)
+    )
     return both, np.minimum.reduce(distances)
 
 
-def drawn_indices(fit: Fit, n: int, lower: float | None, upper: float | None) -> tuple[Floats, Floats, float]:
-    """Return Pp and Ppk of samples drawn from the fit, the same ones each time, and the factor that scales their spread."""
+def drawn_indices(
+    fit: Fit, n: int, lower: float | None, upper: float | None
+) -> tuple[Floats, Floats, float]:
+    """Return Pp and Ppk of samples drawn from the fit, the same ones each time, and the factor that
+    scales their spread.
+    """
     size = min(n, MOST_DRAWN)
     generator = np.random.default_rng(SEED)
     rows = fit.family.quantiles(fit.fitted, generator.normal(size=(SAMPLES, size)))
     if fit.family.needs_positive:  # a power has no values beyond its edge: use one close to it
         middle_of_all = fit.at(0.0)
-        rows = np.clip(np.nan_to_num(rows, nan=middle_of_all), middle_of_all * 1e-6, middle_of_all * 1e6)
+        rows = np.clip(
+            np.nan_to_num(rows, nan=middle_of_all), middle_of_all * 1e-6, middle_of_all * 1e6
+        )
     again = fit.family.fit(rows)
-    low, middle, high = (fit.family.quantiles(again, np.full((SAMPLES, 1), score))[:, 0] for score in (-REACH, 0.0, REACH))
+    low, middle, high = (
+        fit.family.quantiles(again, np.full((SAMPLES, 1), score))[:, 0]
+        for score in (-REACH, 0.0, REACH)
+    )
     with np.errstate(invalid="ignore"):
         both, nearer = quantile_indices(low, middle, high, lower, upper)
     return both, nearer, sqrt(size / n)
 
 
-def basic_bounds(value: float, drawn: Floats, scale: float, shares: tuple[float, ...]) -> tuple[float, ...]:
+def basic_bounds(
+    value: float, drawn: Floats, scale: float, shares: tuple[float, ...]
+) -> tuple[float, ...]:
     """Return bounds of `value` at these shares (0.95: a lower bound that holds in 95 %)."""
     drawn = np.nan_to_num(drawn, nan=0.0)  # an infinite spread makes the index zero
     quantiles = np.quantile(drawn, shares)
@@ -170,21 +228,37 @@ def basic_bounds(value: float, drawn: Floats, scale: float, shares: tuple[float,
 
 def indices_of_percentiles(points: Floats, lower: float | None, upper: float | None) -> Capability:
     """Return the indices of many values that no distribution fits, by their own percentiles."""
-    low, middle, high = (float(one) for one in np.quantile(points, ndtr([-REACH, 0.0, REACH]), method="median_unbiased"))
-    both, nearer = quantile_indices(np.array([low]), np.array([middle]), np.array([high]), lower, upper)
+    low, middle, high = (
+        float(one)
+        for one in np.quantile(points, ndtr([-REACH, 0.0, REACH]), method="median_unbiased")
+    )
+    both, nearer = quantile_indices(
+        np.array([low]), np.array([middle]), np.array([high]), lower, upper
+    )
     beyond = 0 if lower is None else int(np.count_nonzero(points < lower))
     beyond += 0 if upper is None else int(np.count_nonzero(points > upper))
-    one, tail, rest = (_index_of_share(beyond, len(points), share) for share in (1 - CONFIDENCE, (1 - CONFIDENCE) / 2, None))
+    one, tail, rest = (
+        _index_of_share(beyond, len(points), share)
+        for share in (1 - CONFIDENCE, (1 - CONFIDENCE) / 2, None)
+    )
     value = float(nearer[0])
     ppk = Index(value, min(one, value), min(tail, value), max(rest, value))
-    pp = None if lower is None or upper is None else Index(float(both[0]), ppk.bound, ppk.low, float("inf"))
+    pp = (
+        None
+        if lower is None or upper is None
+        else Index(float(both[0]), ppk.bound, ppk.low, float("inf"))
+    )
     within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
-    found = Capability(len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk)
+    found = Capability(
+        len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk
+    )
     return replace(found, distribution="percentiles", percentiles=(low, middle, high))
 
 
 def _index_of_share(beyond: int, n: int, chance: float | None) -> float:
-    """Return the index whose share beyond a limit is the greatest (`chance` None: the least) that `beyond` of `n` allow."""
+    """Return the index whose share beyond a limit is the greatest (`chance` None: the least) that
+    `beyond` of `n` allow.
+    """
     if chance is None:
         least = float(betaincinv(beyond, n - beyond + 1, (1 - CONFIDENCE) / 2)) if beyond else 0.0
         return float(-ndtri(least)) / 3 if least > 0 else float("inf")

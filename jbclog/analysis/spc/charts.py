@@ -1,4 +1,6 @@
-"""Control charts: points, centre line, limits and signals. Each function returns charts of the values that it is given."""
+"""Control charts: points, centre line, limits and signals. Each function returns charts of the
+values that it is given.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +17,16 @@ from jbclog.analysis.spc.distribution import Fit, Floats
 from jbclog.analysis.spc.nelson import DEFAULT_TESTS, Signal, signals
 
 GRID = 1000  # values that stand for a distribution
-FURTHEST_SIGMA, STEPS = 8.5, 1701  # of the integrals below; beyond, a normal tail is less than a float's precision
+# of the integrals below; beyond, a normal tail is less than a float's precision
+FURTHEST_SIGMA, STEPS = 8.5, 1701
 BEYOND_3 = 0.0026998  # share beyond three sigma
 LIMIT_ONLY = (1,)
-"""Tests of a chart whose neighbouring points are not independent: ranges that share a value, weighted means."""
+"""Tests of a chart whose neighbouring points are not independent: ranges that share a value,
+weighted means.
+"""
 RUN_LENGTHS: Final = {"EWMA": 550.0, "CUSUM up": 465.0}
-"""Stable points to the first signal, on average, with known limits and the default weight, width, slack and decision.
+"""Stable points to the first signal, on average, with known limits and the default weight, width,
+slack and decision.
 
 CUSUM: on either side. By simulation, to three per cent; 465 is also in Montgomery, table 9.3.
 """
@@ -30,9 +36,9 @@ CUSUM: on either side. By simulation, to three per cent; 465 is also in Montgome
 class Chart:
     """One chart; `lower` and `upper` have a limit for each point.
 
-    `sigma` is that of a plotted point, of the last one on an EWMA chart. `distribution` is that of the values. If it is not normal,
-    the limits are its percentiles 0.135 and 99.865, the centre is its median, and the tests use the values' normal scores. `tests`
-    are the tests applied.
+    `sigma` is that of a plotted point, of the last one on an EWMA chart. `distribution` is that of
+    the values. If it is not normal, the limits are its percentiles 0.135 and 99.865, the centre is
+    its median, and the tests use the values' normal scores. `tests` are the tests applied.
     """
 
     name: str
@@ -54,22 +60,34 @@ def individuals(
     centre: float | None = None,
     sigma: float | None = None,
 ) -> Chart:
-    """Chart individual values: sigma from the mean moving range of two (NIST 6.3.2.2), or the limits of another distribution.
+    """Chart individual values: sigma from the mean moving range of two (NIST 6.3.2.2), or the
+    limits of another distribution.
 
-    `centre` and `sigma` come from the values unless they are given. With a `fit` that is not normal, neither is used.
+    `centre` and `sigma` come from the values unless they are given. With a `fit` that is not
+    normal, neither is used.
     """
     points = _floats(values)
     if fit is not None and fit.name != "normal":
         lower, middle, upper = (np.full(len(points), fit.at(score)) for score in (-3.0, 0.0, 3.0))
         spread = float(upper[0] - lower[0]) / 6
         found = signals(fit.scores(points), tests)
-        return Chart("individuals", points, float(middle[0]), spread, lower, upper, found, fit.name, tests)
+        return Chart(
+            "individuals", points, float(middle[0]), spread, lower, upper, found, fit.name, tests
+        )
     middle_of_all = float(points.mean()) if centre is None else centre
-    return _three_sigma("individuals", points, middle_of_all, sigma_of_moving_ranges(points) if sigma is None else sigma, tests)
+    return _three_sigma(
+        "individuals",
+        points,
+        middle_of_all,
+        sigma_of_moving_ranges(points) if sigma is None else sigma,
+        tests,
+    )
 
 
 def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
-    """Chart moving ranges of two; they overlap, so only the limit is a test. With `fit` the limit is that of its differences."""
+    """Chart moving ranges of two; they overlap, so only the limit is a test. With `fit` the limit
+    is that of its differences.
+    """
     spans = np.abs(np.diff(_floats(values)))
     if fit is None or fit.name == "normal":
         return _of_ranges("moving ranges", spans, 2, LIMIT_ONLY)
@@ -81,23 +99,34 @@ def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
     return replace(chart, distribution=fit.name)
 
 
-def fixed(values: ArrayLike, centre: float, lower: float, upper: float, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
+def fixed(
+    values: ArrayLike,
+    centre: float,
+    lower: float,
+    upper: float,
+    tests: tuple[int, ...] = DEFAULT_TESTS,
+) -> Chart:
     """Chart individual values against limits known beforehand, from a phase I study.
 
-    If the limits are not symmetric, distances are thirds of the distance to the limit on their side. Raises `ValueError` for values
-    that are not known, and for a centre that is not between the limits.
+    If the limits are not symmetric, distances are thirds of the distance to the limit on their
+    side. Raises `ValueError` for values that are not known, and for a centre that is not between
+    the limits.
     """
     points = np.asarray(values, dtype=np.float64)
     if points.ndim != 1 or not np.isfinite(points).all():
         raise ValueError("a chart needs a row of finite values")
     if not lower < centre < upper:
-        raise ValueError(f"the centre must be between the limits {lower:g} and {upper:g} (got {centre:g})")
+        raise ValueError(
+            f"the centre must be between the limits {lower:g} and {upper:g} (got {centre:g})"
+        )
     edges = np.full(len(points), lower), np.full(len(points), upper)
     return _chart("individuals", points, centre, (upper - lower) / 6, *edges, tests)
 
 
 def means(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
-    """Chart means of subgroups (a row each), sigma from the mean range within them (NIST 6.3.2.1)."""
+    """Chart means of subgroups (a row each), sigma from the mean range within them (NIST
+    6.3.2.1).
+    """
     rows = _rows(subgroups)
     sigma = sigma_of_ranges(rows) / sqrt(rows.shape[1])
     return _three_sigma("subgroup means", rows.mean(axis=1), float(rows.mean()), sigma, tests)
@@ -110,7 +139,9 @@ def ranges(subgroups: ArrayLike) -> Chart:
 
 
 def means_by_sd(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
-    """Chart means of subgroups (a row each), sigma from the mean standard deviation within them (X-bar of X-bar and S)."""
+    """Chart means of subgroups (a row each), sigma from the mean standard deviation within them
+    (X-bar of X-bar and S).
+    """
     rows = _rows(subgroups)
     size = rows.shape[1]
     sigma = float(rows.std(axis=1, ddof=1).mean()) / c4(size) / sqrt(size)
@@ -118,25 +149,36 @@ def means_by_sd(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) ->
 
 
 def sds(subgroups: ArrayLike) -> Chart:
-    """Chart standard deviations within subgroups (a row each): S of X-bar and S (Montgomery, section 6.3)."""
+    """Chart standard deviations within subgroups (a row each): S of X-bar and S (Montgomery,
+    section 6.3).
+    """
     rows = _rows(subgroups)
     points, known = rows.std(axis=1, ddof=1), c4(rows.shape[1])
     centre = float(points.mean())
     sigma = centre * sqrt(1 - known**2) / known
-    lower, upper = (np.full(len(points), edge) for edge in (max(centre - 3 * sigma, 0.0), centre + 3 * sigma))
+    lower, upper = (
+        np.full(len(points), edge) for edge in (max(centre - 3 * sigma, 0.0), centre + 3 * sigma)
+    )
     return _chart("subgroup standard deviations", points, centre, sigma, lower, upper, LIMIT_ONLY)
 
 
 def ewma(
-    values: ArrayLike, weight: float = 0.2, width: float = 3.0, centre: float | None = None, sigma: float | None = None
+    values: ArrayLike,
+    weight: float = 0.2,
+    width: float = 3.0,
+    centre: float | None = None,
+    sigma: float | None = None,
 ) -> Chart:
-    """Chart exponentially weighted moving averages (NIST 6.3.2.4), with limits for each point by its own variance.
+    """Chart exponentially weighted moving averages (NIST 6.3.2.4), with limits for each point by
+    its own variance.
 
     `centre` and `sigma` (of a single value) come from the values unless they are given.
     """
     points = _floats(values)
     if not 0 < weight <= 1:
-        raise ValueError(f"the weight of an EWMA chart must be above 0 and at most 1 (got {weight:g})")
+        raise ValueError(
+            f"the weight of an EWMA chart must be above 0 and at most 1 (got {weight:g})"
+        )
     middle = float(points.mean()) if centre is None else centre
     spread = sigma_of_moving_ranges(points) if sigma is None else sigma
     averages, last = np.empty_like(points), middle
@@ -144,7 +186,15 @@ def ewma(
         last = averages[place] = weight * value + (1 - weight) * last
     share = weight / (2 - weight) * (1 - (1 - weight) ** (2 * np.arange(1, len(points) + 1)))
     reach = width * spread * np.sqrt(share)
-    return _chart("EWMA", averages, middle, spread * sqrt(share[-1]), middle - reach, middle + reach, LIMIT_ONLY)
+    return _chart(
+        "EWMA",
+        averages,
+        middle,
+        spread * sqrt(share[-1]),
+        middle - reach,
+        middle + reach,
+        LIMIT_ONLY,
+    )
 
 
 def cusum(
@@ -154,10 +204,12 @@ def cusum(
     centre: float | None = None,
     sigma: float | None = None,
 ) -> tuple[Chart, Chart]:
-    """Chart cumulative sums above and below the centre, in sigma (NIST 6.3.2.3; Montgomery, section 9.1).
+    """Chart cumulative sums above and below the centre, in sigma (NIST 6.3.2.3; Montgomery, section
+    9.1).
 
-    `slack` (k) and `decision` (h) are in sigma; 0.5 and 5 detect a shift of one sigma, and signal once in 465 stable points on
-    average. The lower sums are negative. Raises `ValueError` if sigma is not above 0.
+    `slack` (k) and `decision` (h) are in sigma; 0.5 and 5 detect a shift of one sigma, and signal
+    once in 465 stable points on average. The lower sums are negative. Raises `ValueError` if sigma
+    is not above 0.
     """
     points = _floats(values)
     middle = float(points.mean()) if centre is None else centre
@@ -165,11 +217,15 @@ def cusum(
     if not spread > 0:
         raise ValueError(f"sigma of a CUSUM chart must be above 0 (got {spread:g})")
     zones = (points - middle) / spread
-    return _sums("CUSUM up", zones, slack, decision), _sums("CUSUM down", -zones, slack, decision, sign=-1)
+    return _sums("CUSUM up", zones, slack, decision), _sums(
+        "CUSUM down", -zones, slack, decision, sign=-1
+    )
 
 
 def shares(counts: ArrayLike, sizes: ArrayLike) -> Chart:
-    """Chart the share of `sizes` that was counted (p chart), with limits for each size (Montgomery, section 7.2)."""
+    """Chart the share of `sizes` that was counted (p chart), with limits for each size (Montgomery,
+    section 7.2).
+    """
     found, of = _counts(counts, sizes)
     if (found > of).any():
         raise ValueError("each count must be at most its size")
@@ -178,7 +234,9 @@ def shares(counts: ArrayLike, sizes: ArrayLike) -> Chart:
 
 
 def rates(counts: ArrayLike, sizes: ArrayLike) -> Chart:
-    """Chart counts per unit of `sizes` such as hours or units (u chart), with limits for each size (Montgomery, section 7.3)."""
+    """Chart counts per unit of `sizes` such as hours or units (u chart), with limits for each size
+    (Montgomery, section 7.3).
+    """
     found, of = _counts(counts, sizes)
     mean = float(found.sum() / of.sum())
     return _counted("u", found / of, mean, np.sqrt(mean / of), most=np.inf)
@@ -194,7 +252,9 @@ def sigma_of_ranges(rows: Floats) -> float:
     return float(np.ptp(rows, axis=1).mean()) / d2(rows.shape[1])
 
 
-def _three_sigma(name: str, points: Floats, centre: float, sigma: float, tests: tuple[int, ...]) -> Chart:
+def _three_sigma(
+    name: str, points: Floats, centre: float, sigma: float, tests: tuple[int, ...]
+) -> Chart:
     limit = np.full(len(points), 3 * sigma)
     return _chart(name, points, centre, sigma, centre - limit, centre + limit, tests)
 
@@ -211,7 +271,10 @@ def _sums(name: str, zones: Floats, slack: float, decision: float, sign: int = 1
 
 def _counted(name: str, points: Floats, mean: float, sigma: Floats, most: float) -> Chart:
     lower, upper = np.maximum(mean - 3 * sigma, 0.0), np.minimum(mean + 3 * sigma, most)
-    found = tuple(Signal(1, int(place), int(place)) for place in np.flatnonzero((points > upper) | (points < lower)))
+    found = tuple(
+        Signal(1, int(place), int(place))
+        for place in np.flatnonzero((points > upper) | (points < lower))
+    )
     return Chart(name, points, mean, float(sigma[-1]), lower, upper, found)
 
 
@@ -227,16 +290,34 @@ def _of_ranges(name: str, spans: Floats, size: int, tests: tuple[int, ...]) -> C
     centre = float(spans.mean())
     sigma = d3(size) / d2(size) * centre
     lower, upper = max(centre - 3 * sigma, 0.0), centre + 3 * sigma
-    return _chart(name, spans, centre, sigma, np.full(len(spans), lower), np.full(len(spans), upper), tests)
+    return _chart(
+        name, spans, centre, sigma, np.full(len(spans), lower), np.full(len(spans), upper), tests
+    )
 
 
-def _chart(name: str, points: Floats, centre: float, sigma: float, lower: Floats, upper: Floats, tests: tuple[int, ...]) -> Chart:
-    """Return a chart; distances are thirds of the distance to the limit on their side, which is sigma for symmetric limits."""
+def _chart(
+    name: str,
+    points: Floats,
+    centre: float,
+    sigma: float,
+    lower: Floats,
+    upper: Floats,
+    tests: tuple[int, ...],
+) -> Chart:
+    """Return a chart; distances are thirds of the distance to the limit on their side, which is
+    sigma for symmetric limits.
+    """
     distances = points - centre
     third = np.where(distances >= 0, upper - centre, centre - lower) / 3
     if not distances.any():
-        return Chart(name, points, centre, sigma, lower, upper, (), tests=tests)  # all values are equal: no signals
-    zones = np.divide(distances, third, out=np.where(distances == 0, 0.0, np.copysign(np.inf, distances)), where=third > 0)
+        # all values are equal: no signals
+        return Chart(name, points, centre, sigma, lower, upper, (), tests=tests)
+    zones = np.divide(
+        distances,
+        third,
+        out=np.where(distances == 0, 0.0, np.copysign(np.inf, distances)),
+        where=third > 0,
+    )
     return Chart(name, points, centre, sigma, lower, upper, signals(zones, tests), tests=tests)
 
 
@@ -260,13 +341,17 @@ def _rows(subgroups: ArrayLike) -> Floats:
 
 @cache
 def c4(n: int) -> float:
-    """Return the mean of the standard deviation of `n` normal values, in units of sigma (Montgomery, appendix VI)."""
+    """Return the mean of the standard deviation of `n` normal values, in units of sigma
+    (Montgomery, appendix VI).
+    """
     return sqrt(2 / (n - 1)) * exp(lgamma(n / 2) - lgamma((n - 1) / 2))
 
 
 @cache
 def d2(n: int) -> float:
-    """Return the mean range of `n` normal values, in units of sigma: the integral of 1 - F**n - (1 - F)**n."""
+    """Return the mean range of `n` normal values, in units of sigma: the integral of 1 - F**n -
+    (1 - F)**n.
+    """
     x = np.linspace(-FURTHEST_SIGMA, FURTHEST_SIGMA, STEPS)
     below = ndtr(x)
     return float(np.trapezoid(1 - below**n - (1 - below) ** n, x))
@@ -279,6 +364,7 @@ def d3(n: int) -> float:
     below = ndtr(x)
     high, low = below[np.newaxis, :], below[:, np.newaxis]
     inner = np.triu(1 - high**n - (1 - low) ** n + (high - low).clip(0) ** n)
-    inner[np.diag_indices(STEPS)] /= 2  # the edge of the triangle in which the greatest value lies above the least
+    # the edge of the triangle in which the greatest value lies above the least
+    inner[np.diag_indices(STEPS)] /= 2
     square = 2 * float(np.trapezoid(np.trapezoid(inner, x, axis=1), x))
     return sqrt(square - d2(n) ** 2)

@@ -1,13 +1,16 @@
-"""The distribution that a feature follows: normal, lognormal, Weibull, Box-Cox, lognormal with a threshold, or none of them.
+"""The distribution that a feature follows: normal, lognormal, Weibull, Box-Cox, lognormal with a
+threshold, or none of them.
 
-Each family is a monotone map from values to normal scores, so stability is tested, and limits are set, on a scale on which the
-values are normal. Of the families that the Anderson-Darling test accepts (p at least `ACCEPTED`) the most likely is taken (BIC):
-normal unless another is clearly more likely, and one of three parameters only if none of two fits. A family is also accepted if it
-fits all values but a few that lie far beyond it: these are outliers of that family and not the shape of another one.
+Each family is a monotone map from values to normal scores, so stability is tested, and limits are
+set, on a scale on which the values are normal. Of the families that the Anderson-Darling test
+accepts (p at least `ACCEPTED`) the most likely is taken (BIC): normal unless another is clearly
+more likely, and one of three parameters only if none of two fits. A family is also accepted if it
+fits all values but a few that lie far beyond it: these are outliers of that family and not the
+shape of another one.
 
-Sources: ISO 22514-2 (performance by distribution); M. A. Stephens, in D'Agostino and Stephens, Goodness-of-Fit Techniques (1986),
-for both tests; Box and Cox, J. R. Statist. Soc. B 26 (1964); the threshold at which the logarithms have no skewness: P. Royston, J.
-R. Statist. Soc. C 41 (1992).
+Sources: ISO 22514-2 (performance by distribution); M. A. Stephens, in D'Agostino and Stephens,
+Goodness-of-Fit Techniques (1986), for both tests; Box and Cox, J. R. Statist. Soc. B 26 (1964); the
+threshold at which the logarithms have no skewness: P. Royston, J. R. Statist. Soc. C 41 (1992).
 """
 
 from __future__ import annotations
@@ -24,17 +27,22 @@ from scipy.special import boxcox, expit, inv_boxcox, log_ndtr, ndtr, ndtri_exp
 Floats = NDArray[np.float64]
 
 ACCEPTED: Final = 0.05
-FAR_OUT: Final = 0.001  # chance of such an outlier among all values, under the family that fits the others
+# chance of such an outlier among all values, under the family that fits the others
+FAR_OUT: Final = 0.001
 OUTLIERS: Final = 0.02  # at most this share of the values, or one
 MOST_OUTLIERS: Final = 50  # and at most so many: more are a tail, not a few that lie far beyond
-SLACK: Final = 2.0  # of the score by the tightest fit: the fit with fewer left out may be another in its shape
+# of the score by the tightest fit: the fit with fewer left out may be another in its shape
+SLACK: Final = 2.0
 REACH: Final = 3.0  # standard scores of the percentiles 0.135 and 99.865
-NORMAL_FIRST: Final = 2.0  # of BIC, that another family must be better by (Raftery 1995: positive evidence)
+# of BIC, that another family must be better by (Raftery 1995: positive evidence)
+NORMAL_FIRST: Final = 2.0
 LOG_ROOT: Final = -0.5 * float(np.log(2 * np.pi))
 
 
 class Family(ABC):
-    """A distribution with `free` parameters: arrays with one row for each sample, or plain numbers for one sample."""
+    """A distribution with `free` parameters: arrays with one row for each sample, or plain numbers
+    for one sample.
+    """
 
     name: str
     free: int
@@ -50,10 +58,14 @@ class Family(ABC):
 
     @abstractmethod
     def quantiles(self, fitted: tuple[Floats, ...], scores: Floats) -> Floats:
-        """Return the values at standard normal scores; NaN or infinite where the distribution has none."""
+        """Return the values at standard normal scores; NaN or infinite where the distribution has
+        none.
+        """
 
     def chance(self, fitted: tuple[Floats, ...], values: Floats) -> float:
-        """Return the probability of values as far from this family (Anderson-Darling, parameters estimated)."""
+        """Return the probability of values as far from this family (Anderson-Darling, parameters
+        estimated).
+        """
         return normal_chance(self.scores(fitted, values))
 
 
@@ -127,7 +139,9 @@ class Weibull(Family):
 
 
 class BoxCox(Normal):
-    """Normal after the power that makes the values most likely; percentiles beyond the power's edge do not exist."""
+    """Normal after the power that makes the values most likely; percentiles beyond the power's edge
+    do not exist.
+    """
 
     name, free, needs_positive = "Box-Cox", 3, True
     POWERS: Final = (-3.0, 5.0)
@@ -151,11 +165,15 @@ class BoxCox(Normal):
         powered = super().quantiles(fitted, scores)
         inside = 1 + fitted[2] * powered > 0
         edge = np.where(fitted[2] > 0, 0.0, np.inf)
-        return np.where(inside, inv_boxcox(np.where(inside, powered, 0.0), fitted[2]) * fitted[3], edge)
+        return np.where(
+            inside, inv_boxcox(np.where(inside, powered, 0.0), fitted[2]) * fitted[3], edge
+        )
 
 
 class Threshold(Normal):
-    """Lognormal above (or, mirrored, below) a threshold at which the logarithms have no skewness. Values may be negative."""
+    """Lognormal above (or, mirrored, below) a threshold at which the logarithms have no skewness.
+    Values may be negative.
+    """
 
     name, free, needs_positive = "lognormal with a threshold", 3, False
 
@@ -164,7 +182,9 @@ class Threshold(Normal):
         side = np.where(_skewness(rows) >= 0, 1.0, -1.0)
         least = (side * rows).min(axis=-1, keepdims=True)
         low, high = (np.full_like(least, float(np.log(edge))) for edge in (1e-4, 1e3))
-        for _ in range(25):  # to 5e-7, in logarithms of the way from the threshold to the nearest value, in standard deviations
+        # to 5e-7, in logarithms of the way from the threshold to the nearest value, in standard
+        # deviations
+        for _ in range(25):
             middle = (low + high) / 2
             is_skewed = _skewness(np.log(side * rows - least + np.exp(middle) * spread)) > 0
             low, high = np.where(is_skewed, low, middle), np.where(is_skewed, middle, high)
@@ -175,14 +195,18 @@ class Threshold(Normal):
         return np.asarray(fitted[3] * super().scores(fitted, _log(fitted[3] * values - fitted[2])))
 
     def quantiles(self, fitted: tuple[Floats, ...], scores: Floats) -> Floats:
-        return np.asarray(fitted[3] * (np.exp(super().quantiles(fitted, fitted[3] * scores)) + fitted[2]))
+        return np.asarray(
+            fitted[3] * (np.exp(super().quantiles(fitted, fitted[3] * scores)) + fitted[2])
+        )
 
 
 FAMILIES: Final[tuple[Family, ...]] = (Normal(), Lognormal(), Weibull(), BoxCox(), Threshold())
 
 
 def fitting(values: Floats, resolution: float | None = None) -> Fit | None:
-    """Return the family that fits best, or None. Rounded values (`resolution`) are spread evenly over their steps for the test."""
+    """Return the family that fits best, or None. Rounded values (`resolution`) are spread evenly
+    over their steps for the test.
+    """
     points = spread_over_steps(values, resolution)
     if not np.ptp(points) > 0:
         return None
@@ -191,7 +215,9 @@ def fitting(values: Floats, resolution: float | None = None) -> Fit | None:
         some = [family for family in possible if family.free == free]
         found = [fit for family in some if (fit := _fit(family, points)) is not None]
         if found:
-            return min(found, key=lambda one: one.bic(points) - NORMAL_FIRST * (one.family is FAMILIES[0]))
+            return min(
+                found, key=lambda one: one.bic(points) - NORMAL_FIRST * (one.family is FAMILIES[0])
+            )
         beside = (_but_for_outliers(family, points) for family in some)
         fit = next((one for one in beside if one is not None), None)
         if fit is not None:
@@ -206,7 +232,9 @@ def normal_fit(values: Floats) -> Fit:
 
 
 def widest_fit(values: Floats) -> Fit | None:
-    """Return the lognormal with a threshold, which has the values' skewness, whether it fits or not; None if it has no tails."""
+    """Return the lognormal with a threshold, which has the values' skewness, whether it fits or
+    not; None if it has no tails.
+    """
     family = FAMILIES[-1]
     fitted = family.fit(values)
     if not np.isfinite(family.quantiles(fitted, np.array([-REACH, REACH]))).all():
@@ -216,9 +244,11 @@ def widest_fit(values: Floats) -> Fit | None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """The family that fits, its parameters, and the probability of values as far from it (Anderson-Darling).
+    """The family that fits, its parameters, and the probability of values as far from it
+    (Anderson-Darling).
 
-    `outliers` is the number of values left out of the fit because they lie far beyond what fits the others.
+    `outliers` is the number of values left out of the fit because they lie far beyond what fits the
+    others.
     """
 
     family: Family
@@ -235,22 +265,30 @@ class Fit:
         return np.clip(self.family.scores(self.fitted, values), -37.0, 37.0)
 
     def at(self, score: float) -> float:
-        """Return the value at a standard normal score: 0 the median, ±3 the percentiles 99.865 and 0.135."""
+        """Return the value at a standard normal score: 0 the median, ±3 the percentiles 99.865 and
+        0.135.
+        """
         return float(self.family.quantiles(self.fitted, np.array([score]))[0])
 
     def bic(self, values: Floats) -> float:
         """Return Bayes' information criterion: the less, the more likely."""
-        return self.family.free * float(np.log(len(values))) - 2 * float(self.log_density(values).sum())
+        return self.family.free * float(np.log(len(values))) - 2 * float(
+            self.log_density(values).sum()
+        )
 
     def log_density(self, values: Floats) -> Floats:
         """Return the logarithm of the density, by the slope of the scores."""
         step = 1e-4 * float(values.std())
         slope = (self.scores(values + step) - self.scores(values - step)) / (2 * step)
-        return np.asarray(LOG_ROOT - self.scores(values) ** 2 / 2 + np.log(np.maximum(slope, 1e-300)))
+        return np.asarray(
+            LOG_ROOT - self.scores(values) ** 2 / 2 + np.log(np.maximum(slope, 1e-300))
+        )
 
 
 def spread_over_steps(values: Floats, resolution: float | None) -> Floats:
-    """Return rounded values spread evenly over their step, because a test of a distribution is of values without ties."""
+    """Return rounded values spread evenly over their step, because a test of a distribution is of
+    values without ties.
+    """
     if not resolution:
         return values
     steps = np.round(values / resolution)
@@ -259,14 +297,19 @@ def spread_over_steps(values: Floats, resolution: float | None) -> Floats:
     places = np.concatenate([(np.arange(count) + 0.5) / count - 0.5 for count in counts])
     spread = np.empty_like(values)
     spread[order] = steps[order] * resolution + places * resolution
-    return np.where(values > 0, np.maximum(spread, resolution / 100), spread)  # a positive feature stays positive
+    # a positive feature stays positive
+    return np.where(values > 0, np.maximum(spread, resolution / 100), spread)
 
 
 def normal_chance(values: Floats) -> float:
-    """Return the probability of values as far from normal, mean and spread estimated from them (Stephens' approximation)."""
+    """Return the probability of values as far from normal, mean and spread estimated from them
+    (Stephens' approximation).
+    """
     n = len(values)
     ordered = np.sort((values - values.mean()) / values.std(ddof=1))
-    a = _anderson_darling(log_ndtr(ordered), log_ndtr(-ordered[::-1]), n) * (1 + 0.75 / n + 2.25 / n**2)
+    a = _anderson_darling(log_ndtr(ordered), log_ndtr(-ordered[::-1]), n) * (
+        1 + 0.75 / n + 2.25 / n**2
+    )
     if a >= 0.6:
         chance = np.exp(1.2937 - 5.709 * a + 0.0186 * a**2) if a < 13 else 0.0
     elif a > 0.34:
@@ -279,7 +322,9 @@ def normal_chance(values: Floats) -> float:
 
 
 def _anderson_darling(log_below: Floats, log_above_reversed: Floats, n: int) -> float:
-    """Return A² of sorted values; the logarithms are of the share below each, and above each from the last to the first."""
+    """Return A² of sorted values; the logarithms are of the share below each, and above each from
+    the last to the first.
+    """
     return -n - float(((2 * np.arange(1, n + 1) - 1) * (log_below + log_above_reversed)).sum()) / n
 
 
@@ -293,7 +338,9 @@ def _fit(family: Family, points: Floats) -> Fit | None:
 
 
 def _but_for_outliers(family: Family, points: Floats) -> Fit | None:
-    """Return the fit of all but the few values furthest from the median, if these are far beyond it."""
+    """Return the fit of all but the few values furthest from the median, if these are far beyond
+    it.
+    """
     n = len(points)
     most = min(max(1, int(OUTLIERS * n)), MOST_OUTLIERS)
     order = np.argsort(np.abs(points - np.median(points)))
@@ -303,13 +350,17 @@ def _but_for_outliers(family: Family, points: Floats) -> Fit | None:
         if not _is_far_out(near[-left_out] + SLACK, n):
             continue
         found = _fit(family, points[np.sort(order[:-left_out])])
-        if found is not None and _is_far_out(float(np.abs(found.scores(furthest[-left_out:])).min()), n):
+        if found is not None and _is_far_out(
+            float(np.abs(found.scores(furthest[-left_out:])).min()), n
+        ):
             return Fit(family, found.fitted, found.chance, left_out)
     return None
 
 
 def _scores_at_most(family: Family, tightest: Floats, furthest: Floats) -> Floats:
-    """Return about how far out each of `furthest` can be: by the values without any of them, whose spread is the least."""
+    """Return about how far out each of `furthest` can be: by the values without any of them, whose
+    spread is the least.
+    """
     scores = np.abs(family.scores(family.fit(tightest), furthest))
     return np.where(np.isnan(scores), np.inf, scores)
 
@@ -326,7 +377,8 @@ def _spread_of_power(even: Floats, power: Floats) -> Floats:
 
 def _skewness(rows: Floats) -> Floats:
     away = rows - rows.mean(axis=-1, keepdims=True)
-    return np.asarray((away * away * away).mean(axis=-1, keepdims=True))  # `**3` takes many times as long
+    # `**3` takes many times as long
+    return np.asarray((away * away * away).mean(axis=-1, keepdims=True))
 
 
 def _log(values: Floats) -> Floats:

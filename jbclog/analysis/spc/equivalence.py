@@ -1,14 +1,16 @@
 """Equivalence of two means within a margin: two one-sided tests (TOST).
 
-No difference found proves nothing; this test asks the opposite question. Two means are *equivalent* within a margin if the 90 %
-confidence interval of their difference lies within it on both sides, which is both one-sided tests at 5 % (D. J. Schuirmann, A
-Comparison of the Two One-Sided Tests Procedure, J. Pharmacokinetics and Biopharmaceutics 15 (1987)). Variances may differ (Welch).
-The means are *different* if the interval lies beyond the margin; otherwise the result is "not known".
+No difference found proves nothing; this test asks the opposite question. Two means are *equivalent*
+within a margin if the 90 % confidence interval of their difference lies within it on both sides,
+which is both one-sided tests at 5 % (D. J. Schuirmann, A Comparison of the Two One-Sided Tests
+Procedure, J. Pharmacokinetics and Biopharmaceutics 15 (1987)). Variances may differ (Welch). The
+means are *different* if the interval lies beyond the margin; otherwise the result is "not known".
 
-`equivalence` takes independent values. A run's readings are not independent: for them `equivalence_of` takes means with their
-bounds at any confidence (`analysis/verdict/bounds.py`). Half the width of the interval of their difference is the root of the sum
-of both squared half-widths (the method of variance estimates recovery; G. Y. Zou and A. Donner, Construction of Confidence Limits
-about Effect Measures, Statistics in Medicine 27 (2008)).
+`equivalence` takes independent values. A run's readings are not independent: for them
+`equivalence_of` takes means with their bounds at any confidence (`analysis/verdict/bounds.py`).
+Half the width of the interval of their difference is the root of the sum of both squared
+half-widths (the method of variance estimates recovery; G. Y. Zou and A. Donner, Construction of
+Confidence Limits about Effect Measures, Statistics in Medicine 27 (2008)).
 """
 
 from __future__ import annotations
@@ -29,8 +31,11 @@ ALPHA = 0.05
 HALVINGS = 20
 
 
-def equivalence(first: ArrayLike, second: ArrayLike, margin: float, *, step: float = 0.0) -> Equivalence | Refused:
-    """Return TOST of two series of independent values; `step` widens the interval by what their resolution may hide.
+def equivalence(
+    first: ArrayLike, second: ArrayLike, margin: float, *, step: float = 0.0
+) -> Equivalence | Refused:
+    """Return TOST of two series of independent values; `step` widens the interval by what their
+    resolution may hide.
 
     Raises `UsageError` if the margin is not above zero.
     """
@@ -42,7 +47,13 @@ def equivalence(first: ArrayLike, second: ArrayLike, margin: float, *, step: flo
     parts = float(one.var(ddof=1)) / len(one), float(two.var(ddof=1)) / len(two)
     error, difference = sqrt(sum(parts)), float(two.mean() - one.mean())
     if not error:
-        return Equivalence(difference, difference - step, difference + step, margin, float(abs(difference) + step >= margin))
+        return Equivalence(
+            difference,
+            difference - step,
+            difference + step,
+            margin,
+            float(abs(difference) + step >= margin),
+        )
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(one) - 1) + parts[1] ** 2 / (len(two) - 1))
     half = float(stdtrit(freedom, 1 - ALPHA)) * error + step
     chance = float(stdtr(freedom, -(margin - step - abs(difference)) / error))
@@ -51,7 +62,9 @@ def equivalence(first: ArrayLike, second: ArrayLike, margin: float, *, step: flo
 
 @dataclass(frozen=True, slots=True)
 class Equivalence:
-    """The difference (second mean minus first), its 90 % interval, the margin, and the greater p of the two tests."""
+    """The difference (second mean minus first), its 90 % interval, the margin, and the greater p of
+    the two tests.
+    """
 
     difference: float
     low: float
@@ -68,7 +81,9 @@ class Equivalence:
 
 
 def equivalence_of(first: Mean, second: Mean, margin: float) -> Equivalence:
-    """Return TOST of two means by their intervals. Raises `UsageError` if the margin is not above zero."""
+    """Return TOST of two means by their intervals. Raises `UsageError` if the margin is not above
+    zero.
+    """
     _check_margin(margin)
     difference = second.value - first.value
 
@@ -78,7 +93,13 @@ def equivalence_of(first: Mean, second: Mean, margin: float) -> Equivalence:
     slack = margin - abs(difference)
     chance = _chance(half, abs(slack))
     half_width = half(ALPHA)
-    return Equivalence(difference, difference - half_width, difference + half_width, margin, chance if slack > 0 else 1 - chance)
+    return Equivalence(
+        difference,
+        difference - half_width,
+        difference + half_width,
+        margin,
+        chance if slack > 0 else 1 - chance,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,9 @@
-"""Gauge repeatability and reproducibility: the share of the variation that comes from measuring, by analysis of variance.
+"""Gauge repeatability and reproducibility: the share of the variation that comes from measuring, by
+analysis of variance.
 
-The crossed study of AIAG's Measurement Systems Analysis: every operator measures every part several times. The interaction is
-pooled with repeatability if it is not significant, and a variance below zero counts as zero; `notes` reports both.
+The crossed study of AIAG's Measurement Systems Analysis: every operator measures every part several
+times. The interaction is pooled with repeatability if it is not significant, and a variance below
+zero counts as zero; `notes` reports both.
 """
 
 from __future__ import annotations
@@ -35,7 +37,9 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class GaugeStudy:
-    """Standard deviations by source, in the unit of the measurements, with the table of variance."""
+    """Standard deviations by source, in the unit of the measurements, with the table of
+    variance.
+    """
 
     repeatability: float
     reproducibility: float
@@ -52,20 +56,31 @@ class GaugeStudy:
 
     @property
     def verdict(self) -> str:
-        """One of AIAG's three classes; fewer than five distinct categories are not enough for process control."""
+        """One of AIAG's three classes; fewer than five distinct categories are not enough for
+        process control.
+        """
         percent = self.percent(self.gauge)
         if percent > TOLERABLE or self.categories < 2:
             return "unacceptable"
-        return "acceptable" if percent < GOOD and self.categories >= LEAST_CATEGORIES else "marginal"
+        return (
+            "acceptable" if percent < GOOD and self.categories >= LEAST_CATEGORIES else "marginal"
+        )
 
 
 def gauge_study(measurements: ArrayLike) -> GaugeStudy:
-    """Return the study of `measurements` of shape (parts, operators, trials). Raises `UsageError` if it is not crossed."""
+    """Return the study of `measurements` of shape (parts, operators, trials). Raises `UsageError`
+    if it is not crossed.
+    """
     data = np.asarray(measurements, dtype=np.float64)
     if data.ndim != 3 or min(data.shape) < 2:
-        raise UsageError(f"a gauge study needs at least two parts, operators and trials (got shape {data.shape})")
+        raise UsageError(
+            f"a gauge study needs at least two parts, operators and trials (got shape {data.shape})"
+        )
     if not np.isfinite(data).all():
-        raise UsageError("a gauge study needs a finite measurement of every part by every operator in every trial")
+        raise UsageError(
+            "a gauge study needs a finite measurement of every part by every operator in every"
+            " trial"
+        )
     parts, operators, interaction, rest = _table(data)
     table: tuple[Source, ...] = (parts, operators, interaction, rest)
     pooled = interaction.chance is not None and interaction.chance > POOLED_ABOVE
@@ -83,8 +98,15 @@ def _table(data: Floats) -> tuple[Source, Source, Source, Source]:
     operators = _source("operators", p * t * float(((by_operator - middle) ** 2).sum()), o - 1)
     crossed = cells - by_part[:, np.newaxis] - by_operator[np.newaxis, :] + middle
     interaction = _source("operators × parts", t * float((crossed**2).sum()), (p - 1) * (o - 1))
-    rest = _source("repeatability", float(((data - cells[:, :, np.newaxis]) ** 2).sum()), p * o * (t - 1))
-    return _against(parts, interaction), _against(operators, interaction), _against(interaction, rest), rest
+    rest = _source(
+        "repeatability", float(((data - cells[:, :, np.newaxis]) ** 2).sum()), p * o * (t - 1)
+    )
+    return (
+        _against(parts, interaction),
+        _against(operators, interaction),
+        _against(interaction, rest),
+        rest,
+    )
 
 
 def _source(name: str, squares: float, freedom: int) -> Source:
@@ -92,7 +114,9 @@ def _source(name: str, squares: float, freedom: int) -> Source:
 
 
 def _pooled(interaction: Source, rest: Source) -> Source:
-    return _source("repeatability", interaction.squares + rest.squares, interaction.freedom + rest.freedom)
+    return _source(
+        "repeatability", interaction.squares + rest.squares, interaction.freedom + rest.freedom
+    )
 
 
 def _against(source: Source, other: Source) -> Source:
@@ -104,18 +128,35 @@ def _against(source: Source, other: Source) -> Source:
     return Source(source.name, source.squares, source.freedom, source.mean_square, f, chance)
 
 
-def _study(data: Floats, table: tuple[Source, ...], interaction: Source, rest: Source, *, pooled: bool) -> GaugeStudy:
+def _study(
+    data: Floats, table: tuple[Source, ...], interaction: Source, rest: Source, *, pooled: bool
+) -> GaugeStudy:
     p, o, t = data.shape
     parts, operators = table[0], table[1]
     held = rest if pooled else interaction
-    notes = ["The interaction is not significant and is pooled with repeatability."] if pooled else []
-    crossed = 0.0 if pooled else _variance("interaction", interaction.mean_square - rest.mean_square, t, notes)
+    notes = (
+        ["The interaction is not significant and is pooled with repeatability."] if pooled else []
+    )
+    crossed = (
+        0.0
+        if pooled
+        else _variance("interaction", interaction.mean_square - rest.mean_square, t, notes)
+    )
     between = _variance("operators", operators.mean_square - held.mean_square, p * t, notes)
     real = _variance("parts", parts.mean_square - held.mean_square, o * t, notes)
     repeatability, reproducibility = sqrt(rest.mean_square), sqrt(between + crossed)
     gauge = sqrt(rest.mean_square + between + crossed)
     categories = floor(sqrt(2) * sqrt(real) / gauge) if gauge else 0
-    return GaugeStudy(repeatability, reproducibility, gauge, sqrt(real), sqrt(gauge**2 + real), categories, table, tuple(notes))
+    return GaugeStudy(
+        repeatability,
+        reproducibility,
+        gauge,
+        sqrt(real),
+        sqrt(gauge**2 + real),
+        categories,
+        table,
+        tuple(notes),
+    )
 
 
 def _variance(name: str, difference: float, times: int, notes: list[str]) -> float:

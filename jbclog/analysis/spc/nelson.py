@@ -1,4 +1,5 @@
-"""The eight tests for special causes (Nelson 1984), on points in standard deviations from the centre line.
+"""The eight tests for special causes (Nelson 1984), on points in standard deviations from the
+centre line.
 
 A signal is at the point that completes a pattern. Points on a line belong to neither side of it.
 """
@@ -36,7 +37,8 @@ class Signal:
 class Test:
     """One of the tests: how many neighbouring points it examines, and whether they are unusual.
 
-    `rate` is how often a point of a stable normal process completes it, if that is known in closed form.
+    `rate` is how often a point of a stable normal process completes it, if that is known in closed
+    form.
     """
 
     points: int
@@ -46,7 +48,9 @@ class Test:
 
 
 def _beyond(sigmas: float, enough: int) -> Callable[[Windows], NDArray[np.bool_]]:
-    """Return a test that enough of the points, the last among them, are beyond so many sigmas on the same side."""
+    """Return a test that enough of the points, the last among them, are beyond so many sigmas on
+    the same side.
+    """
 
     def meets(windows: Windows) -> NDArray[np.bool_]:
         above, below = windows > sigmas, windows < -sigmas
@@ -90,15 +94,18 @@ TESTS = (
 
 ALL_TESTS = tuple(range(1, 9))
 DEFAULT_TESTS = (1, 2, 3, 5)
-"""The tests of a chart unless others are given; all eight signal on most stable series of a hundred points."""
+"""The tests of a chart unless others are given; all eight signal on most stable series of a hundred
+points.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class FalseAlarms:
     """What tests signal on a stable normal process, by simulation (`false_alarms`).
 
-    `per_100`: signals in 100 points with known limits, counted where they begin. `run_length`: points to the first signal on
-    average, with known limits. `series`: the share of series of 100 points with a signal, with limits from the series itself.
+    `per_100`: signals in 100 points with known limits, counted where they begin. `run_length`:
+    points to the first signal on average, with known limits. `series`: the share of series of 100
+    points with a signal, with limits from the series itself.
     """
 
     per_100: float
@@ -108,8 +115,9 @@ class FalseAlarms:
     @property
     def text(self) -> str:
         return (
-            f"on a stable process {self.per_100:.2g} false alarms in 100 points, the first after {self.run_length:.0f} on average; "
-            f"{100 * self.series:.0f} % of series of 100 have one"
+            f"on a stable process {self.per_100:.2g} false alarms in 100 points, the first after"
+            f" {self.run_length:.0f} on average; {100 * self.series:.0f} % of series of 100"
+            " have one"
         )
 
 
@@ -121,7 +129,9 @@ FALSE_ALARMS = {
 
 
 def false_alarms(tests: tuple[int, ...], series: int, seed: int) -> FalseAlarms:
-    """Return the false alarms of these tests, by simulation of so many series of 100 stable points."""
+    """Return the false alarms of these tests, by simulation of so many series of 100 stable
+    points.
+    """
     generator = np.random.default_rng(seed)
     points = generator.normal(size=100 * series)
     at = np.unique([one.last for one in signals(points, tests)])

@@ -1,8 +1,9 @@
 """Reasons to refuse a chart or an index.
 
-Each refusal prevents a mistake whose size was measured: an individuals chart of values whose neighbours are alike (lag-1
-correlation 0.9) shows a third of them out of control, with a sigma three times too small; a spread below the resolution makes Cpk
-as large as one likes. See docs/explanation/capability.md.
+Each refusal prevents a mistake whose size was measured: an individuals chart of values whose
+neighbours are alike (lag-1 correlation 0.9) shows a third of them out of control, with a sigma
+three times too small; a spread below the resolution makes Cpk as large as one likes. See
+docs/explanation/capability.md.
 """
 
 from __future__ import annotations
@@ -60,7 +61,10 @@ def there_are(count: int, what: str) -> str:
     """Return ``There are 3 days with alarms``, ``There is 1 day with alarms``."""
     noun, *rest = what.split(" ", 1)
     one = noun.removesuffix("es" if noun.endswith("ches") else "s")
-    return f"There {'is' if count == 1 else 'are'} {count} {' '.join([one if count == 1 else noun, *rest])}"
+    return (
+        f"There {'is' if count == 1 else 'are'} {count}"
+        f" {' '.join([one if count == 1 else noun, *rest])}"
+    )
 
 
 def lag_1(points: Floats) -> float:
@@ -75,8 +79,13 @@ def autocorrelated(points: Floats) -> Refused | None:
     found, chance = lag_1(points), float(-ndtri(ALIKE)) / sqrt(len(points))
     if found <= max(MOST_LAG_1, chance):
         return None
-    text = f"Neighbouring values are alike (lag-1 correlation {found:.2f}, at most {max(MOST_LAG_1, chance):.2f} allowed), "
-    return Refused("autocorrelated", text + "so limits from their differences would be far too narrow.")
+    text = (
+        f"Neighbouring values are alike (lag-1 correlation {found:.2f}, at most"
+        f" {max(MOST_LAG_1, chance):.2f} allowed), "
+    )
+    return Refused(
+        "autocorrelated", text + "so limits from their differences would be far too narrow."
+    )
 
 
 def unresolved(points: Floats, sigma: float, resolution: float | None) -> Refused | None:
@@ -88,14 +97,21 @@ def unresolved(points: Floats, sigma: float, resolution: float | None) -> Refuse
     steps = len(np.unique(np.round(points / resolution)))
     if sigma >= resolution / sqrt(12) and steps >= LEAST_STEPS:
         return None
-    text = f"The values come in steps of {resolution:g} and take {steps} of them (standard deviation {sigma:.2g}); "
-    return Refused("unresolved", text + "their spread is that of the resolution, not of the process.")
+    text = (
+        f"The values come in steps of {resolution:g} and take {steps} of them (standard deviation"
+        f" {sigma:.2g}); "
+    )
+    return Refused(
+        "unresolved", text + "their spread is that of the resolution, not of the process."
+    )
 
 
 def unstable(chart: Chart, distances: Floats) -> Refused | None:
-    """Refuse a point further out, or more signals, than a stable process gives by chance; in long series some are expected.
+    """Refuse a point further out, or more signals, than a stable process gives by chance; in long
+    series some are expected.
 
-    `distances` is how far each point certainly is from the centre; 0 if it may be on either side, as a rounded value may.
+    `distances` is how far each point certainly is from the centre; 0 if it may be on either side,
+    as a rounded value may.
     """
     n, zones = len(distances), distances / chart.sigma
     furthest = float(np.abs(zones).max())
@@ -111,15 +127,20 @@ def _too_often(number: int, zones: Floats, rate: float) -> Refused | None:
     seen = _count_runs([one.last for one in signals(zones, (number,))])
     if not seen or pdtrc(seen - 1, rate * len(zones)) >= BY_CHANCE:
         return None
-    text = f"The process is not stable: {TESTS[number - 1].text}, {seen} time{'s' * (seen > 1)} in {len(zones)} points"
+    text = (
+        f"The process is not stable: {TESTS[number - 1].text}, {seen} time{'s' * (seen > 1)} in"
+        f" {len(zones)} points"
+    )
     return Refused("unstable", f"{text}; an index would describe no process that exists.")
 
 
 def rate_of_nine(sides: Floats) -> float:
-    """Return how often nine in a row on one side begin at a point, if values lie above as often as these do.
+    """Return how often nine in a row on one side begin at a point, if values lie above as often as
+    these do.
 
-    Values on neither side are left out, as in any test of runs (Gibbons and Chakraborti, Nonparametric Statistical Inference,
-    chapter 3). The sides need not be equal, because steps of a resolution seldom lie evenly about the centre.
+    Values on neither side are left out, as in any test of runs (Gibbons and Chakraborti,
+    Nonparametric Statistical Inference, chapter 3). The sides need not be equal, because steps of a
+    resolution seldom lie evenly about the centre.
     """
     above = float(np.mean(sides > 0)) if len(sides) else 0.5
     below = 1 - above
@@ -128,7 +149,10 @@ def rate_of_nine(sides: Floats) -> float:
 
 def _count_runs(places: list[int]) -> int:
     """Return how often a pattern began; one that continues from point to point counts once."""
-    return sum(before is None or place > before + 1 for before, place in zip([None, *places], places, strict=False))
+    return sum(
+        before is None or place > before + 1
+        for before, place in zip([None, *places], places, strict=False)
+    )
 
 
 def shifted(points: Floats) -> Refused | None:
@@ -146,8 +170,14 @@ def shifted(points: Floats) -> Refused | None:
     what = f"it drifts (rank correlation with the order {rho:+.2f}, p = {drift:.2g})"
     if step <= drift:
         before, after = float(np.median(points[: place + 1])), float(np.median(points[place + 1 :]))
-        what = f"it steps after value {place + 1} of {n} (median {before:.4g} before, {after:.4g} after; Pettitt, p = {step:.2g})"
-    return Refused("unstable", f"The process is not stable: {what}; an index would describe no process that exists.")
+        what = (
+            f"it steps after value {place + 1} of {n} (median {before:.4g} before, {after:.4g}"
+            f" after; Pettitt, p = {step:.2g})"
+        )
+    return Refused(
+        "unstable",
+        f"The process is not stable: {what}; an index would describe no process that exists.",
+    )
 
 
 def mixed(points: Floats, fit: Fit, resolution: float | None) -> Refused | None:
@@ -155,7 +185,10 @@ def mixed(points: Floats, fit: Fit, resolution: float | None) -> Refused | None:
     two = two_populations(points, fit, resolution)
     if two is None:
         return None
-    text = f"The values are of two populations, about {two.means[0]:.4g} ({two.share:.0%}) and about {two.means[1]:.4g}; "
+    text = (
+        f"The values are of two populations, about {two.means[0]:.4g} ({two.share:.0%}) and about"
+        f" {two.means[1]:.4g}; "
+    )
     return Refused("two_populations", text + "chart each by itself.")
 
 
@@ -175,8 +208,15 @@ def no_distribution(points: Floats) -> Refused | None:
     n = len(points)
     if n >= LEAST_FOR_PERCENTILES:
         return None
-    text = f"No distribution fits the {n} values (Anderson-Darling, p below 0.05 for normal, lognormal, Weibull and Box-Cox); "
-    return Refused("not_normal", f"{text}their own percentiles 0.135 and 99.865 take at least {LEAST_FOR_PERCENTILES} values.")
+    text = (
+        f"No distribution fits the {n} values (Anderson-Darling, p below 0.05 for normal,"
+        " lognormal, Weibull and Box-Cox); "
+    )
+    return Refused(
+        "not_normal",
+        f"{text}their own percentiles 0.135 and 99.865 take at least {LEAST_FOR_PERCENTILES}"
+        " values.",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,12 +228,16 @@ class TwoPopulations:
     share: float
 
 
-def two_populations(values: Floats, one: Fit, resolution: float | None = None) -> TwoPopulations | None:
-    """Return two populations (two tips, two recipes, joints and touches) if they explain the values clearly better than one.
+def two_populations(
+    values: Floats, one: Fit, resolution: float | None = None
+) -> TwoPopulations | None:
+    """Return two populations (two tips, two recipes, joints and touches) if they explain the values
+    clearly better than one.
 
-    A mixture of two normal distributions must be clearly more likely than the one distribution that fits best and than an even
-    spread (BIC, by `CLEARLY`), and the two must lie clearly apart: D of Ashman, Bird and Zepf (Astronomical Journal 108, 1994)
-    above 2, which a mixture needs to have two peaks.
+    A mixture of two normal distributions must be clearly more likely than the one distribution that
+    fits best and than an even spread (BIC, by `CLEARLY`), and the two must lie clearly apart: D of
+    Ashman, Bird and Zepf (Astronomical Journal 108, 1994) above 2, which a mixture needs to have
+    two peaks.
     """
     n, ordered = len(values), np.sort(values)
     floor = max(0.1 * float(values.std()), (resolution or 0.0) / sqrt(12))
@@ -207,7 +251,9 @@ def two_populations(values: Floats, one: Fit, resolution: float | None = None) -
 
 
 def _mixture(ordered: Floats, floor: float) -> tuple[TwoPopulations, float]:
-    """Return the most likely mixture of two and its log-likelihood; starts from the gap that separates the values best."""
+    """Return the most likely mixture of two and its log-likelihood; starts from the gap that
+    separates the values best.
+    """
     n = len(ordered)
     counts = np.arange(1, n)
     sums = np.cumsum(ordered)[:-1]
@@ -219,14 +265,20 @@ def _mixture(ordered: Floats, floor: float) -> tuple[TwoPopulations, float]:
     for _ in range(MOST_ROUNDS):
         share = np.maximum(weight.sum(axis=1), 1e-9)
         means = (weight @ ordered) / share
-        sds = np.maximum(np.sqrt((weight * (ordered - means[:, np.newaxis]) ** 2).sum(axis=1) / share), floor)
+        sds = np.maximum(
+            np.sqrt((weight * (ordered - means[:, np.newaxis]) ** 2).sum(axis=1) / share), floor
+        )
         away = (ordered - means[:, np.newaxis]) / sds[:, np.newaxis]
-        parts = np.log(share / n)[:, np.newaxis] - np.log(sds)[:, np.newaxis] + LOG_ROOT - away**2 / 2
+        parts = (
+            np.log(share / n)[:, np.newaxis] - np.log(sds)[:, np.newaxis] + LOG_ROOT - away**2 / 2
+        )
         total = np.logaddexp(parts[0], parts[1])
         weight = np.exp(parts - total)
         likelihood = float(total.sum())
         if likelihood - last < 1e-6 * n:
             break
         last = likelihood
-    two = TwoPopulations((float(means[0]), float(means[1])), (float(sds[0]), float(sds[1])), float(share[0] / n))
+    two = TwoPopulations(
+        (float(means[0]), float(means[1])), (float(sds[0]), float(sds[1])), float(share[0] / n)
+    )
     return two, likelihood

@@ -10,7 +10,12 @@ from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
 from jbclog.analysis.spc import charts
-from jbclog.analysis.spc.capability import Capability, indices, indices_of_fit, indices_of_percentiles
+from jbclog.analysis.spc.capability import (
+    Capability,
+    indices,
+    indices_of_fit,
+    indices_of_percentiles,
+)
 from jbclog.analysis.spc.charts import Chart
 from jbclog.analysis.spc.distribution import Fit, Floats, fitting, normal_fit
 from jbclog.analysis.spc.nelson import DEFAULT_TESTS
@@ -34,11 +39,13 @@ from jbclog.core.errors import UsageError
 def control_chart(
     values: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
 ) -> tuple[Chart, Chart] | Refused:
-    """Return the individuals chart and the moving range chart of a feature, or the reason for a refusal.
+    """Return the individuals chart and the moving range chart of a feature, or the reason for a
+    refusal.
 
-    `values` are in the order in which they were measured; NaN (not known) is left out. `resolution` is the smallest step of the
-    values, in their unit. The limits are those of the distribution that fits, or of a normal one if none does: an unstable process
-    fits none, and the chart shows it. Raises `UsageError` if a value is infinite.
+    `values` are in the order in which they were measured; NaN (not known) is left out. `resolution`
+    is the smallest step of the values, in their unit. The limits are those of the distribution that
+    fits, or of a normal one if none does: an unstable process fits none, and the chart shows it.
+    Raises `UsageError` if a value is infinite.
     """
     points = _known_values(values)
     refused = first_refusal(
@@ -51,11 +58,15 @@ def control_chart(
         return refused
     fit = fitting(points, _step(points, resolution))
     refused = autocorrelated(points if fit is None else fit.scores(points))
-    return refused or (charts.individuals(points, tests, fit=fit), charts.moving_ranges(points, fit=fit))
+    return refused or (
+        charts.individuals(points, tests, fit=fit),
+        charts.moving_ranges(points, fit=fit),
+    )
 
 
 def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | Refused:
-    """Return the individuals chart of a stable feature that follows a distribution; its limits may be used for later values.
+    """Return the individuals chart of a stable feature that follows a distribution; its limits may
+    be used for later values.
 
     Raises `UsageError` if a value is infinite.
     """
@@ -64,12 +75,17 @@ def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | 
     if isinstance(fit, Refused):
         return fit
     if fit is None:
-        text = f"No distribution fits the {len(points)} values, so no limits can be given that later values keep to."
+        text = (
+            f"No distribution fits the {len(points)} values, so no limits can be given that later"
+            " values keep to."
+        )
         return Refused("not_normal", text)
     return charts.individuals(points, fit=fit)
 
 
-def subgroup_charts(subgroups: ArrayLike, *, resolution: float | None = None) -> tuple[Chart, Chart] | Refused:
+def subgroup_charts(
+    subgroups: ArrayLike, *, resolution: float | None = None
+) -> tuple[Chart, Chart] | Refused:
     """Return the charts of means and ranges of subgroups, a row each (X-bar and R)."""
     rows = np.asarray(subgroups, dtype=np.float64)
     refused = _refused_subgroups(rows, charts.sigma_of_ranges, resolution)
@@ -81,18 +97,26 @@ def subgroup_charts_by_sd(
 ) -> tuple[Chart, Chart] | Refused:
     """Return the charts of means and standard deviations of subgroups, a row each (X-bar and S)."""
     rows = np.asarray(subgroups, dtype=np.float64)
-    refused = _refused_subgroups(rows, lambda rows: float(rows.std(axis=1, ddof=1).mean()), resolution)
+    refused = _refused_subgroups(
+        rows, lambda rows: float(rows.std(axis=1, ddof=1).mean()), resolution
+    )
     return refused or (charts.means_by_sd(rows, tests), charts.sds(rows))
 
 
 def capability(
-    values: ArrayLike, *, lower: float | None = None, upper: float | None = None, resolution: float | None = None
+    values: ArrayLike,
+    *,
+    lower: float | None = None,
+    upper: float | None = None,
+    resolution: float | None = None,
 ) -> Capability | Refused:
-    """Return Cp, Cpk, Pp and Ppk of a feature against its limits, with bounds, or the reason for a refusal.
+    """Return Cp, Cpk, Pp and Ppk of a feature against its limits, with bounds, or the reason for a
+    refusal.
 
-    NaN (not known) is left out, and `n` counts the other values. First a distribution is fitted, then stability is tested on the
-    scale on which it is normal, then the indices come from its percentiles. Raises `UsageError` if no limit is given, the lower one
-    is not below the upper, or a value is infinite.
+    NaN (not known) is left out, and `n` counts the other values. First a distribution is fitted,
+    then stability is tested on the scale on which it is normal, then the indices come from its
+    percentiles. Raises `UsageError` if no limit is given, the lower one is not below the upper, or
+    a value is infinite.
     """
     if lower is None and upper is None:
         raise UsageError("capability needs a lower limit, an upper limit or both")
@@ -106,11 +130,16 @@ def capability(
         return indices_of_percentiles(points, lower, upper)
     if fit.name != "normal":
         return indices_of_fit(points, fit, lower, upper)
-    return replace(indices(points, lower, upper), chance=fit.chance, percentiles=(fit.at(-3.0), fit.at(0.0), fit.at(3.0)))
+    return replace(
+        indices(points, lower, upper),
+        chance=fit.chance,
+        percentiles=(fit.at(-3.0), fit.at(0.0), fit.at(3.0)),
+    )
 
 
 def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> ProbabilityPlot:
-    """Return the values against the scores of their ranks, and the line of the distribution that fits.
+    """Return the values against the scores of their ranks, and the line of the distribution that
+    fits.
 
     Raises `UsageError` if there are fewer than two values, or one is infinite.
     """
@@ -120,12 +149,16 @@ def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> P
     ranks = np.asarray(ndtri((np.arange(1, len(points) + 1) - 0.375) / (len(points) + 0.25)))
     fit = fitting(points, _step(points, resolution))
     line = None if fit is None else fit.family.quantiles(fit.fitted, ranks)
-    return ProbabilityPlot(ranks, points, line, None if fit is None else fit.name, None if fit is None else fit.chance)
+    return ProbabilityPlot(
+        ranks, points, line, None if fit is None else fit.name, None if fit is None else fit.chance
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProbabilityPlot:
-    """Sorted values against the normal scores of their ranks (Blom), and the line of the distribution, if one fits."""
+    """Sorted values against the normal scores of their ranks (Blom), and the line of the
+    distribution, if one fits.
+    """
 
     scores: Floats
     values: Floats
@@ -135,7 +168,9 @@ class ProbabilityPlot:
 
 
 def _stable(points: Floats, resolution: float | None) -> Fit | Refused | None:
-    """Return the distribution of a stable feature; None if none fits and there are enough values for their own percentiles."""
+    """Return the distribution of a stable feature; None if none fits and there are enough values
+    for their own percentiles.
+    """
     step = _step(points, resolution)
     refused = first_refusal(
         (
@@ -159,11 +194,15 @@ def _stable(points: Floats, resolution: float | None) -> Fit | Refused | None:
     return refused or fit
 
 
-def _out_of_control(points: Floats, fit: Fit | None, scores: Floats, step: float | None) -> Refused | None:
-    """Return a refusal for points and patterns that no stable process has, on the scale on which the values are normal.
+def _out_of_control(
+    points: Floats, fit: Fit | None, scores: Floats, step: float | None
+) -> Refused | None:
+    """Return a refusal for points and patterns that no stable process has, on the scale on which
+    the values are normal.
 
-    Limits come from the values as read, so they include the resolution. Compared with them is what is certain of each value: it
-    lies as close to the centre as its step allows, and a value whose step contains the centre is on neither side of it.
+    Limits come from the values as read, so they include the resolution. Compared with them is what
+    is certain of each value: it lies as close to the centre as its step allows, and a value whose
+    step contains the centre is on neither side of it.
     """
     chart = charts.individuals(scores)
     if not step:
@@ -175,7 +214,9 @@ def _out_of_control(points: Floats, fit: Fit | None, scores: Floats, step: float
     return unstable(chart, np.where(is_at_centre, 0.0, nearest))
 
 
-def _refused_subgroups(rows: Floats, sigma: Callable[[Floats], float], resolution: float | None) -> Refused | None:
+def _refused_subgroups(
+    rows: Floats, sigma: Callable[[Floats], float], resolution: float | None
+) -> Refused | None:
     return first_refusal(
         (
             lambda: too_few(len(rows), LEAST_POINTS, "subgroups"),
@@ -186,7 +227,9 @@ def _refused_subgroups(rows: Floats, sigma: Callable[[Floats], float], resolutio
 
 
 def _step(points: Floats, resolution: float | None) -> float | None:
-    """Return the step of the values: the stated one, or their least difference if most of them are equal to another."""
+    """Return the step of the values: the stated one, or their least difference if most of them are
+    equal to another.
+    """
     distinct = np.unique(points)
     if resolution or len(distinct) > len(points) / 2 or len(distinct) < 2:
         return resolution
@@ -199,5 +242,8 @@ def _known_values(values: ArrayLike) -> Floats:
     if points.ndim != 1:
         raise UsageError(f"a feature must be one-dimensional (got shape {points.shape})")
     if np.isinf(points).any():
-        raise UsageError("a feature must be finite; an infinite value comes from a division by zero in its computation")
+        raise UsageError(
+            "a feature must be finite; an infinite value comes from a division by zero in its"
+            " computation"
+        )
     return points[~np.isnan(points)]

@@ -1,4 +1,6 @@
-"""The rows of a sealed run as a store has them: its record piece by piece, what is computed from it, and its row in `runs`."""
+"""The rows of a sealed run as a store has them: its record piece by piece, what is computed from
+it, and its row in `runs`.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +26,23 @@ from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import manifest_sha256
 
-SMALL_FILES: Final = {MANIFEST: Kind.MANIFEST, ANNOTATIONS: Kind.ANNOTATIONS, "line.toml": Kind.SETTINGS}
+SMALL_FILES: Final = {
+    MANIFEST: Kind.MANIFEST,
+    ANNOTATIONS: Kind.ANNOTATIONS,
+    "line.toml": Kind.SETTINGS,
+}
 """Files that a store keeps whole, beside the copies of the recipes."""
-SAME_NAME: Final = ("verdict", "exit_status", "exit_code", "operator", "order", "product", "tags", "lost", "manifest_sha256")
+SAME_NAME: Final = (
+    "verdict",
+    "exit_status",
+    "exit_code",
+    "operator",
+    "order",
+    "product",
+    "tags",
+    "lost",
+    "manifest_sha256",
+)
 LISTS: Final = ("stations", "recipes", "units", "wire_lots", "flux_lots", "tips")
 
 Partition = Mapping[str, str | None]
@@ -34,13 +50,17 @@ Partition = Mapping[str, str | None]
 
 
 def partition_of(found: Found) -> Partition:
-    """Return the line, and the month in which the run started (UTC); None where the manifest does not say."""
+    """Return the line, and the month in which the run started (UTC); None where the manifest does
+    not say.
+    """
     started = _moment(found.started)
     return {"line": found.line, "month": None if started is None else f"{started:%Y-%m}"}
 
 
 def rows_of(run: Run, table: str) -> Iterator[pa.Table]:
-    """Yield the rows of one table of a run, those of its record one row group at a time. Raises `RecordError`."""
+    """Yield the rows of one table of a run, those of its record one row group at a time. Raises
+    `RecordError`.
+    """
     if table in RECORD:
         return run.groups(table, OWN[table].names)
     return iter([_computed(run, table)])
@@ -51,12 +71,16 @@ def _computed(run: Run, table: str) -> pa.Table:
     if table in ("joints", "metrics"):
         joints, metrics = _measured(run)
         return joints if table == "joints" else pa.Table.from_pylist(metrics, schema=schema)
-    return pa.Table.from_pandas(run.units() if table == "units" else run.alarms(), schema=schema, preserve_index=False)
+    return pa.Table.from_pandas(
+        run.units() if table == "units" else run.alarms(), schema=schema, preserve_index=False
+    )
 
 
 @lru_cache(maxsize=1)  # for the two tables of one run
 def _measured(run: Run) -> tuple[pa.Table, list[dict[str, object]]]:
-    """Return joints and metrics as they are stored; where both are not, from one pass over the samples."""
+    """Return joints and metrics as they are stored; where both are not, from one pass over the
+    samples.
+    """
     digest = manifest_sha256(run.folder)
     if stored_joints(run.folder, digest) is None and stored_metrics(run.folder, digest) is None:
         joints, metrics, _ = joints_and_metrics(run)
@@ -64,12 +88,18 @@ def _measured(run: Run) -> tuple[pa.Table, list[dict[str, object]]]:
     return joints_of(run), [asdict(row) for row in metric_rows_of(run)]
 
 
-def stamped(pieces: Iterable[pa.Table], table: str, run: str, publication: str, partition: Partition) -> Iterator[pa.RecordBatch]:
+def stamped(
+    pieces: Iterable[pa.Table], table: str, run: str, publication: str, partition: Partition
+) -> Iterator[pa.RecordBatch]:
     """Yield the pieces with the columns that each row of a store has. No piece is kept."""
     schema, first = schema_of(table), 0
     for piece in pieces:
         own = [piece[name] for name in OWN[table].names]
-        before = [_repeated(run, piece), _repeated(publication, piece), pa.array(range(first, first + piece.num_rows), pa.int64())]
+        before = [
+            _repeated(run, piece),
+            _repeated(publication, piece),
+            pa.array(range(first, first + piece.num_rows), pa.int64()),
+        ]
         after = [_repeated(partition[name], piece) for name in ("line", "month")]
         yield from pa.table([*before, *own, *after], schema=schema).to_batches()
         first += piece.num_rows
@@ -89,7 +119,9 @@ def run_row(
     rows: Mapping[str, int],
     files: Iterable[tuple[str, bytes]],
 ) -> pa.Table:
-    """Return the run's row in `runs`. `publications`: of its record and of its findings; `rows`: the count of each table."""
+    """Return the run's row in `runs`. `publications`: of its record and of its findings; `rows`:
+    the count of each table.
+    """
     row: dict[str, object] = {name: getattr(found, name) for name in SAME_NAME}
     row |= {name: list(getattr(found, name)) for name in LISTS}
     row |= {f"{table}_rows": rows[table] for table in DATA}
@@ -114,10 +146,15 @@ def run_row(
 
 
 def small_files(run: Run) -> Iterator[tuple[str, bytes]]:
-    """Yield name and bytes of each small file of a run that is there: manifest, annotations, line, recipes. Raises OSError."""
+    """Yield name and bytes of each small file of a run that is there: manifest, annotations, line,
+    recipes. Raises OSError.
+    """
     folder = run.folder
     paths = {name: (folder / name, kind) for name, kind in SMALL_FILES.items()}
-    paths |= {f"recipes/{Path(one.file).name}": (recipe_copy(folder, one.file), Kind.SETTINGS) for one in run.manifest.recipes}
+    paths |= {
+        f"recipes/{Path(one.file).name}": (recipe_copy(folder, one.file), Kind.SETTINGS)
+        for one in run.manifest.recipes
+    }
     for name, (path, kind) in paths.items():
         try:
             yield name, read_foreign(path, kind)

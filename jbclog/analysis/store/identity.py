@@ -1,8 +1,9 @@
 """Which run a folder holds, and whether a store has it already.
 
-A run is its manifest: the same name with another manifest is another run, and refused. What is known of it grows by annotations,
-each a link of a chain that begins at the manifest. So of two copies the one whose chain continues the other's is the
-newer one, and copies that were annotated differently on two computers are neither.
+A run is its manifest: the same name with another manifest is another run, and refused. What is
+known of it grows by annotations, each a link of a chain that begins at the manifest. So of two
+copies the one whose chain continues the other's is the newer one, and copies that were annotated
+differently on two computers are neither.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ class Step(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """A run, and what is known of it: hashes of its annotations, the oldest first, and the version of the rules for its figures."""
+    """A run, and what is known of it: hashes of its annotations, the oldest first, and the version
+    of the rules for its figures.
+    """
 
     run: str
     manifest_sha256: str
@@ -38,13 +41,16 @@ class Identity:
     rules: int = RULES
 
     def step(self, known: Identity | None) -> Step:
-        """Return what a store that has `known` of this run lacks. Raises `RecordError` if the two contradict each other."""
+        """Return what a store that has `known` of this run lacks. Raises `RecordError` if the two
+        contradict each other.
+        """
         if known is None:
             return Step.ALL
         if known.manifest_sha256 != self.manifest_sha256:
             raise RecordError(
-                f"{self.run}: the store has a run of this name with another manifest ({known.manifest_sha256[:16]}, here "
-                f"{self.manifest_sha256[:16]}); nothing was published. `jbclog check` shows which folder was changed"
+                f"{self.run}: the store has a run of this name with another manifest"
+                f" ({known.manifest_sha256[:16]}, here {self.manifest_sha256[:16]}); nothing was"
+                " published. `jbclog check` shows which folder was changed"
             )
         if _begins(self.annotations, known.annotations):
             grown = len(self.annotations) > len(known.annotations)
@@ -52,7 +58,8 @@ class Identity:
         if _begins(known.annotations, self.annotations):
             return Step.OLDER
         raise RecordError(
-            f"{self.run}: this copy and the one in the store were annotated differently; nothing was published. Annotate one copy"
+            f"{self.run}: this copy and the one in the store were annotated differently; nothing"
+            " was published. Annotate one copy"
         )
 
 
@@ -61,12 +68,21 @@ def _begins(whole: Sequence[str], part: Sequence[str]) -> bool:
 
 
 def identity_of(folder: Path) -> Identity:
-    """Return the identity of the sealed run in `folder`. Raises `RecordError` for one that is not sealed, or not whole."""
+    """Return the identity of the sealed run in `folder`. Raises `RecordError` for one that is not
+    sealed, or not whole.
+    """
     manifest = read_manifest(folder)
     if manifest.state != "sealed":
-        raise RecordError(f"{folder} is not sealed: it is being recorded, or it crashed; then run `jbclog recover`")
+        raise RecordError(
+            f"{folder} is not sealed: it is being recorded, or it crashed; then run `jbclog"
+            " recover`"
+        )
     said = read_annotations(folder)
     if said.wrong:
-        raise RecordError(f"{folder}: {said.complaints()[0]}; nothing was published. `jbclog check` lists all findings")
-    hashes = tuple(sha256(line_of(asdict(one))) for one in said.said)  # without the lines that name a report
+        raise RecordError(
+            f"{folder}: {said.complaints()[0]}; nothing was published. `jbclog check` lists all"
+            " findings"
+        )
+    # without the lines that name a report
+    hashes = tuple(sha256(line_of(asdict(one))) for one in said.said)
     return Identity(manifest.run, manifest_sha256(folder), hashes)

@@ -1,4 +1,6 @@
-"""A table of a store in parts that are read apart, also on other computers: a file, or some row groups of a large one."""
+"""A table of a store in parts that are read apart, also on other computers: a file, or some row
+groups of a large one.
+"""
 
 from __future__ import annotations
 
@@ -37,20 +39,30 @@ class FilePart:
         """The condition that a row counts."""
         return pc.field("publication").isin(pa.array(sorted(self.publications), pa.utf8()))
 
-    def pieces(self, columns: Sequence[str], condition: pc.Expression | None = None) -> Iterator[pa.Table]:
-        """Yield the rows that count and match, 32 768 or fewer at a time, by one thread. Raises `RecordError`."""
+    def pieces(
+        self, columns: Sequence[str], condition: pc.Expression | None = None
+    ) -> Iterator[pa.Table]:
+        """Yield the rows that count and match, 32 768 or fewer at a time, by one thread. Raises
+        `RecordError`.
+        """
         chosen = self.wanted if condition is None else self.wanted & condition
         with explained(self.place.url):
             for fragment in self._fragments():
-                yield from chosen_rows(fragment, columns, chosen, schema_of(self.table), use_threads=False)
+                yield from chosen_rows(
+                    fragment, columns, chosen, schema_of(self.table), use_threads=False
+                )
 
     def _fragments(self) -> Iterator[ds.Fragment]:
-        fragment = ds.ParquetFileFormat().make_fragment(self.path, filesystem=table_files(self.place, self.table))
+        fragment = ds.ParquetFileFormat().make_fragment(
+            self.path, filesystem=table_files(self.place, self.table)
+        )
         if self.shares == 1:
             yield fragment
             return
         groups = [one.id for one in fragment.row_groups]
-        mine = groups[self.share * len(groups) // self.shares : (self.share + 1) * len(groups) // self.shares]
+        mine = groups[
+            self.share * len(groups) // self.shares : (self.share + 1) * len(groups) // self.shares
+        ]
         if mine:
             yield fragment.subset(row_group_ids=mine)
 
@@ -61,21 +73,31 @@ def table_files(place: Place, table: str) -> pf.FileSystem:
 
 
 def parts_of(store: Store, table: str, runs: Iterable[Published]) -> list[FilePart]:
-    """Return the parts in which rows of these runs can be, by line, month and the files' statistics. Raises `RecordError`."""
+    """Return the parts in which rows of these runs can be, by line, month and the files'
+    statistics. Raises `RecordError`.
+    """
     wanted: dict[tuple[str | None, str | None], list[str]] = {}
     for one in runs:
         wanted.setdefault((one.line, one.month), []).append(one.publication(table))
     with explained(store.place.url):
-        paths = {unquote(fragment.path): fragment.path for fragment in store.dataset(table).get_fragments()}
+        paths = {
+            unquote(fragment.path): fragment.path
+            for fragment in store.dataset(table).get_fragments()
+        }
         files = actions_of(store.table(table)).to_pylist()
     found = []
     for file in sorted(files, key=lambda file: str(file["path"])):
         first, last = file.get("min.publication") or "", file.get("max.publication")
         of_partition = wanted.get((file.get("partition.line"), file.get("partition.month")), ())
-        mine = frozenset(name for name in of_partition if first <= name and (last is None or name <= last))
+        mine = frozenset(
+            name for name in of_partition if first <= name and (last is None or name <= last)
+        )
         shares = -(-(file.get("num_records") or 1) // PART_ROWS)
         path = paths[unquote(file["path"])]
-        found += [FilePart(store.place, table, path, share, shares, mine) for share in range(shares if mine else 0)]
+        found += [
+            FilePart(store.place, table, path, share, shares, mine)
+            for share in range(shares if mine else 0)
+        ]
     return found
 
 
@@ -87,8 +109,14 @@ class MetricRows:
     names: Collection[str] | None
 
     def __call__(self, part: FilePart) -> tuple[Counter[str], pa.Table]:
-        """Return the count of all rows of each publication, and the chosen rows. Raises `RecordError`."""
-        counts = Counter(name for piece in part.pieces(["publication"]) for name in piece["publication"].to_pylist())
+        """Return the count of all rows of each publication, and the chosen rows. Raises
+        `RecordError`.
+        """
+        counts = Counter(
+            name
+            for piece in part.pieces(["publication"])
+            for name in piece["publication"].to_pylist()
+        )
         schema = schema_of("metrics")
         columns = [name for name in schema.names if name not in ("run", "row", "line", "month")]
         empty = pa.schema([schema.field(name) for name in columns]).empty_table()

@@ -1,6 +1,8 @@
-"""Where a store is, a folder, a network share or ``s3://BUCKET/PATH``, and how its tables and files are opened.
+"""Where a store is, a folder, a network share or ``s3://BUCKET/PATH``, and how its tables and files
+are opened.
 
-Everything goes through the `deltalake` library, which takes credentials from the environment. Its errors can repeat what a server
+Everything goes through the `deltalake` library, which takes credentials from the environment. Its
+errors can repeat what a server
 answers: they become one line, without any secret.
 """
 
@@ -29,15 +31,20 @@ if TYPE_CHECKING:
 S3: Final = re.compile(r"s3a?:/+(.+)", re.DOTALL)  # a `Path` has lost one of the slashes
 URL: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):/")
 OPTIONS: Final = {"conditional_put": "etag", "max_retries": "3", "retry_timeout": "20s"}
-"""Of S3: commits by conditional writes only, whatever the environment says; a server that is gone is an error, not a wait."""
+"""Of S3: commits by conditional writes only, whatever the environment says; a server that is gone
+is an error, not a wait.
+"""
 UNSAFE: Final = "AWS_S3_ALLOW_UNSAFE_RENAME"
 SECRETS: Final = ("AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN", "AWS_ACCESS_KEY_ID")
 NOT_INSTALLED: Final = "{}: `pip install 'jbclog[plant]'` installs what a store needs"
 CREDENTIALS: Final = (
-    "; credentials come from the environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION, and AWS_ENDPOINT_URL for a "
-    "server that is not Amazon's"
+    "; credentials come from the environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION,"
+    " and AWS_ENDPOINT_URL for a server that is not Amazon's"
 )
-REFUSED: Final = re.compile(r"169\.254\.|InvalidAccessKeyId|SignatureDoesNotMatch|AccessDenied|ExpiredToken|InvalidToken|403 ")
+REFUSED: Final = re.compile(
+    r"169\.254\.|InvalidAccessKeyId|SignatureDoesNotMatch|AccessDenied|ExpiredToken|InvalidToken"
+    r"|403 "
+)
 LOG: Final = "_delta_log"
 MOST_SAID: Final = 400  # characters of an error
 MARKS: Final = re.compile(r"\x1b\[[0-9;]*m|↳")
@@ -46,7 +53,9 @@ MESSAGE: Final = re.compile(r"<Message>([^<]*)</Message>")
 
 
 class StorePath(PosixPath):
-    """A place in a store, as a path. It shows the two slashes of ``s3://``, which a path would lose."""
+    """A place in a store, as a path. It shows the two slashes of ``s3://``, which a path would
+    lose.
+    """
 
     def __str__(self) -> str:
         return re.sub(r"^s3a?:/+", "s3://", super().__str__())
@@ -54,7 +63,9 @@ class StorePath(PosixPath):
 
 @dataclass(frozen=True, slots=True)
 class FileThere:
-    """A file of a store: its name below the store, its size in bytes, and when the storage says that it was written."""
+    """A file of a store: its name below the store, its size in bytes, and when the storage says
+    that it was written.
+    """
 
     name: str
     size: int
@@ -95,7 +106,9 @@ class Place:
             try:
                 return DeltaTable(self.of(name), storage_options=self.options)
             except TableNotFoundError:
-                raise StoreError(f"{self.url}: its table {name} is missing; this is no store, or a damaged one") from None
+                raise StoreError(
+                    f"{self.url}: its table {name} is missing; this is no store, or a damaged one"
+                ) from None
 
     def files(self) -> pf.FileSystem:
         """Return the store as a file system, in which names are relative to it."""
@@ -106,10 +119,18 @@ class Place:
         return pf.SubTreeFileSystem(self.url, pf.LocalFileSystem())
 
     def listed(self, folder: str) -> list[FileThere]:
-        """Return all files below a folder of the store; none where it is missing. Raises `StoreError`."""
+        """Return all files below a folder of the store; none where it is missing. Raises
+        `StoreError`.
+        """
         with explained(self.url):
-            found = self.files().get_file_info(pf.FileSelector(folder, allow_not_found=True, recursive=True))
-        return [FileThere(one.path, one.size, one.mtime) for one in found if one.type == pf.FileType.File]
+            found = self.files().get_file_info(
+                pf.FileSelector(folder, allow_not_found=True, recursive=True)
+            )
+        return [
+            FileThere(one.path, one.size, one.mtime)
+            for one in found
+            if one.type == pf.FileType.File
+        ]
 
     def remove(self, folder: str) -> None:
         """Remove a folder of the store, if it is there. Raises `StoreError`."""
@@ -120,22 +141,31 @@ class Place:
 
 
 def place_of(given: str | os.PathLike[str]) -> Place:
-    """Return the place that a user names. Raises `UsageError` for another kind of URL, or one with credentials in it."""
+    """Return the place that a user names. Raises `UsageError` for another kind of URL, or one with
+    credentials in it.
+    """
     text = os.fspath(given)
     remote = S3.fullmatch(text)
     if remote is not None:
         if "@" in remote[1].partition("/")[0]:
             raise UsageError(f"s3://…: a URL holds no credentials{CREDENTIALS}")
         if os.environ.get(UNSAFE, "").lower() in ("1", "true", "yes", "on"):
-            raise UsageError(f"{UNSAFE} is set: two publishers could then overwrite each other's commits; unset it")
+            raise UsageError(
+                f"{UNSAFE} is set: two publishers could then overwrite each other's commits;"
+                " unset it"
+            )
         return Place(f"s3://{remote[1].rstrip('/')}")
     if URL.match(text):
-        raise UsageError(f"{shortened(clean(text), MOST_SAID)}: a store is a folder or s3://BUCKET/PATH")
+        raise UsageError(
+            f"{shortened(clean(text), MOST_SAID)}: a store is a folder or s3://BUCKET/PATH"
+        )
     return Place(os.path.abspath(text))  # noqa: PTH100  # `resolve` would follow the user's links
 
 
 def is_store(given: str | os.PathLike[str]) -> bool:
-    """Whether a user's path is that of a store. True for each ``s3://`` URL: jbclog keeps nothing else there."""
+    """Whether a user's path is that of a store. True for each ``s3://`` URL: jbclog keeps nothing
+    else there.
+    """
     text = os.fspath(given)
     if S3.fullmatch(text):
         return True
@@ -168,11 +198,15 @@ def explained(url: str) -> Iterator[None]:
         yield
     except (DeltaError, OSError, pa.ArrowException, ValueError) as error:
         text = one_line(error)
-        raise StoreError(f"{url}: {text}{CREDENTIALS if REFUSED.search(text) and S3.match(url) else ''}") from error
+        raise StoreError(
+            f"{url}: {text}{CREDENTIALS if REFUSED.search(text) and S3.match(url) else ''}"
+        ) from error
 
 
 def one_line(error: BaseException) -> str:
-    """Return the text of an error on one line, without colours, without a server's whole answer, and without secrets."""
+    """Return the text of an error on one line, without colours, without a server's whole answer,
+    and without secrets.
+    """
     plain = MARKS.sub("", str(error))
     before, xml, answer = plain.partition("<?xml")
     code, message = CODE.search(answer), MESSAGE.search(answer)

@@ -1,8 +1,10 @@
-"""Reads a store: first its runs, then only the columns, partitions and files of the rows that are asked for.
+"""Reads a store: first its runs, then only the columns, partitions and files of the rows that are
+asked for.
 
-A row counts if the newest row of its run in `runs` names its publication; other rows are of an older version, or of a publisher
-that was interrupted. `runs` is read first: what it names was committed before it. The number of a run's rows in each table is
-known, so that a table of which a part is missing is an error, never a shorter answer.
+A row counts if the newest row of its run in `runs` names its publication; other rows are of an
+older version, or of a publisher that was interrupted. `runs` is read first: what it names was
+committed before it. The number of a run's rows in each table is known, so that a table of which a
+part is missing is an error, never a shorter answer.
 """
 
 from __future__ import annotations
@@ -29,7 +31,17 @@ if TYPE_CHECKING:
 
 BATCH_ROWS: Final = 32_768  # as in a run's own row groups
 FILES: Final = "files"
-SHOWN: Final = ("operator", "order", "product", "verdict", "exit_status", "exit_code", "lost", "line", "manifest_sha256")
+SHOWN: Final = (
+    "operator",
+    "order",
+    "product",
+    "verdict",
+    "exit_status",
+    "exit_code",
+    "lost",
+    "line",
+    "manifest_sha256",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +73,9 @@ class Store:
         self._firsts: dict[str, Mapping[str, int]] = {}
 
     def table(self, name: str) -> DeltaTable:
-        """Return a table at the version that is read. Raises `RecordError` for one of a newer jbclog."""
+        """Return a table at the version that is read. Raises `RecordError` for one of a newer
+        jbclog.
+        """
         if name not in self._tables:
             if name != RUNS:
                 self.table(RUNS)  # read first: what it names was committed before
@@ -69,15 +83,23 @@ class Store:
         return self._tables[name]
 
     def dataset(self, name: str) -> ds.Dataset:
-        """Return a table as a dataset; filters on line, month, run or publication leave files unread. Raises `RecordError`."""
+        """Return a table as a dataset; filters on line, month, run or publication leave files
+        unread. Raises `RecordError`.
+        """
         if name not in self._datasets:
             with explained(self.place.url):
-                files = None if self.place.is_remote else pf.SubTreeFileSystem(self.place.of(name), pf.LocalFileSystem())
+                files = (
+                    None
+                    if self.place.is_remote
+                    else pf.SubTreeFileSystem(self.place.of(name), pf.LocalFileSystem())
+                )
                 self._datasets[name] = self.table(name).to_pyarrow_dataset(filesystem=files)
         return self._datasets[name]
 
     def runs(self, wanted: Filter = ALL) -> list[Published]:
-        """Return the newest version of each run that matches, in the order of their names, which begin with their starts."""
+        """Return the newest version of each run that matches, in the order of their names, which
+        begin with their starts.
+        """
         newest: dict[str, Published] = {}
         for one in self._versions(wanted):
             if one.identity.run not in newest or one.version > newest[one.identity.run].version:
@@ -90,13 +112,20 @@ class Store:
 
     def _versions(self, wanted: Filter) -> Iterator[Published]:
         line = wanted.line if wanted.line and "*" not in wanted.line else None
-        return map(self._published, self._rows(_in_partitions([line] if line else [], _months(wanted))))
+        return map(
+            self._published, self._rows(_in_partitions([line] if line else [], _months(wanted)))
+        )
 
     def run(self, name: str) -> Published:
-        """Return the newest version of a run. Raises `RecordError` if the store has none of that name."""
+        """Return the newest version of a run. Raises `RecordError` if the store has none of that
+        name.
+        """
         found = self.newest(name)
         if found is None:
-            raise RecordError(f"{self.place}: no run {name}; `jbclog runs {self.place}` lists those that are there")
+            raise RecordError(
+                f"{self.place}: no run {name}; `jbclog runs {self.place}` lists those that are"
+                " there"
+            )
         return found
 
     def newest(self, name: str) -> Published | None:
@@ -105,62 +134,95 @@ class Store:
         return max(map(self._published, rows), key=lambda one: one.version, default=None)
 
     def _with_run(self, name: str) -> ds.Dataset:
-        """Return `runs` without the files that, by their statistics, lack this run: a dataset of all takes 1 ms for each file."""
+        """Return `runs` without the files that, by their statistics, lack this run: a dataset of
+        all takes 1 ms for each file.
+        """
         table = self.table(RUNS)
         if table.protocol().reader_features:
             return self.dataset(RUNS)  # somebody else's: the library knows whether it can be read
         schema, form = pa.schema(table.schema().to_arrow()), ds.ParquetFileFormat()
         files = pf.SubTreeFileSystem(RUNS, self.place.files())
         chosen = [one for one in actions_of(table).to_pylist() if _may_have(one, "run", name)]
-        fragments = [form.make_fragment(unquote(one["path"]), files, partition_expression=_partition(one)) for one in chosen]
+        fragments = [
+            form.make_fragment(unquote(one["path"]), files, partition_expression=_partition(one))
+            for one in chosen
+        ]
         return ds.FileSystemDataset(fragments, schema, form, files)
 
-    def _rows(self, condition: pc.Expression | None, runs: ds.Dataset | None = None) -> list[dict[str, Any]]:
+    def _rows(
+        self, condition: pc.Expression | None, runs: ds.Dataset | None = None
+    ) -> list[dict[str, Any]]:
         with explained(self.place.url):
             runs = self.dataset(RUNS) if runs is None else runs
             columns = [name for name in runs.schema.names if name != FILES]
             return list(runs.to_table(columns=columns, filter=condition).to_pylist())
 
     def files_of(self, one: Published) -> list[tuple[str, bytes]]:
-        """Return name and bytes of the small files of a run: manifest, annotations, line, recipes. Raises `RecordError`."""
+        """Return name and bytes of the small files of a run: manifest, annotations, line, recipes.
+        Raises `RecordError`.
+        """
         chosen = (pc.field("run") == one.identity.run) & (pc.field("version") == one.version)
         with explained(self.place.url):
             rows = self.dataset(RUNS).to_table(columns=[FILES], filter=chosen)[FILES].to_pylist()
         return [(file["path"], file["data"]) for files in rows for file in files or ()]
 
     def pieces(
-        self, table: str, one: Published, columns: Sequence[str], condition: pc.Expression | None = None
+        self,
+        table: str,
+        one: Published,
+        columns: Sequence[str],
+        condition: pc.Expression | None = None,
     ) -> Iterator[pa.Table]:
-        """Yield a run's rows of a table in order, at most `BATCH_ROWS` at a time. Raises `RecordError` where some are missing."""
+        """Yield a run's rows of a table in order, at most `BATCH_ROWS` at a time. Raises
+        `RecordError` where some are missing.
+        """
         mine = pc.field("publication") == one.publication(table)
         chosen = mine if condition is None else mine & condition
         try:
             fragments = self._fragments(table, one, mine)
-            expect_rows(self.place, one, table, sum(count_rows(fragment, mine) for fragment in fragments))
+            expect_rows(
+                self.place, one, table, sum(count_rows(fragment, mine) for fragment in fragments)
+            )
             schema = self.dataset(table).schema
             for fragment in fragments:
-                yield from (as_own(piece, table) for piece in chosen_rows(fragment, columns, chosen, schema))
+                yield from (
+                    as_own(piece, table) for piece in chosen_rows(fragment, columns, chosen, schema)
+                )
         except (OSError, pa.ArrowException) as error:
-            raise RecordError(missing(self.place, one.identity.run, table, one_line(error))) from error
+            raise RecordError(
+                missing(self.place, one.identity.run, table, one_line(error))
+            ) from error
 
     def _fragments(self, table: str, one: Published, mine: pc.Expression) -> list[ds.Fragment]:
         """Return the files that may have the run's rows, in the order of the rows."""
         condition = _in_partitions([one.line], [one.month])
         first = self._first_rows(table)
-        fragments = self.dataset(table).get_fragments(filter=mine if condition is None else mine & condition)
+        fragments = self.dataset(table).get_fragments(
+            filter=mine if condition is None else mine & condition
+        )
         return sorted(fragments, key=lambda fragment: first.get(unquote(fragment.path), 0))
 
     def _first_rows(self, table: str) -> Mapping[str, int]:
         """Return the number of the first row of each file, by its path."""
         if table not in self._firsts:
             files = actions_of(self.table(table))
-            first = files["min.row"].to_pylist() if "min.row" in files.column_names else [0] * files.num_rows
-            self._firsts[table] = {unquote(path): row or 0 for path, row in zip(files["path"].to_pylist(), first, strict=True)}
+            first = (
+                files["min.row"].to_pylist()
+                if "min.row" in files.column_names
+                else [0] * files.num_rows
+            )
+            self._firsts[table] = {
+                unquote(path): row or 0
+                for path, row in zip(files["path"].to_pylist(), first, strict=True)
+            }
         return self._firsts[table]
 
     def _published(self, row: Mapping[str, Any]) -> Published:
         facts: dict[str, Any] = {name: row[name] for name in SHOWN}
-        facts |= {name: tuple(row[name] or ()) for name in ("stations", "recipes", "units", "wire_lots", "flux_lots", "tips")}
+        facts |= {
+            name: tuple(row[name] or ())
+            for name in ("stations", "recipes", "units", "wire_lots", "flux_lots", "tips")
+        }
         found = Found(
             folder=self.place.path / row["run"],
             state=SEALED,
@@ -171,17 +233,33 @@ class Store:
             periods_s=dict(row["periods"] or ()),
             **facts,
         )
-        identity = Identity(row["run"], row["manifest_sha256"], tuple(row["annotations"] or ()), row["rules"])
+        identity = Identity(
+            row["run"], row["manifest_sha256"], tuple(row["annotations"] or ()), row["rules"]
+        )
         rows = {table: row[f"{table}_rows"] or 0 for table in DATA}
-        return Published(found, identity, row["version"], row["record"], row["findings"], row["line"], row["month"], rows)
+        return Published(
+            found,
+            identity,
+            row["version"],
+            row["record"],
+            row["findings"],
+            row["line"],
+            row["month"],
+            rows,
+        )
 
 
 def opened(place: Place, name: str) -> DeltaTable:
-    """Open the newest version of a table. Raises `RecordError` for one that a newer jbclog wrote so that this one misreads it."""
+    """Open the newest version of a table. Raises `RecordError` for one that a newer jbclog wrote so
+    that this one misreads it.
+    """
     table = place.table(name)
     written = table.metadata().configuration.get(PROPERTY, "")
     if not written.isdecimal() or int(written) > SCHEMA:
-        raise StoreError(f"{place}: {name} is written with schema {written or '(none)'}; this jbclog knows {SCHEMA}. Upgrade it")
+        raise StoreError(
+            f"{place}: {name} is written with schema {written or '(none)'}; this jbclog knows"
+            f" {SCHEMA}. Upgrade it"
+        )
     return table
 
 
@@ -197,14 +275,19 @@ def _may_have(file: Mapping[str, Any], column: str, value: str) -> bool:
 
 
 def _partition(file: Mapping[str, Any]) -> pc.Expression:
-    """Return what the columns by which a table is partitioned are in a file: it has them in its path only."""
+    """Return what the columns by which a table is partitioned are in a file: it has them in its
+    path only.
+    """
     values = {name: file[f"partition.{name}"] for name in PARTITIONS}
-    line, month = (pc.field(name).is_null() if value is None else pc.field(name) == value for name, value in values.items())
+    line, month = (
+        pc.field(name).is_null() if value is None else pc.field(name) == value
+        for name, value in values.items()
+    )
     return line & month
 
 
-# Where delta-rs removes some rows of a file, it writes the file anew with Arrow's views of texts as types, which Arrow cannot
-# compare with texts. Such a file is read first and filtered then.
+# Where delta-rs removes some rows of a file, it writes the file anew with Arrow's views of texts as
+# types, which Arrow cannot compare with texts. Such a file is read first and filtered then.
 COMPARED: Final = ("publication", "metric", "station", "port", "time")
 
 
@@ -218,20 +301,32 @@ def count_rows(fragment: ds.Fragment, condition: pc.Expression) -> int:
     if not has_views(fragment):
         return int(fragment.count_rows(filter=condition))
     schema = fragment.physical_schema
-    return sum(piece.num_rows for piece in chosen_rows(fragment, ["publication"], condition, schema))
+    return sum(
+        piece.num_rows for piece in chosen_rows(fragment, ["publication"], condition, schema)
+    )
 
 
 def chosen_rows(
-    fragment: ds.Fragment, columns: Sequence[str], condition: pc.Expression, schema: pa.Schema, *, use_threads: bool = True
+    fragment: ds.Fragment,
+    columns: Sequence[str],
+    condition: pc.Expression,
+    schema: pa.Schema,
+    *,
+    use_threads: bool = True,
 ) -> Iterator[pa.Table]:
-    """Yield the rows of a file that match, `BATCH_ROWS` or fewer at a time; none is empty. A column that it lacks is null."""
+    """Yield the rows of a file that match, `BATCH_ROWS` or fewer at a time; none is empty. A column
+    that it lacks is null.
+    """
     how = {"batch_size": BATCH_ROWS, "batch_readahead": 1, "use_threads": use_threads}
     if not has_views(fragment):
         batches = fragment.to_batches(schema, list(columns), filter=condition, **how)
         yield from (pa.Table.from_batches([batch]) for batch in batches if batch.num_rows)
         return
     viewed = pa.schema([_like(field, fragment.physical_schema) for field in schema])
-    needed = [*columns, *(name for name in COMPARED if name in schema.names and name not in columns)]
+    needed = [
+        *columns,
+        *(name for name in COMPARED if name in schema.names and name not in columns),
+    ]
     for batch in fragment.to_batches(viewed, needed, **how):
         piece = as_texts(pa.Table.from_batches([batch])).filter(condition).select(list(columns))
         if piece.num_rows:
@@ -245,30 +340,45 @@ def _like(field: pa.Field, there: pa.Schema) -> pa.Field:
 
 def as_texts(piece: pa.Table) -> pa.Table:
     """Return the rows with texts instead of views of texts."""
-    fields = [field.with_type(pa.utf8()) if pa.types.is_string_view(field.type) else field for field in piece.schema]
+    fields = [
+        field.with_type(pa.utf8()) if pa.types.is_string_view(field.type) else field
+        for field in piece.schema
+    ]
     return piece.cast(pa.schema(fields))
 
 
 def as_own(piece: pa.Table, table: str) -> pa.Table:
     """Return the rows with the types and metadata that they have in a run's folder."""
     own = OWN[table]
-    fields = [own.field(name) if name in own.names else piece.schema.field(name) for name in piece.column_names]
+    fields = [
+        own.field(name) if name in own.names else piece.schema.field(name)
+        for name in piece.column_names
+    ]
     return piece.cast(pa.schema(fields, metadata=own.metadata))
 
 
 def expect_rows(place: Place, one: Published, table: str, there: int) -> None:
     """Raise `RecordError` unless a run has as many rows in a table as its publisher counted."""
     if there != one.rows[table]:
-        raise RecordError(missing(place, one.identity.run, table, f"{there} of {one.rows[table]} rows are there"))
+        raise RecordError(
+            missing(place, one.identity.run, table, f"{there} of {one.rows[table]} rows are there")
+        )
 
 
 def missing(place: Place, run: str, table: str, why: str) -> str:
     """Return the sentence for a table of which a part is missing."""
-    return f"{place}: {run}: its {table} are incomplete: {why}; `jbclog store check {place}` lists all such damage"
+    return (
+        f"{place}: {run}: its {table} are incomplete: {why}; `jbclog store check {place}` lists all"
+        " such damage"
+    )
 
 
-def _in_partitions(lines: Iterable[str | None], months: Iterable[str | None]) -> pc.Expression | None:
-    """Return the condition that rows are of these lines and months; None for no condition. An unknown one is no condition."""
+def _in_partitions(
+    lines: Iterable[str | None], months: Iterable[str | None]
+) -> pc.Expression | None:
+    """Return the condition that rows are of these lines and months; None for no condition. An
+    unknown one is no condition.
+    """
     condition = None
     for name, values in (("line", set(lines)), ("month", set(months))):
         if values and None not in values:
@@ -278,11 +388,17 @@ def _in_partitions(lines: Iterable[str | None], months: Iterable[str | None]) ->
 
 
 def _months(wanted: Filter) -> list[str]:
-    """Return the months of a filter with both limits, at most ten years; none if it has no such limits."""
+    """Return the months of a filter with both limits, at most ten years; none if it has no such
+    limits.
+    """
     if wanted.since is None or wanted.until is None:
         return []
     first, last = (moment.year * 12 + moment.month - 1 for moment in (wanted.since, wanted.until))
-    return [f"{month // 12:04}-{month % 12 + 1:02}" for month in range(first, last + 1)] if 0 <= last - first < 120 else []
+    return (
+        [f"{month // 12:04}-{month % 12 + 1:02}" for month in range(first, last + 1)]
+        if 0 <= last - first < 120
+        else []
+    )
 
 
 def _iso(moment: datetime | None) -> str | None:

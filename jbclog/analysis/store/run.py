@@ -1,7 +1,7 @@
 """A run of a store as `Run`: everything that reads a run's folder reads it, too.
 
-Its small files (manifest, annotations, line, recipes) are written to a temporary folder, which is removed with the object; rows
-come from the store, only those columns that are asked for.
+Its small files (manifest, annotations, line, recipes) are written to a temporary folder, which is
+removed with the object; rows come from the store, only those columns that are asked for.
 """
 
 from __future__ import annotations
@@ -41,21 +41,31 @@ class StoredRun(Run):
         return str(self.entry.found.folder)
 
     def published(self, table: str) -> pa.Table | None:
-        """Return its joints or metrics as they were published; None if another version of the rules computed them."""
+        """Return its joints or metrics as they were published; None if another version of the rules
+        computed them.
+        """
         if self.entry.identity.rules != RULES:
             return None
-        return pa.concat_tables([OWN[table].empty_table(), *self.store.pieces(table, self.entry, OWN[table].names)])
+        return pa.concat_tables(
+            [OWN[table].empty_table(), *self.store.pieces(table, self.entry, OWN[table].names)]
+        )
 
     def _groups(self, selection: Selection) -> Iterator[pa.Table]:
-        pieces = self.store.pieces(selection.table, self.entry, selection.needed, _condition(selection))
+        pieces = self.store.pieces(
+            selection.table, self.entry, selection.needed, _condition(selection)
+        )
         return map(selection.cut, pieces)
 
     def _write_files(self) -> None:
         for name, data in self.store.files_of(self.entry):
             if name == MANIFEST and sha256(data).hexdigest() != self.entry.identity.manifest_sha256:
-                raise RecordError(f"{self.place}: its manifest was changed: its SHA-256 is not the one in `runs`")
+                raise RecordError(
+                    f"{self.place}: its manifest was changed: its SHA-256 is not the one in `runs`"
+                )
             if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
-                raise RecordError(f"{self.place}: has a file {name!r}, which lies outside of the run's folder")
+                raise RecordError(
+                    f"{self.place}: has a file {name!r}, which lies outside of the run's folder"
+                )
             path = self.folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
@@ -63,7 +73,11 @@ class StoredRun(Run):
 
 def _condition(selection: Selection) -> pc.Expression | None:
     """Return what a file's statistics can exclude; `Selection.cut` selects exactly."""
-    found = [pc.field(name) == value for name in ("station", "port") if (value := getattr(selection, name)) is not None]
+    found = [
+        pc.field(name) == value
+        for name in ("station", "port")
+        if (value := getattr(selection, name)) is not None
+    ]
     if selection.start is not None:
         found.append(pc.field("time") >= arrow_time(selection.start))
     if selection.stop is not None:

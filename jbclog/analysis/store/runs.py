@@ -67,7 +67,9 @@ class StoredRuns(Runs):
         return self
 
     def on(self, scheduler: str | None) -> StoredRuns:
-        """Return the runs that match now; workers of a Dask scheduler read their metrics and compute their statistics."""
+        """Return the runs that match now; workers of a Dask scheduler read their metrics and
+        compute their statistics.
+        """
         return StoredRuns(self._place, self.wanted, scheduler)
 
     def metric_rows(
@@ -78,27 +80,39 @@ class StoredRuns(Runs):
         others = [one.found for one in self._published.values() if one.identity.rules != RULES]
         rows: dict[str, list[MetricRow]] = {one.findings: [] for one in current}
         counts: Counter[str] = Counter()
-        engine = engine_of(self._scheduler, is_much=sum(one.rows["metrics"] for one in current) >= MUCH_ROWS)
-        for counted, table in engine.run(MetricRows(station, names), parts_of(self._store, "metrics", current)):
+        engine = engine_of(
+            self._scheduler, is_much=sum(one.rows["metrics"] for one in current) >= MUCH_ROWS
+        )
+        for counted, table in engine.run(
+            MetricRows(station, names), parts_of(self._store, "metrics", current)
+        ):
             counts.update(counted)
             for row in table.to_pylist():
                 rows[row.pop("publication")].append(MetricRow(**row))
         expect_all(self._place, "metrics", current, counts)
         yield from ((one.found, rows[one.findings]) for one in current)
-        yield from self._mapped(partial(metric_rows_of, station=station), others, self._scheduler, Exception)
+        yield from self._mapped(
+            partial(metric_rows_of, station=station), others, self._scheduler, Exception
+        )
 
     def statistics(
-        self, table: str = "samples", column: str = "temperature_c", by: Sequence[str] = ("station", "port")
+        self,
+        table: str = "samples",
+        column: str = "temperature_c",
+        by: Sequence[str] = ("station", "port"),
     ) -> pd.DataFrame:
-        """Return statistics of a column of `samples` or `joints`, a row for each group: count, mean, standard deviation, extremes,
-        and the 5th, 50th and 95th percentile.
+        """Return statistics of a column of `samples` or `joints`, a row for each group: count,
+        mean, standard deviation, extremes, and the 5th, 50th and 95th percentile.
 
-        `by` has some of `run`, `line`, `station`, `port` and `tip` (the tips that somebody named). Figures have the column's unit;
-        `unknown` counts values that are null or not finite. All are exact but the percentiles, which differ by at most 0.05 % from
-        the value of their rank (`.attrs["quantile_error"]`). Reads 32 768 rows at a time. Raises `RecordError`, `UsageError`
-        for a column that is none.
+        `by` has some of `run`, `line`, `station`, `port` and `tip` (the tips that somebody named).
+        Figures have the column's unit; `unknown` counts values that are null or not finite. All are
+        exact but the percentiles, which differ by at most 0.05 % from the value of their rank
+        (`.attrs["quantile_error"]`). Reads 32 768 rows at a time. Raises `RecordError`,
+        `UsageError` for a column that is none.
         """
-        return statistics(self._store, [*self._published.values()], table, column, by, self._scheduler)
+        return statistics(
+            self._store, [*self._published.values()], table, column, by, self._scheduler
+        )
 
     def _together(self, those: Sequence[Found]) -> Together:
         return StoredTogether(self._place, tuple(self._published[one.folder.name] for one in those))
@@ -108,7 +122,9 @@ class StoredRuns(Runs):
 
 
 class StoredFolders:
-    """The runs of a store for what reads their manifests from folders: finds them, and returns a folder for each."""
+    """The runs of a store for what reads their manifests from folders: finds them, and returns a
+    folder for each.
+    """
 
     def __init__(self, place: Place) -> None:
         self._store = Store(place)
@@ -119,7 +135,9 @@ class StoredFolders:
         return (one.found for one in self._store.runs())
 
     def folder_of(self, run: Found) -> Path:
-        """Return a folder with the run's small files; its manifest has been hashed again. Raises `RecordError`."""
+        """Return a folder with the run's small files; its manifest has been hashed again. Raises
+        `RecordError`.
+        """
         name = run.folder.name
         if name not in self._kept:
             self._kept[name] = StoredRun(self._store, self._store.run(name))

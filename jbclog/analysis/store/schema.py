@@ -1,11 +1,12 @@
 """The tables of a store: columns, types, units.
 
-Each table but `runs` begins with the run, the publication that wrote the row, and the number of the row in the run's table, and
-ends with line and month, by which all are partitioned. A row counts only if `runs` names its publication: as `record` for the
-tables of `RECORD`, as `findings` for those of `FINDINGS`.
+Each table but `runs` begins with the run, the publication that wrote the row, and the number of the
+row in the run's table, and ends with line and month, by which all are partitioned. A row counts
+only if `runs` names its publication: as `record` for the tables of `RECORD`, as `findings` for
+those of `FINDINGS`.
 
-Changes are additive: a new column is nullable, rows of older releases have null in it. `SCHEMA` rises only if an older jbclog
-would misread the store.
+Changes are additive: a new column is nullable, rows of older releases have null in it. `SCHEMA`
+rises only if an older jbclog would misread the store.
 """
 
 from __future__ import annotations
@@ -71,11 +72,16 @@ RUN_COLUMNS: Final[Sequence[tuple[str, pa.DataType, str]]] = (
 
 def _field(name: str, kind: pa.DataType, unit: str = "") -> pa.Field:
     metadata = {"unit": unit} if unit else None
-    return pa.field(name.removesuffix("!"), kind, nullable=not name.endswith("!"), metadata=metadata)
+    return pa.field(
+        name.removesuffix("!"), kind, nullable=not name.endswith("!"), metadata=metadata
+    )
 
 
 def _computed(kinds: Mapping[str, str]) -> list[pa.Field]:
-    return [_field(name, _TYPES[kind], "UTC" if kind == "time" else _unit_of(name)) for name, kind in kinds.items()]
+    return [
+        _field(name, _TYPES[kind], "UTC" if kind == "time" else _unit_of(name))
+        for name, kind in kinds.items()
+    ]
 
 
 def _unit_of(name: str) -> str:

@@ -1,8 +1,9 @@
 """Statistics of a column over the runs of a store, for each run, line, station, port or tip.
 
-A partial result for each file, or each part of a large one. `partial`, `Part.add` and `finish` know nothing of each other's
-place: parts are computed anywhere, merged in any order, and the answer is the same to the last digit
-(`jbclog.analysis.fleet.moments`).
+A partial result for each file, or each part of a large one. `partial`, `Part.add` and `finish` know
+nothing of each other's
+place: parts are computed anywhere, merged in any order, and the answer is the same to the last
+digit (`jbclog.analysis.fleet.moments`).
 """
 
 from __future__ import annotations
@@ -39,7 +40,12 @@ Key = tuple[str | int | None, ...]
 
 def key_of(found: Found, by: Sequence[str], station: str, port: int) -> Key:
     """Return the group of a row of a run. A tip that nobody named is None."""
-    facts: dict[str, str | int | None] = {"run": found.folder.name, "line": found.line, "station": station, "port": port}
+    facts: dict[str, str | int | None] = {
+        "run": found.folder.name,
+        "line": found.line,
+        "station": station,
+        "port": port,
+    }
     if "tip" in by:
         facts["tip"] = ", ".join(tips_of(found, station, port)) or None
     return tuple(facts[name] for name in by)
@@ -63,13 +69,17 @@ class JointsAnew:
     def pieces(self, columns: Sequence[str]) -> Iterator[pa.Table]:
         """Yield the rows, with their publication. Raises `RecordError`."""
         joints = joints_of(StoredRun(Store(self.place), self.entry))
-        named = joints.append_column("publication", pa.repeat(pa.scalar(self.entry.findings, pa.utf8()), joints.num_rows))
+        named = joints.append_column(
+            "publication", pa.repeat(pa.scalar(self.entry.findings, pa.utf8()), joints.num_rows)
+        )
         yield named.select(list(columns))
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Rows, a column of them, the groups into which their values go, and the run of each publication."""
+    """Rows, a column of them, the groups into which their values go, and the run of each
+    publication.
+    """
 
     rows: Rows
     column: str
@@ -79,7 +89,9 @@ class Task:
 
 @dataclass(slots=True)
 class Part:
-    """A partial result: how many rows there are of each publication, and the statistics of each group."""
+    """A partial result: how many rows there are of each publication, and the statistics of each
+    group.
+    """
 
     counts: Counter[str] = field(default_factory=Counter)
     groups: dict[Key, Moments] = field(default_factory=dict)
@@ -92,7 +104,9 @@ class Part:
 
 
 def partial(task: Task) -> Part:
-    """Return the statistics of some rows; keeps no more than 32 768 of them. Raises `RecordError`."""
+    """Return the statistics of some rows; keeps no more than 32 768 of them. Raises
+    `RecordError`.
+    """
     part = Part()
     for piece in task.rows.pieces(["publication", "station", "port", task.column]):
         for start in range(0, piece.num_rows, 32_768):
@@ -113,11 +127,18 @@ def _add(part: Part, task: Task, piece: pa.Table) -> None:
         groups[row] = keys.setdefault(key, len(keys))
         part.counts[place[0]] += int(counts[row])
     values = equal[task.column].cast(pa.float64()).to_numpy()
-    part.add(Part(groups=dict(zip(keys, moments_of(values, counts, groups, len(keys)), strict=True))))
+    part.add(
+        Part(groups=dict(zip(keys, moments_of(values, counts, groups, len(keys)), strict=True)))
+    )
 
 
 def statistics(
-    store: Store, runs: Sequence[Published], table: str, column: str, by: Sequence[str], scheduler: str | None = None
+    store: Store,
+    runs: Sequence[Published],
+    table: str,
+    column: str,
+    by: Sequence[str],
+    scheduler: str | None = None,
 ) -> pd.DataFrame:
     """Return a row for each group: see `StoredRuns.statistics`."""
     _expect(table, column, by)
@@ -125,7 +146,10 @@ def statistics(
     others = [one for one in runs if table == "joints" and one.identity.rules != RULES]
     is_much = sum(one.rows[table] for one in read) >= MUCH_ROWS
     tasks = [*_tasks(parts_of(store, table, read), read, column, tuple(by))]
-    tasks += [Task(JointsAnew(store.place, one), column, tuple(by), {one.findings: one.found}) for one in others]
+    tasks += [
+        Task(JointsAnew(store.place, one), column, tuple(by), {one.findings: one.found})
+        for one in others
+    ]
     whole = Part()
     for part in engine_of(scheduler, is_much=is_much).run(partial, tasks):
         whole.add(part)
@@ -133,7 +157,9 @@ def statistics(
     return finish(whole, by)
 
 
-def _tasks(parts: Iterable[FilePart], runs: Iterable[Published], column: str, by: tuple[str, ...]) -> Iterator[Task]:
+def _tasks(
+    parts: Iterable[FilePart], runs: Iterable[Published], column: str, by: tuple[str, ...]
+) -> Iterator[Task]:
     owners = {one.publication(table): one.found for one in runs for table in TABLES}
     for part in parts:
         yield Task(part, column, by, {name: owners[name] for name in part.publications})
@@ -142,23 +168,44 @@ def _tasks(parts: Iterable[FilePart], runs: Iterable[Published], column: str, by
 def finish(whole: Part, by: Sequence[str]) -> pd.DataFrame:
     """Return the merged result as a table, in the order of its groups."""
     rows = [
-        [*key, one.n, one.unknown, one.mean, one.sd, one.least, one.greatest, *one.quantiles(PERCENTS)]
-        for key, one in sorted(whole.groups.items(), key=lambda item: [(value is None, value) for value in item[0]])
+        [
+            *key,
+            one.n,
+            one.unknown,
+            one.mean,
+            one.sd,
+            one.least,
+            one.greatest,
+            *one.quantiles(PERCENTS),
+        ]
+        for key, one in sorted(
+            whole.groups.items(), key=lambda item: [(value is None, value) for value in item[0]]
+        )
     ]
     figures = ["mean", "sd", "min", "max", *(f"p{percent:02}" for percent in PERCENTS)]
     frame = pd.DataFrame(rows, columns=[*by, "n", "unknown", *figures])
     kinds = {name: "int64" if name == "port" else "str" for name in by}
-    frame = frame.astype(kinds | {"n": "int64", "unknown": "int64"} | dict.fromkeys(figures, "Float64"))
+    frame = frame.astype(
+        kinds | {"n": "int64", "unknown": "int64"} | dict.fromkeys(figures, "Float64")
+    )
     frame.attrs["quantile_error"] = QUANTILE_ERROR
     return frame
 
 
 def _expect(table: str, column: str, by: Sequence[str]) -> None:
     if table not in TABLES:
-        raise UsageError(f"there are statistics of {' and '.join(TABLES)}, not of {shortened(table, 64)!r}")
-    numbers = [one.name for one in OWN[table] if pt.is_integer(one.type) or pt.is_floating(one.type)]
+        raise UsageError(
+            f"there are statistics of {' and '.join(TABLES)}, not of {shortened(table, 64)!r}"
+        )
+    numbers = [
+        one.name for one in OWN[table] if pt.is_integer(one.type) or pt.is_floating(one.type)
+    ]
     if column not in numbers:
-        raise UsageError(f"{table} has no numbers {shortened(column, 64)!r}; it has {', '.join(numbers)}")
+        raise UsageError(
+            f"{table} has no numbers {shortened(column, 64)!r}; it has {', '.join(numbers)}"
+        )
     unknown = [name for name in by if name not in BY]
     if unknown or not by or len({*by}) != len(by):
-        raise UsageError(f"groups are some of {', '.join(BY)}, each once (got {', '.join(by) or 'none'})")
+        raise UsageError(
+            f"groups are some of {', '.join(BY)}, each once (got {', '.join(by) or 'none'})"
+        )

@@ -1,7 +1,8 @@
 """Judge a sealed run against the limits of its recipes. Missing evidence is never a pass.
 
-Start with `verdict.py`, then `rules.py`, `port_rules.py`, `joint_rules.py`, `reached.py`; `samples.py` measures a run in one pass,
-with `idle.py` for the tip at rest; `bounds.py` and `quantiles.py` have the statistics.
+Start with `verdict.py`, then `rules.py`, `port_rules.py`, `joint_rules.py`, `reached.py`;
+`samples.py` measures a run in one pass, with `idle.py` for the tip at rest; `bounds.py` and
+`quantiles.py` have the statistics.
 """
 
 from jbclog.analysis.verdict.acceptance import Acceptance, Limits, asks_for_joints

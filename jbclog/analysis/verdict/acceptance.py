@@ -1,4 +1,6 @@
-"""The limits of a verdict: a recipe's `[acceptance]`, as a protocol, so that no recipe model is needed here."""
+"""The limits of a verdict: a recipe's `[acceptance]`, as a protocol, so that no recipe model is
+needed here.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,9 @@ class Acceptance(Protocol):
 
     @property
     def joints_against_counter_percent(self) -> float | None:
-        """Maximum difference between joints found and dispensing cycles counted, in either direction."""
+        """Maximum difference between joints found and dispensing cycles counted, in either
+        direction.
+        """
 
     @property
     def reached_within_c(self) -> float | None:
@@ -82,7 +86,11 @@ class Limits:
 
 
 REACHED_LIMITS: Final = ("reached_within_c", "at_work_percent")
-JOINT_LIMITS: Final = ("recovery_p95_s", "recovered_before_next_percent", "joints_against_counter_percent")
+JOINT_LIMITS: Final = (
+    "recovery_p95_s",
+    "recovered_before_next_percent",
+    "joints_against_counter_percent",
+)
 LIMIT_NAMES: Final = (
     "coverage_percent",
     "longest_gap_s",
@@ -104,9 +112,15 @@ def is_bare(acceptance: Acceptance) -> bool:
 
 def asks_for_anything(acceptance: Acceptance | None) -> bool:
     """Whether a recipe states any limit."""
-    return acceptance is not None and any(getattr(acceptance, name) is not None for name in LIMIT_NAMES)
+    return acceptance is not None and any(
+        getattr(acceptance, name) is not None for name in LIMIT_NAMES
+    )
 
 
 def asks_for_joints(acceptance: Acceptance | None) -> bool:
-    """Whether a recipe limits joints, which then have to be searched before it can be judged; that takes time."""
-    return acceptance is not None and any(getattr(acceptance, name) is not None for name in JOINT_LIMITS)
+    """Whether a recipe limits joints, which then have to be searched before it can be judged; that
+    takes time.
+    """
+    return acceptance is not None and any(
+        getattr(acceptance, name) is not None for name in JOINT_LIMITS
+    )

@@ -1,11 +1,13 @@
 """The bounds of rules 1 and 2, by batch means: runs that these judged are compared by them again.
 
-The readings, in their order, are divided into `BATCHES` batches of about equal size, of at least `LEAST_BATCH_S` each. The spread
-of the batches' means, with Student's t, gives the two-sided bound of the mean (B. Schmeiser, Batch Size Effects in the Analysis
-of Simulation Output, Operations Research 30 (1982)). The one-sided upper bound of the standard deviation is that of chi-squared
-with effective sample size − 1 degrees of freedom. Fewer than `LEAST_BATCHES` batches give no bound.
+The readings, in their order, are divided into `BATCHES` batches of about equal size, of at least
+`LEAST_BATCH_S` each. The spread of the batches' means, with Student's t, gives the two-sided bound
+of the mean (B. Schmeiser, Batch Size Effects in the Analysis of Simulation Output, Operations
+Research 30 (1982)). The one-sided upper bound of the standard deviation is that of chi-squared with
+effective sample size − 1 degrees of freedom. Fewer than `LEAST_BATCHES` batches give no bound.
 
-These bounds are too narrow if the tip drifts more slowly than a batch is long; since rules 3 `bounds.py` replaces them.
+These bounds are too narrow if the tip drifts more slowly than a batch is long; since rules 3
+`bounds.py` replaces them.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ TWO_SIDED, ONE_SIDED = NormalDist().inv_cdf(0.975), NormalDist().inv_cdf(0.95)
 
 
 def means_of_batches(cells: Cells, period_s: float) -> Floats:
-    """Return the means of the batches, in their order; empty if the readings are too few for `LEAST_BATCHES`."""
+    """Return the means of the batches, in their order; empty if the readings are too few for
+    `LEAST_BATCHES`.
+    """
     counts, sums, _ = cells.in_order()
     batches = min(BATCHES, int(counts.sum() * period_s / LEAST_BATCH_S))
     if batches < LEAST_BATCHES:
@@ -38,7 +42,9 @@ def means_of_batches(cells: Cells, period_s: float) -> Floats:
 
 
 def bounds_by_batches(n: int, mean: float, sd: float, means: Floats) -> tuple[Bound, Bound] | None:
-    """Return the bounds of mean and standard deviation of `n` readings from the means of their batches; None: too few batches."""
+    """Return the bounds of mean and standard deviation of `n` readings from the means of their
+    batches; None: too few batches.
+    """
     if len(means) < LEAST_BATCHES:
         return None
     freedom = len(means) - 1
@@ -51,13 +57,17 @@ def bounds_by_batches(n: int, mean: float, sd: float, means: Floats) -> tuple[Bo
 
 
 def students_t(freedom: int) -> float:
-    """Return Student's t for 97.5 %, by R. A. Fisher's expansion: accurate to 0.001 from 7 degrees of freedom on."""
+    """Return Student's t for 97.5 %, by R. A. Fisher's expansion: accurate to 0.001 from 7 degrees
+    of freedom on.
+    """
     z, v = TWO_SIDED, freedom
     first, second = (z**3 + z) / 4, (5 * z**5 + 16 * z**3 + 3 * z) / 96
     return z + first / v + second / v**2 + (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384 / v**3
 
 
 def chi_squared(freedom: float) -> float:
-    """Return chi-squared for 5 %, by E. B. Wilson and M. M. Hilferty (1931): accurate to 1.2 % from 6 degrees of freedom on."""
+    """Return chi-squared for 5 %, by E. B. Wilson and M. M. Hilferty (1931): accurate to 1.2 % from
+    6 degrees of freedom on.
+    """
     share = 2 / (9 * freedom)
     return float(freedom * (1 - share - ONE_SIDED * sqrt(share)) ** 3)

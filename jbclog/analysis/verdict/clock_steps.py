@@ -1,7 +1,8 @@
 """Steps of the wall clock, and the times of rows corrected for them.
 
-With ``--rate max`` there is no grid, and only UTC shows how far two rows are apart. A step of the wall clock is an event
-(`clock.step`; its value is the size in s, its time is by the new clock). The first row after it is the one whose time jumps too.
+With ``--rate max`` there is no grid, and only UTC shows how far two rows are apart. A step of the
+wall clock is an event (`clock.step`; its value is the size in s, its time is by the new clock). The
+first row after it is the one whose time jumps too.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from numpy.typing import NDArray
 from jbclog.core.foreign.tables import open_table
 
 Floats = NDArray[np.float64]
-NEAR_S: Final = 60.0  # between a step's event and the first row after it; rows are written during an outage too
+# between a step's event and the first row after it; rows are written during an outage too
+NEAR_S: Final = 60.0
 
 
 class Step(NamedTuple):
@@ -33,19 +35,30 @@ def steps_of(folder: Path) -> list[Step]:
     found = []
     for part in sorted((folder / "events").glob("part-*.parquet")):
         with open_table(part) as table:
-            found += [step for events in table.groups(["time", "kind", "value"]) for step in steps_in(events)]
+            found += [
+                step
+                for events in table.groups(["time", "kind", "value"])
+                for step in steps_in(events)
+            ]
     return found
 
 
 def steps_in(events: pa.Table) -> list[Step]:
     """Return the steps among these events."""
-    rows = zip(events["time"].cast("int64").to_pylist(), events["kind"].to_pylist(), events["value"].to_pylist(), strict=True)
+    rows = zip(
+        events["time"].cast("int64").to_pylist(),
+        events["kind"].to_pylist(),
+        events["value"].to_pylist(),
+        strict=True,
+    )
     return [Step(time / 1e6, value) for time, kind, value in rows if kind == "clock.step" and value]
 
 
 @dataclass(slots=True)
 class Unstepped:
-    """Corrects the times of one port's rows for the steps; takes the rows piece by piece, oldest first."""
+    """Corrects the times of one port's rows for the steps; takes the rows piece by piece, oldest
+    first.
+    """
 
     steps: Sequence[Step]
     _taken: int = 0
@@ -57,7 +70,10 @@ class Unstepped:
             return utc_s
         corrected = utc_s - sum(step.size_s for step in self.steps[: self._taken])
         jumps, first = np.diff(utc_s, prepend=utc_s[0] if self._last is None else self._last), 0
-        while self._taken < len(self.steps) and (row := _first_after(self.steps[self._taken], utc_s, jumps, first)) is not None:
+        while (
+            self._taken < len(self.steps)
+            and (row := _first_after(self.steps[self._taken], utc_s, jumps, first)) is not None
+        ):
             corrected[row:] -= self.steps[self._taken].size_s
             self._taken, first = self._taken + 1, row
         self._last = float(utc_s[-1])
@@ -66,6 +82,8 @@ class Unstepped:
 
 def _first_after(step: Step, utc_s: Floats, jumps: Floats, first: int) -> int | None:
     """Return the first row after the step, from row `first` on; None if it is not among these."""
-    has_jumped = (jumps * np.sign(step.size_s) >= abs(step.size_s) / 2) & (np.abs(utc_s - step.at_s) < NEAR_S)
+    has_jumped = (jumps * np.sign(step.size_s) >= abs(step.size_s) / 2) & (
+        np.abs(utc_s - step.at_s) < NEAR_S
+    )
     rows = np.flatnonzero(has_jumped[first:])
     return first + int(rows[0]) if len(rows) else None

@@ -1,4 +1,6 @@
-"""The evidence of a verdict: what the caller collects of a run, and what is read from its tables of events and settings."""
+"""The evidence of a verdict: what the caller collects of a run, and what is read from its tables of
+events and settings.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,11 @@ from jbclog.core.rows import Goal, StationFacts, TipCheck
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """The recovery of one joint: the time in s until the tip was back, or for which it was observed without being back.
+    """The recovery of one joint: the time in s until the tip was back, or for which it was observed
+    without being back.
 
-    `back`: True if the tip was back before the next joint, False if the next joint came first, None if the record, the tool's work
-    or the setpoint ended before that.
+    `back`: True if the tip was back before the next joint, False if the next joint came first, None
+    if the record, the tool's work or the setpoint ended before that.
     """
 
     seconds: float
@@ -29,8 +32,9 @@ class Recovery:
 class Feeds:
     """Joints found and feeds counted (R-DC) between two readings of the feeder's counter.
 
-    `at_edges`: how many of `found` are so close to one of these readings that they may lie outside. `beyond`: how many more
-    may lie inside: found closely outside, or begun where the rows end. `lost_s`: duration of gaps, in which no joint can be found.
+    `at_edges`: how many of `found` are so close to one of these readings that they may lie outside.
+    `beyond`: how many more may lie inside: found closely outside, or begun where the rows end.
+    `lost_s`: duration of gaps, in which no joint can be found.
     `counted`: None if the counter does not show it, for the reason in `why`.
     """
 
@@ -46,8 +50,9 @@ class Feeds:
 class PortJoints:
     """The joints of one port: the recovery of each, oldest first; None if it is not known.
 
-    `feeds`: None for a tool without a feeder. `why`: the reason if joints, or some of them, are not known. `hidden`: how many more
-    there may be in the `unseen_s` seconds of work that were not read.
+    `feeds`: None for a tool without a feeder. `why`: the reason if joints, or some of them, are not
+    known. `hidden`: how many more there may be in the `unseen_s` seconds of work that were not
+    read.
     """
 
     recoveries: Sequence[Recovery | None] = ()
@@ -76,11 +81,12 @@ Ledger = Mapping[str, Mapping[str, PortLedger]]
 class Evidence:
     """A sealed run: `folder` holds `samples/`, `events/` and `settings/`.
 
-    `exit_status`: the manifest's; ``lost`` if a crash ended the run and its last moments are missing. `lost`: a sentence on what
-    else the record lacks. `verifications`: those valid for its ports when it began. `joints`: of each port whose recipe limits
-    them. `goals`: the numbers of units and joints with which the run was to end. `targets`: what each station's recipe requires
-    of its tools. `counts_lacking`: whether a setting that a station does not have is a deviation; release 0.1.0, also version 1
-    of the rules, ignored it.
+    `exit_status`: the manifest's; ``lost`` if a crash ended the run and its last moments are
+    missing. `lost`: a sentence on what else the record lacks. `verifications`: those valid for its
+    ports when it began. `joints`: of each port whose recipe limits them. `goals`: the numbers of
+    units and joints with which the run was to end. `targets`: what each station's recipe requires
+    of its tools. `counts_lacking`: whether a setting that a station does not have is a deviation;
+    release 0.1.0, also version 1 of the rules, ignored it.
     """
 
     folder: Path
@@ -113,16 +119,24 @@ class Event:
 def read_events(folder: Path) -> list[Event]:
     """Return all events of the run, oldest first."""
     return [
-        Event(str(row["kind"]), str(row["severity"]), _text(row["station"]), _number(row["port"]), str(row["text"]))
+        Event(
+            str(row["kind"]),
+            str(row["severity"]),
+            _text(row["station"]),
+            _number(row["port"]),
+            str(row["text"]),
+        )
         for row in _rows(folder / "events", ["kind", "severity", "station", "port", "text"])
     ]
 
 
 @dataclass(slots=True)
 class Outcomes:
-    """The number of a station's settings with each outcome, and the settings of its recipe that it does not have.
+    """The number of a station's settings with each outcome, and the settings of its recipe that it
+    does not have.
 
-    Leaves out settings that were only read or written again, and those of the recipe for other families.
+    Leaves out settings that were only read or written again, and those of the recipe for other
+    families.
     """
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -130,7 +144,9 @@ class Outcomes:
 
 
 def read_outcomes(folder: Path, *, counts_lacking: bool = True) -> dict[str, Outcomes]:
-    """Return the outcomes of each station's settings. `counts_lacking`: also settings that the station does not have."""
+    """Return the outcomes of each station's settings. `counts_lacking`: also settings that the
+    station does not have.
+    """
     found: dict[str, Outcomes] = {}
     for row in _rows(folder / "settings", ["station", "setting", "requested", "outcome"]):
         outcomes, outcome = found.setdefault(str(row["station"]), Outcomes()), str(row["outcome"])
@@ -148,12 +164,16 @@ def read_ordered(folder: Path) -> set[tuple[str, int]]:
     return {
         (str(row["station"]), port)
         for row in rows
-        if row["setting"] == "status" and row["requested"] is not None and isinstance(port := row["port"], int)
+        if row["setting"] == "status"
+        and row["requested"] is not None
+        and isinstance(port := row["port"], int)
     }
 
 
 def read_adjustments(folder: Path) -> dict[tuple[str, int], float]:
-    """Return the last adjustment of each station and port in °C, as read back; leaves out ports without one."""
+    """Return the last adjustment of each station and port in °C, as read back; leaves out ports
+    without one.
+    """
     found: dict[tuple[str, int], float] = {}
     for row in _rows(folder / "settings", ["station", "port", "setting", "readback"]):
         port, readback = row["port"], row["readback"]

@@ -1,33 +1,38 @@
 """The idle tip: which readings count as idle, and how far the tip was from its setpoint in them.
 
 Definition. A reading counts as idle if
-- the tool's status is working (hot air: on), temperature and power were read, and the setpoint is known: read at most
-  `SETTING_HOLDS_S` before;
-- the tool was in its port and the port worked, by the readings of both before and after it (`in_place`). After the last of these
-  readings, the temperature must also be at most `LEAP_C` below the setpoint; a tip without its tool soon falls lower;
-- the tip has *settled*: since it began to work, since its setpoint changed or since a gap in the record, there was a moment at
-  which it had moved at most `CALM_C` in `CALM_S`. Its distance from the setpoint does not matter then, or a large error could
-  never show;
+- the tool's status is working (hot air: on), temperature and power were read, and the setpoint is
+  known: read at most `SETTING_HOLDS_S` before;
+- the tool was in its port and the port worked, by the readings of both before and after it
+  (`in_place`). After the last of these readings, the temperature must also be at most `LEAP_C`
+  below the setpoint; a tip without its tool soon falls lower;
+- the tip has *settled*: since it began to work, since its setpoint changed or since a gap in the
+  record, there was a moment at which it had moved at most `CALM_C` in `CALM_S`. Its distance from
+  the setpoint does not matter then, or a large error could never show;
 - it is *at rest*: nothing draws heat, and the recovery from the last draw is over.
 
-*Heat is drawn* while power exceeds the `HOLDING_QUANTILE` of the settled tip's power by more than `HEADROOM_PERMILLE`, or is at its
-maximum (`FULL_PERMILLE`). On a line that never rests this quantile is high and the gaps between draws are short; the rest of the
-definition is about these gaps, whatever their level.
+*Heat is drawn* while power exceeds the `HOLDING_QUANTILE` of the settled tip's power by more than
+`HEADROOM_PERMILLE`, or is at its maximum (`FULL_PERMILLE`). On a line that never rests this
+quantile is high and the gaps between draws are short; the rest of the definition is about these
+gaps, whatever their level.
 
-*The recovery ends* after a time that the block of readings itself shows. The temperatures after each draw are aligned by the time
-since the draw (their age). The recovery takes `AGES_S` seconds if from that age on the temperature no longer moves in the same
-direction after every draw: of the temperature during half that age after it, minus the temperature during the whole age after that,
-the mean over all draws is below `TAIL_C`, or below `CHANCE` standard errors. What the tip does by itself differs from draw to draw
-and stays in. With fewer than `FEW` draws the two cannot be separated: each rest then begins at the first age after which the tip
-moved less than `TAIL_C`, else after the last age. Rests that are too short to show the end of the recovery do not count: a line
+*The recovery ends* after a time that the block of readings itself shows. The temperatures after
+each draw are aligned by the time since the draw (their age). The recovery takes `AGES_S` seconds if
+from that age on the temperature no longer moves in the same direction after every draw: of the
+temperature during half that age after it, minus the temperature during the whole age after that,
+the mean over all draws is below `TAIL_C`, or below `CHANCE` standard errors. What the tip does by
+itself differs from draw to draw and stays in. With fewer than `FEW` draws the two cannot be
+separated: each rest then begins at the first age after which the tip moved less than `TAIL_C`, else
+after the last age. Rests that are too short to show the end of the recovery do not count: a line
 that never rests has no idle error.
 
-The error is temperature minus setpoint: its mean, and its standard deviation around that mean. Readings are evaluated in blocks of
-`BLOCK_S`, each of which begins unsettled, so that holding power and recovery follow the day and memory stays small. With fewer than
-`ENOUGH_ROWS` idle readings or less than `ENOUGH_S` of them, the figures are unknown, never zero.
+The error is temperature minus setpoint: its mean, and its standard deviation around that mean.
+Readings are evaluated in blocks of `BLOCK_S`, each of which begins unsettled, so that holding power
+and recovery follow the day and memory stays small. With fewer than `ENOUGH_ROWS` idle readings or
+less than `ENOUGH_S` of them, the figures are unknown, never zero.
 
-Rules 1 and 2 counted as rest what was `AFTER_JOINT_S` after such a draw and `BEFORE_JOINT_S` before one; runs that these judged are
-compared by them again.
+Rules 1 and 2 counted as rest what was `AFTER_JOINT_S` after such a draw and `BEFORE_JOINT_S` before
+one; runs that these judged are compared by them again.
 """
 
 from __future__ import annotations
@@ -46,7 +51,8 @@ from jbclog.analysis.verdict.versions import BOUNDS_HOLD, RULES
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-WORKS = (0.0, 9.0)  # port errors with which a port works: none; a warning of overload (manuals 000 and 002)
+# port errors with which a port works: none; a warning of overload (manuals 000 and 002)
+WORKS = (0.0, 9.0)
 BLOCK_S = 600.0
 SETTING_HOLDS_S = 15.0  # the setpoint is due every 5 s; two lost readings are bridged
 CALM_C, CALM_S = 2.0, 2.0
@@ -65,7 +71,8 @@ NOT_SEEN_IDLE = "The tool was not idle long enough."  # by rules 1 and 2
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Rows of one port: time in s, temperature in °C, power in ‰, setpoint in °C, whether the tool works. NaN: not read.
+    """Rows of one port: time in s, temperature in °C, power in ‰, setpoint in °C, whether the tool
+    works. NaN: not read.
 
     `tool` and `port_error` are codes as read; None: not considered.
     """
@@ -81,7 +88,14 @@ class Block:
     def take(self, rows: Flags | slice) -> Block:
         """Return these rows."""
         codes = [None if one is None else one[rows] for one in (self.tool, self.port_error)]
-        return Block(self.seconds[rows], self.temperature[rows], self.power[rows], self.setting[rows], self.working[rows], *codes)
+        return Block(
+            self.seconds[rows],
+            self.temperature[rows],
+            self.power[rows],
+            self.setting[rows],
+            self.working[rows],
+            *codes,
+        )
 
     @property
     def in_place(self) -> Flags:
@@ -133,7 +147,9 @@ class IdleError:
         return sqrt(max(spread, 0.0) / (self.rows - 1))
 
     def latest_bounds(self) -> Bounds | str:
-        """Return the 95 % bounds of both by the latest rules (`bounds.py`), or a sentence why there are none."""
+        """Return the 95 % bounds of both by the latest rules (`bounds.py`), or a sentence why there
+        are none.
+        """
         mean, spread = self.mean_c, self.sd_c
         if mean is None or spread is None:
             return NOT_IDLE
@@ -153,9 +169,13 @@ class IdleError:
 
 
 def idle_readings(block: Block, period_s: float, rules: int = RULES) -> tuple[Floats, Floats]:
-    """Return the time in s of each idle reading, and its temperature minus setpoint in °C, by version `rules` of the rules."""
+    """Return the time in s of each idle reading, and its temperature minus setpoint in °C, by
+    version `rules` of the rules.
+    """
     setting = setting_in_force(block.seconds, block.setting)
-    usable = block.working & ~np.isnan(block.temperature) & ~np.isnan(block.power) & ~np.isnan(setting)
+    usable = (
+        block.working & ~np.isnan(block.temperature) & ~np.isnan(block.power) & ~np.isnan(setting)
+    )
     usable &= block.in_place & ~_may_be_pulled(block, setting)
     rows, in_force = block.take(usable), setting[usable]
     starts = _stretch_starts(rows.seconds, in_force, period_s)
@@ -178,7 +198,9 @@ def _may_be_pulled(block: Block, setting: Floats) -> Flags:
 
 
 def setting_in_force(seconds: Floats, setting: Floats) -> Floats:
-    """Return the setpoint last read in each row, for at most `SETTING_HOLDS_S`; NaN where it is not known."""
+    """Return the setpoint last read in each row, for at most `SETTING_HOLDS_S`; NaN where it is not
+    known.
+    """
     last = np.maximum.accumulate(np.where(np.isnan(setting), -1, np.arange(len(setting))))
     held = setting[last]
     held[(last < 0) | (seconds - seconds[last] > SETTING_HOLDS_S)] = np.nan
@@ -186,7 +208,9 @@ def setting_in_force(seconds: Floats, setting: Floats) -> Floats:
 
 
 def _stretch_starts(seconds: Floats, setting: Floats, period_s: float) -> Flags:
-    """Return the rows at which a stretch begins: the first row, after a gap, and where the setpoint changes."""
+    """Return the rows at which a stretch begins: the first row, after a gap, and where the setpoint
+    changes.
+    """
     starts = np.ones(len(seconds), dtype=np.bool_)
     starts[1:] = (np.diff(seconds) > max(1.0, 3 * period_s)) | (np.diff(setting) != 0)
     return starts
@@ -196,15 +220,20 @@ def settled(seconds: Floats, temperature: Floats, starts: Flags) -> Flags:
     """Return the rows at or after the first calm moment of their stretch."""
     rows = np.arange(len(seconds))
     start = np.maximum.accumulate(np.where(starts, rows, 0))
-    before = np.searchsorted(seconds, seconds - CALM_S + 1e-6, side="right") - 1  # the row `CALM_S` before, or the next earlier one
+    # the row `CALM_S` before, or the next earlier one
+    before = np.searchsorted(seconds, seconds - CALM_S + 1e-6, side="right") - 1
     calm = (before >= start) & (np.abs(temperature - temperature[before]) <= CALM_C)
     last_calm = np.maximum.accumulate(np.where(calm, rows, -1))
     return np.asarray(last_calm >= start, dtype=np.bool_)
 
 
-def at_rest(seconds: Floats, power: Floats, errors: Floats, calm: Flags, starts: Flags, period_s: float) -> Flags:
+def at_rest(
+    seconds: Floats, power: Floats, errors: Floats, calm: Flags, starts: Flags, period_s: float
+) -> Flags:
     """Return the rows in which nothing draws heat and the recovery from the last draw is over."""
-    drawing = (power > np.quantile(power[calm], HOLDING_QUANTILE) + HEADROOM_PERMILLE) | (power >= FULL_PERMILLE)
+    drawing = (power > np.quantile(power[calm], HOLDING_QUANTILE) + HEADROOM_PERMILLE) | (
+        power >= FULL_PERMILLE
+    )
     following = np.minimum.accumulate(np.where(drawing, seconds, np.inf)[::-1])[::-1]
     ahead = following - seconds >= max(BEFORE_JOINT_S, period_s)
     rests = _rests(seconds, drawing, calm, starts)
@@ -214,7 +243,8 @@ def at_rest(seconds: Floats, power: Floats, errors: Floats, calm: Flags, starts:
 
 @dataclass(frozen=True, slots=True)
 class _Rests:
-    """The rests of a block, which draws separate: for each row the number of its rest, and its age in s in that rest.
+    """The rests of a block, which draws separate: for each row the number of its rest, and its age
+    in s in that rest.
 
     `is_after`: for each rest, whether a draw, or a tip on its way to its setpoint, comes before it.
     """
@@ -234,11 +264,15 @@ def _rests(seconds: Floats, drawing: Flags, calm: Flags, starts: Flags) -> _Rest
     last_busy = np.maximum.accumulate(np.where(busy, rows, -1))
     age = seconds - np.where(last_busy >= start, seconds[last_busy], seconds[start])
     first = np.flatnonzero(begins)
-    return _Rests(number, age, np.asarray((first > 0) & busy[first - 1] & ~starts[first], dtype=np.bool_))
+    return _Rests(
+        number, age, np.asarray((first > 0) & busy[first - 1] & ~starts[first], dtype=np.bool_)
+    )
 
 
 def _recovered_s(rests: _Rests, errors: Floats, rows: Flags, period_s: float) -> Floats:
-    """Return the age from which on each rest counts, in s; infinity where the end of the recovery does not show."""
+    """Return the age from which on each rest counts, in s; infinity where the end of the recovery
+    does not show.
+    """
     after = int(rests.is_after[np.unique(rests.number[rows])].sum())
     moved = [_moved(rests, errors, rows, age, period_s) for age in AGES_S]
     if after < FEW:
@@ -257,11 +291,14 @@ def _recovered_s(rests: _Rests, errors: Floats, rows: Flags, period_s: float) ->
 
 
 def _moved(rests: _Rests, errors: Floats, rows: Flags, age_s: float, period_s: float) -> Floats:
-    """Return by how many °C the temperature of each rest still falls after this age; NaN for a rest that is too short."""
+    """Return by how many °C the temperature of each rest still falls after this age; NaN for a rest
+    that is too short.
+    """
     width, number = max(0.5, age_s / 2, 3 * period_s), len(rests.is_after)
     age = rests.age_s + 1e-6
     early, late = (
-        rows & (age >= first) & (age < last) for first, last in ((age_s, age_s + width), (age_s + width, age_s + 3 * width))
+        rows & (age >= first) & (age < last)
+        for first, last in ((age_s, age_s + width), (age_s + width, age_s + 3 * width))
     )
     means = []
     for part in (early, late):
@@ -272,19 +309,25 @@ def _moved(rests: _Rests, errors: Floats, rows: Flags, age_s: float, period_s: f
 
 
 def outside_joints(seconds: Floats, power: Floats, calm: Flags) -> Flags:
-    """Return the rows far enough, before and after, from any row with more than holding power (rules 1 and 2)."""
+    """Return the rows far enough, before and after, from any row with more than holding power
+    (rules 1 and 2).
+    """
     busy = power > np.quantile(power[calm], HOLDING_QUANTILE) + HEADROOM_PERMILLE
     last = np.maximum.accumulate(np.where(busy, seconds, -np.inf))
     following = np.minimum.accumulate(np.where(busy, seconds, np.inf)[::-1])[::-1]
-    return np.asarray((seconds - last >= AFTER_JOINT_S) & (following - seconds >= BEFORE_JOINT_S), dtype=np.bool_)
+    return np.asarray(
+        (seconds - last >= AFTER_JOINT_S) & (following - seconds >= BEFORE_JOINT_S), dtype=np.bool_
+    )
 
 
 def in_place(tool: Floats, port_error: Floats) -> Flags:
-    """Return the rows of one port in which the tool was in its port and the port worked. Codes are NaN where not read.
+    """Return the rows of one port in which the tool was in its port and the port worked. Codes are
+    NaN where not read.
 
-    Tool and port error are read every few seconds, temperature many times a second. So a row counts only if the readings before and
-    after it agree: the same tool, and a port that works (`WORKS`; hot air has other codes, none of which is considered). If there
-    is a reading on one side only, that one decides; without any reading the row counts.
+    Tool and port error are read every few seconds, temperature many times a second. So a row counts
+    only if the readings before and after it agree: the same tool, and a port that works (`WORKS`;
+    hot air has other codes, none of which is considered). If there is a reading on one side only,
+    that one decides; without any reading the row counts.
     """
     if _is_never_changed(tool) and np.isin(port_error[~np.isnan(port_error)], WORKS).all():
         return np.ones(len(tool), dtype=np.bool_)  # the usual case, ten times as fast
@@ -300,7 +343,9 @@ def _is_never_changed(tool: Floats) -> bool:
 
 
 def after_last(tool: Floats, port_error: Floats) -> Flags:
-    """Return the rows after the last reading of tool or port error; none if there was no reading at all."""
+    """Return the rows after the last reading of tool or port error; none if there was no reading at
+    all.
+    """
     read = np.flatnonzero(~np.isnan(tool) | ~np.isnan(port_error))
     rows = np.arange(len(tool))
     return np.asarray(rows > read[-1] if len(read) else np.zeros(len(tool)), dtype=np.bool_)
@@ -308,11 +353,14 @@ def after_last(tool: Floats, port_error: Floats) -> Flags:
 
 def _is_good(codes: Floats, good: Flags) -> Flags:
     before, after = _neighbours(np.where(np.isnan(codes), np.nan, good.astype(np.float64)))
-    return np.asarray((before != 0.0) & (after != 0.0), dtype=np.bool_)  # also for NaN, where nothing was read
+    # also for NaN, where nothing was read
+    return np.asarray((before != 0.0) & (after != 0.0), dtype=np.bool_)
 
 
 def _neighbours(codes: Floats) -> tuple[Floats, Floats]:
-    """Return the last code read up to each row, and the first one from it on; NaN where there is none."""
+    """Return the last code read up to each row, and the first one from it on; NaN where there is
+    none.
+    """
     return _held(codes), _held(codes[::-1])[::-1]
 
 

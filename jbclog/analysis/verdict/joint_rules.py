@@ -1,17 +1,21 @@
-"""The rules about joints: recovery time, share recovered before the next joint, and joints against the feeder's counter.
+"""The rules about joints: recovery time, share recovered before the next joint, and joints against
+the feeder's counter.
 
-*Recovery* is judged by the 95 % quantile over a port's joints and its upper bound (`quantiles.py`). A joint's recovery is the time
-from its start until the tip is back at its resting level (`analysis/joints/recovery.py`). A joint that the next one interrupts is
-censored in the quantile and counts as longer than any other in the bound, like one whose recovery is not known. If more than 5 %
-are known to exceed the limit, it is broken. Joints that the record cuts off do not count.
+*Recovery* is judged by the 95 % quantile over a port's joints and its upper bound (`quantiles.py`).
+A joint's recovery is the time from its start until the tip is back at its resting level
+(`analysis/joints/recovery.py`). A joint that the next one interrupts is censored in the quantile
+and counts as longer than any other in the bound, like one whose recovery is not known. If more than
+5 % are known to exceed the limit, it is broken. Joints that the record cuts off do not count.
 
-*Recovered before the next* is the share of all joints of the run after which the tip recovered in time. Joints that were cut off,
-and joints that gaps may hide (one in each gap, or as many as in the rest of the time), can be either; the limit is kept only if
-it is kept both ways. In the bound of the recovery they count as longer, too.
+*Recovered before the next* is the share of all joints of the run after which the tip recovered in
+time. Joints that were cut off, and joints that gaps may hide (one in each gap, or as many as in the
+rest of the time), can be either; the limit is kept only if it is kept both ways. In the bound of
+the recovery they count as longer, too.
 
-*Joints against the counter* is the number of joints found minus the dispensing cycles counted (R-DC), in per cent of the latter,
-between the first and last reading of the counter; it assumes one feed per joint. A difference that joints in a gap, or close to
-one of these readings, can explain is missing evidence.
+*Joints against the counter* is the number of joints found minus the dispensing cycles counted
+(R-DC), in per cent of the latter, between the first and last reading of the counter; it assumes one
+feed per joint. A difference that joints in a gap, or close to one of these readings, can explain is
+missing evidence.
 """
 
 from __future__ import annotations
@@ -25,11 +29,17 @@ from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.rules import has_feeder, has_tip, not_applicable
 from jbclog.core.rows import StationFacts
 
-RECOVERY, RECOVERED, AGAINST_COUNTER = "recovery_p95", "recovered_before_next", "joints_against_counter"
+RECOVERY, RECOVERED, AGAINST_COUNTER = (
+    "recovery_p95",
+    "recovered_before_next",
+    "joints_against_counter",
+)
 NOT_SOUGHT = PortJoints(why="Joints were not searched.")
 
 
-def joint_rules(facts: StationFacts, port: int, acceptance: Acceptance, evidence: Evidence) -> Iterator[Rule]:
+def joint_rules(
+    facts: StationFacts, port: int, acceptance: Acceptance, evidence: Evidence
+) -> Iterator[Rule]:
     """Yield the rules about a port's joints that its recipe states."""
     seen = evidence.joints.get((facts.name, port), NOT_SOUGHT)
     if acceptance.recovery_p95_s is not None:
@@ -44,7 +54,10 @@ def _unknown(seen: PortJoints) -> str | None:
     """Return why joints, or some of them, are not known; None if all are known."""
     if seen.why is None:
         return None
-    return f"{'Not all joints are' if seen.recoveries else 'Joints are not'} known: {seen.why[:1].lower()}{seen.why[1:]}"
+    return (
+        f"{'Not all joints are' if seen.recoveries else 'Joints are not'} known:"
+        f" {seen.why[:1].lower()}{seen.why[1:]}"
+    )
 
 
 def _none_known(seen: PortJoints) -> str:
@@ -52,7 +65,9 @@ def _none_known(seen: PortJoints) -> str:
     return f"{none} {not_read(seen.unseen_s)}" if seen.hidden else none
 
 
-def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoints, *, bare: bool = False) -> Rule:
+def recovery_rule(
+    facts: StationFacts, port: int, most_s: float, seen: PortJoints, *, bare: bool = False
+) -> Rule:
     """Return the rule about the 95 % quantile of recovery."""
     if not has_tip(facts):
         return not_applicable(RECOVERY, facts.name, port, most_s, "s", "joints")
@@ -64,7 +79,10 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
     value = censored_quantile([(one.seconds, bool(one.back)) for one in known], SHARE)
     if value is not None:
         return _bounded_recovery(facts, port, most_s, round(value, 6), seen, bare)
-    late, longer = sum(one.back is False for one in decided), sum(one.seconds > most_s for one in decided)
+    late, longer = (
+        sum(one.back is False for one in decided),
+        sum(one.seconds > most_s for one in decided),
+    )
     text = f"After {late} of {len(decided)} joints the next one began before the tip recovered."
     if longer > (1 - SHARE) * len(decided):
         result, text = Result.FAIL, f"{text} {longer} took longer than the {most_s:g} s allowed."
@@ -73,7 +91,9 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
     return Rule(RECOVERY, facts.name, port, most_s, None, "s", result, text)
 
 
-def _bounded_recovery(facts: StationFacts, port: int, most_s: float, value: float, seen: PortJoints, bare: bool) -> Rule:
+def _bounded_recovery(
+    facts: StationFacts, port: int, most_s: float, value: float, seen: PortJoints, bare: bool
+) -> Rule:
     """Return the rule with the bound of its quantile."""
     counted = [one for one in seen.recoveries if one is None or one.back is not None]
     times = [one.seconds if one is not None and one.back else None for one in counted]
@@ -91,8 +111,21 @@ def _bounded_recovery(facts: StationFacts, port: int, most_s: float, value: floa
     elif bound.keeps(most_s):
         result = Result.PASS
     else:
-        result, text = Result.MISSING, f"{text} The 95 % bound is {bound.high:.2f} s: more joints are needed."
-    return Rule(RECOVERY, facts.name, port, most_s, value, "s", result, text, None if isinstance(bound, str) else bound)
+        result, text = (
+            Result.MISSING,
+            f"{text} The 95 % bound is {bound.high:.2f} s: more joints are needed.",
+        )
+    return Rule(
+        RECOVERY,
+        facts.name,
+        port,
+        most_s,
+        value,
+        "s",
+        result,
+        text,
+        None if isinstance(bound, str) else bound,
+    )
 
 
 def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoints) -> Rule:
@@ -107,7 +140,9 @@ def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoint
         text = _unknown(seen) or _none_known(seen)
         return Rule(RECOVERED, facts.name, port, least, None, "%", Result.MISSING, text)
     percent = 100 * back / (back + late)
-    text = f"Recovered before the next joint: {back} of {_joints(back + late)}, required {least:g} %."
+    text = (
+        f"Recovered before the next joint: {back} of {_joints(back + late)}, required {least:g} %."
+    )
     if 100 * (back + undecided) / joints < least:
         result = Result.FAIL
     elif 100 * back / joints >= least or not undecided:
@@ -131,10 +166,17 @@ def counter_rule(facts: StationFacts, port: int, most: float, seen: PortJoints) 
         return not_applicable(AGAINST_COUNTER, facts.name, port, most, "%", "dispensing cycles")
     feeds = seen.feeds
     if seen.why is not None or feeds is None or not feeds.counted:
-        text = _unknown(seen) or ("The feeder's counter was not read." if feeds is None else feeds.why or "Nothing was fed.")
+        text = _unknown(seen) or (
+            "The feeder's counter was not read."
+            if feeds is None
+            else feeds.why or "Nothing was fed."
+        )
         return Rule(AGAINST_COUNTER, facts.name, port, most, None, "%", Result.MISSING, text)
     percent = 100 * (feeds.found - feeds.counted) / feeds.counted
-    text = f"{feeds.found} joints found, {feeds.counted} feeds counted: {percent:+.2f} %, allowed ±{most:g} %."
+    text = (
+        f"{feeds.found} joints found, {feeds.counted} feeds counted: {percent:+.2f} %, allowed"
+        f" ±{most:g} %."
+    )
     if abs(percent) <= most:
         result = Result.PASS
     elif excuse := _excuse(feeds, most):

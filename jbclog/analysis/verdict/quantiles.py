@@ -1,18 +1,22 @@
-"""The 95 % quantile of times: its estimate, also where some are only known to be longer, and its upper 95 % bound.
+"""The 95 % quantile of times: its estimate, also where some are only known to be longer, and its
+upper 95 % bound.
 
-The estimate of censored times is the product-limit estimate (E. L. Kaplan and P. Meier, Nonparametric Estimation from Incomplete
-Observations, Journal of the American Statistical Association 53 (1958)). Without censoring it is the least value that at least this
-share of all values does not exceed.
+The estimate of censored times is the product-limit estimate (E. L. Kaplan and P. Meier,
+Nonparametric Estimation from Incomplete Observations, Journal of the American Statistical
+Association 53 (1958)). Without censoring it is the least value that at least this share of all
+values does not exceed.
 
-The bound holds for any distribution. Of n independent values in ascending order, the one with m values above it is at least the
-95 % quantile with probability 1 - B(m; n, 0.05), where B is the cumulative binomial distribution; m is the largest number for
-which that is 95 % (S. S. Wilks, Determination of Sample Sizes for Setting Tolerance Limits, Annals of Mathematical Statistics 12
-(1941)). It takes `LEAST` values, whose maximum is then the bound; from 93 values on it is the second largest, from 124 on the
-third.
+The bound holds for any distribution. Of n independent values in ascending order, the one with m
+values above it is at least the 95 % quantile with probability 1 - B(m; n, 0.05), where B is the
+cumulative binomial distribution; m is the largest number for which that is 95 % (S. S. Wilks,
+Determination of Sample Sizes for Setting Tolerance Limits, Annals of Mathematical Statistics 12
+(1941)). It takes `LEAST` values, whose maximum is then the bound; from 93 values on it is the
+second largest, from 124 on the third.
 
-Neighbours that are alike lower the effective sample size: with a correlation r between consecutive values that is significant
-(one-sided 5 %), it is n (1 - r) / (1 + r), and m is taken in proportion. An unknown value counts as larger than every known one, so
-that a time too long to be seen cannot improve the bound.
+Neighbours that are alike lower the effective sample size: with a correlation r between consecutive
+values that is significant (one-sided 5 %), it is n (1 - r) / (1 + r), and m is taken in proportion.
+An unknown value counts as larger than every known one, so that a time too long to be seen cannot
+improve the bound.
 """
 
 from __future__ import annotations
@@ -33,7 +37,9 @@ CHANCE: Final = NormalDist().inv_cdf(0.95)
 
 
 def censored_quantile(times: Sequence[tuple[float | None, bool]], share: float) -> float | None:
-    """Return the quantile of times, each with whether it ended then (or is longer); None if less than `share` was seen to end."""
+    """Return the quantile of times, each with whether it ended then (or is longer); None if less
+    than `share` was seen to end.
+    """
     ordered = sorted((time, not has_ended) for time, has_ended in times if time is not None)
     left, surviving = len(ordered), 1.0
     for time, equal in groupby(ordered, key=lambda one: one[0]):
@@ -51,7 +57,9 @@ def p95(values: Sequence[float]) -> float:
 
 
 def upper_p95(values: Sequence[float | None]) -> Bound | str:
-    """Return the upper 95 % bound of the 95 % quantile, or a sentence why there is none. None: a value that is not known."""
+    """Return the upper 95 % bound of the 95 % quantile, or a sentence why there is none. None: a
+    value that is not known.
+    """
     known = np.array([value for value in values if value is not None], dtype=np.float64)
     effective = effective_size(known) * len(values) / max(len(known), 1)
     if effective < LEAST:
@@ -60,7 +68,10 @@ def upper_p95(values: Sequence[float | None]) -> Bound | str:
     above = int(len(values) * most_above(effective) / effective)
     unknown = len(values) - len(known)
     if unknown > above:
-        return f"The recovery of {unknown} of them is not known and may be longer; a 95 % bound allows {above}."
+        return (
+            f"The recovery of {unknown} of them is not known and may be longer; a 95 % bound allows"
+            f" {above}."
+        )
     highest = float(np.sort(known)[len(known) - 1 - (above - unknown)])
     return Bound(None, highest, len(values), effective)
 
@@ -79,7 +90,9 @@ def _log_binomial(n: float, k: int) -> float:
 
 
 def effective_size(values: Floats) -> float:
-    """Return the effective sample size of these values, by the correlation of each with the next."""
+    """Return the effective sample size of these values, by the correlation of each with the
+    next.
+    """
     n = len(values)
     deviations = values - values.mean() if n else values
     squares = float((deviations * deviations).sum())

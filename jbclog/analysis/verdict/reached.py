@@ -1,13 +1,15 @@
 """The rule `reached`: the tool arrives at the temperature that its recipe sets, and stays at work.
 
-A tool is *at work* while its status is working, not extractor (hot air: on). It *arrives* with the first reading at work within
-`reached_within_c` of the setpoint, or with the first one past the setpoint. A change of tool or setpoint requires a new arrival,
-unless the tool is at work for less than `ENOUGH_S` after it. *At work since* is the percentage of rows at work among those due
-from the first arrival to the end of the run; a row without a status counts as neither.
+A tool is *at work* while its status is working, not extractor (hot air: on). It *arrives* with the
+first reading at work within `reached_within_c` of the setpoint, or with the first one past the
+setpoint. A change of tool or setpoint requires a new arrival, unless the tool is at work for less
+than `ENOUGH_S` after it. *At work since* is the percentage of rows at work among those due from the
+first arrival to the end of the run; a row without a status counts as neither.
 
-A tool that was ordered to work and did not arrive breaks the rule, unless it was read for less than `ENOUGH_S` or was still
-approaching when the record ended (`APPROACH_C` nearer than `APPROACH_S` before). A tool that was never ordered to work is missing
-evidence; with `at_work_percent = 0` it is not judged.
+A tool that was ordered to work and did not arrive breaks the rule, unless it was read for less than
+`ENOUGH_S` or was still approaching when the record ended (`APPROACH_C` nearer than `APPROACH_S`
+before). A tool that was never ordered to work is missing evidence; with `at_work_percent = 0` it is
+not judged.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ ORDERS_WORK: Final = ("working", "on")
 
 @dataclass(frozen=True, slots=True)
 class Targets:
-    """What a recipe requires of a station's tools: `heated` ports have a setpoint; `status` is ordered at the start, None: none."""
+    """What a recipe requires of a station's tools: `heated` ports have a setpoint; `status` is
+    ordered at the start, None: none.
+    """
 
     heated: frozenset[int] = frozenset()
     status: str | None = None
@@ -39,7 +43,9 @@ class Targets:
 
 @dataclass(slots=True)
 class Stretch:
-    """A time with one tool and setpoint: seconds at work, the arrival, and the closest that the tool came to the setpoint."""
+    """A time with one tool and setpoint: seconds at work, the arrival, and the closest that the
+    tool came to the setpoint.
+    """
 
     tool: float
     setting: float
@@ -48,12 +54,15 @@ class Stretch:
     nearest_c: float | None = None
     last_s: float | None = None  # of the last reading at work
     last_away_c: float = 0.0  # its temperature minus the setpoint
-    _recent: list[tuple[float, float]] = field(default_factory=list)  # times and distances in the last `APPROACH_S`
+    # times and distances in the last `APPROACH_S`
+    _recent: list[tuple[float, float]] = field(default_factory=list)
 
     def take(self, seconds: Floats, away: Floats, step_s: float, within_c: float) -> None:
         """Add readings at work: their times in s, and temperature minus setpoint in °C."""
         distance = np.abs(away)
-        before = np.concatenate(([self.last_away_c if self.last_s is not None else away[0]], away[:-1]))
+        before = np.concatenate(
+            ([self.last_away_c if self.last_s is not None else away[0]], away[:-1])
+        )
         arrived = np.flatnonzero((distance <= within_c) | (before * away < 0))
         if self.arrived_s is None and len(arrived):
             self.arrived_s = float(seconds[arrived[0]])
@@ -74,7 +83,9 @@ class Stretch:
 
 @dataclass(slots=True)
 class Heat:
-    """The heat of one port, from its rows oldest first: stretches with one tool and setpoint, and the rows since the arrival."""
+    """The heat of one port, from its rows oldest first: stretches with one tool and setpoint, and
+    the rows since the arrival.
+    """
 
     step_s: float | None  # None: no grid; then measured
     within_c: float = WITHIN_C
@@ -101,14 +112,22 @@ class Heat:
         self.known_s += float(known.sum()) * step
         read = rows.temperature[~np.isnan(rows.temperature)]
         if len(read):
-            self.greatest_c = max(float(read.max()), self.greatest_c if self.greatest_c is not None else -np.inf)
+            self.greatest_c = max(
+                float(read.max()), self.greatest_c if self.greatest_c is not None else -np.inf
+            )
         before = self.arrived_s
         for part in _alike(tool, setting, usable):
             stretch = self._stretch(float(tool[part[0]]), float(setting[part[0]]))
-            stretch.take(rows.seconds[part], rows.temperature[part] - setting[part], step, self.within_c)
+            stretch.take(
+                rows.seconds[part], rows.temperature[part] - setting[part], step, self.within_c
+            )
         arrived = self.arrived_s
         if arrived is not None:
-            since = np.ones(len(known), dtype=np.bool_) if before is not None else rows.seconds >= arrived - 1e-9
+            since = (
+                np.ones(len(known), dtype=np.bool_)
+                if before is not None
+                else rows.seconds >= arrived - 1e-9
+            )
             self.rows_since += int(since.sum())
             self.known_since += int((since & known).sum())
             self.working_since += int((since & known & rows.working).sum())
@@ -116,7 +135,11 @@ class Heat:
 
     def _stretch(self, tool: float, setting: float) -> Stretch:
         last = self.stretches[-1] if self.stretches else None
-        is_same = last is not None and last.setting == setting and (last.tool == tool or np.isnan(last.tool) or np.isnan(tool))
+        is_same = (
+            last is not None
+            and last.setting == setting
+            and (last.tool == tool or np.isnan(last.tool) or np.isnan(tool))
+        )
         if last is None or not is_same:
             last = Stretch(tool, setting)
             self.stretches.append(last)
@@ -131,7 +154,9 @@ class Heat:
         return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
 
     def _settings(self, rows: Block) -> Floats:
-        """Return the setpoint in each row: the one last read, for at most `SETTING_HOLDS_S`; NaN where it is not known."""
+        """Return the setpoint in each row: the one last read, for at most `SETTING_HOLDS_S`; NaN
+        where it is not known.
+        """
         read = np.flatnonzero(~np.isnan(rows.setting))
         held = np.full(len(rows.seconds), np.nan)
         last = np.searchsorted(read, np.arange(len(held)), side="right") - 1
@@ -170,7 +195,11 @@ class Heat:
         if not self.stretches or self._last_s is None:
             return False
         last = self.stretches[-1]
-        return last.is_approaching and last.last_s is not None and self._last_s - last.last_s <= APPROACH_S
+        return (
+            last.is_approaching
+            and last.last_s is not None
+            and self._last_s - last.last_s <= APPROACH_S
+        )
 
     def finish(self, last_due_s: float | None) -> None:
         """End the rows; ticks without rows up to the last due one count as due too."""
@@ -185,7 +214,9 @@ def _alike(tool: Floats, setting: Floats, usable: Flags) -> list[NDArray[np.int6
     if not len(rows):
         return []
     tools, settings = tool[rows], setting[rows]
-    is_other = (np.diff(tools) != 0) & ~np.isnan(tools[1:]) & ~np.isnan(tools[:-1]) | (np.diff(settings) != 0)
+    is_other = (np.diff(tools) != 0) & ~np.isnan(tools[1:]) & ~np.isnan(tools[:-1]) | (
+        np.diff(settings) != 0
+    )
     return [np.asarray(part) for part in np.split(rows, np.flatnonzero(is_other) + 1)]
 
 
@@ -198,7 +229,9 @@ class Limit:
     is_ordered: bool
 
 
-def reached_rule(station: str, port: int, limit: Limit, targets: Targets, heat: Heat | None) -> Rule:
+def reached_rule(
+    station: str, port: int, limit: Limit, targets: Targets, heat: Heat | None
+) -> Rule:
     """Return the rule of one port."""
     observed, result, text = _judged(limit, targets, heat)
     return Rule(RULE, station, port, limit.percent, observed, "%", result, text)
@@ -214,8 +247,15 @@ def _judged(limit: Limit, targets: Targets, heat: Heat | None) -> Judged:
     if heat.arrived_s is None:
         return _not_arrived(limit, targets, heat)
     for stretch in heat.stretches:
-        if stretch.arrived_s is None and stretch.at_work_s >= ENOUGH_S and not stretch.is_approaching:
-            text = f"Tool or setpoint changed; in {stretch.at_work_s:.0f} s at work since then, the tool {_nearest(limit, stretch)}"
+        if (
+            stretch.arrived_s is None
+            and stretch.at_work_s >= ENOUGH_S
+            and not stretch.is_approaching
+        ):
+            text = (
+                f"Tool or setpoint changed; in {stretch.at_work_s:.0f} s at work since then, the"
+                f" tool {_nearest(limit, stretch)}"
+            )
             return "not reached", Result.FAIL, text
     return _share(limit, heat)
 
@@ -225,24 +265,49 @@ def _not_arrived(limit: Limit, targets: Targets, heat: Heat) -> Judged:
     if not heat.stretches and not limit.is_ordered:
         if limit.percent == 0:
             return None, Result.NOT_APPLICABLE, f"Never at work, as the recipe allows{warmest}."
-        ordered = "has no [run] status" if targets.status is None else f'has status = "{targets.status}"'
-        text = f"The recipe sets a temperature but {ordered}: the tool was not ordered to work and was not at work{warmest}."
+        ordered = (
+            "has no [run] status" if targets.status is None else f'has status = "{targets.status}"'
+        )
+        text = (
+            f"The recipe sets a temperature but {ordered}: the tool was not ordered to work and was"
+            f" not at work{warmest}."
+        )
         return "not at work", Result.MISSING, text
     last = heat.stretches[-1] if heat.stretches else None
     if last is None:
         if heat.known_s < ENOUGH_S:
-            return "not at work", Result.MISSING, f"Ordered to work, but read for only {heat.known_s:.1f} s{warmest}."
-        return "not at work", Result.FAIL, f"Ordered to work, but never at work with a known temperature{warmest}."
+            return (
+                "not at work",
+                Result.MISSING,
+                f"Ordered to work, but read for only {heat.known_s:.1f} s{warmest}.",
+            )
+        return (
+            "not at work",
+            Result.FAIL,
+            f"Ordered to work, but never at work with a known temperature{warmest}.",
+        )
     text = f"In {heat.at_work_s:.1f} s at work, the tool {_nearest(limit, last)}"
     if heat.is_on_its_way:
-        return "not reached", Result.MISSING, f"{text} It was still approaching when its record ended."
+        return (
+            "not reached",
+            Result.MISSING,
+            f"{text} It was still approaching when its record ended.",
+        )
     if (heat.known_s if limit.is_ordered else heat.at_work_s) < ENOUGH_S:
-        return "not reached", Result.MISSING, f"{text} That is too short; {ENOUGH_S:g} s are needed."
+        return (
+            "not reached",
+            Result.MISSING,
+            f"{text} That is too short; {ENOUGH_S:g} s are needed.",
+        )
     return "not reached", Result.FAIL, text
 
 
 def _nearest(limit: Limit, stretch: Stretch) -> str:
-    nearest = "" if stretch.nearest_c is None else f"; nearest {stretch.setting + stretch.nearest_c:.0f} °C"
+    nearest = (
+        ""
+        if stretch.nearest_c is None
+        else f"; nearest {stretch.setting + stretch.nearest_c:.0f} °C"
+    )
     return f"did not come within {shown(limit.within_c)} °C of {stretch.setting:.0f} °C{nearest}."
 
 
@@ -253,14 +318,18 @@ def _share(limit: Limit, heat: Heat) -> Judged:
     percent = 100 * heat.working_since / due
     after = heat.arrived_s - (heat.first_s or 0.0)
     text = (
-        f"Reached {setting:.0f} °C after {after:.1f} s; at work for {shown(floored(percent))} % of the time since, "
-        f"required {shown(limit.percent)} %."
+        f"Reached {setting:.0f} °C after {after:.1f} s; at work for {shown(floored(percent))} % of"
+        f" the time since, required {shown(limit.percent)} %."
     )
     allowed = allowed_misses(due, limit.percent)
     if due - heat.working_since <= allowed:
         return percent, Result.PASS, text
     if away <= allowed:
-        return percent, Result.MISSING, f"{text} Not known for {shown(floored(100 * (due - heat.known_since) / due))} % of it."
+        return (
+            percent,
+            Result.MISSING,
+            f"{text} Not known for {shown(floored(100 * (due - heat.known_since) / due))} % of it.",
+        )
     if not limit.is_ordered:
         return percent, Result.MISSING, f"{text} The recipe did not order it to work."
     return percent, Result.FAIL, text

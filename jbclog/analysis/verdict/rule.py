@@ -1,4 +1,6 @@
-"""One line of a verdict: the limit, the observed figure and the result; and how percentages are judged and shown."""
+"""One line of a verdict: the limit, the observed figure and the result; and how percentages are
+judged and shown.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,11 @@ Figure = float | int | str
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """`limit` and `observed` are numbers in `unit`, or words; None: not known. `text` is a sentence for people.
+    """`limit` and `observed` are numbers in `unit`, or words; None: not known. `text` is a sentence
+    for people.
 
-    An estimated figure has a `bound`, which must keep the limit too; a figure that was counted in full has none.
+    An estimated figure has a `bound`, which must keep the limit too; a figure that was counted in
+    full has none.
     """
 
     name: str
@@ -50,7 +54,8 @@ RESOLVES: Final = 20
 def allowed_misses(due: int, least_percent: float) -> int:
     """Return how many of the readings due may be missing.
 
-    A limit between two counts is the lower one: 99.5 % of 194 readings is 193.03, and 193 keep it. 100 % is all of them.
+    A limit between two counts is the lower one: 99.5 % of 194 readings is 193.03, and 193 keep it.
+    100 % is all of them.
     """
     return ceil(due * (100 - least_percent) / 100 - 1e-9)
 

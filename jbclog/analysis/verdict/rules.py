@@ -1,10 +1,18 @@
-"""The rules about a run and its stations, and deviations: what broke no limit but was not as planned."""
+"""The rules about a run and its stations, and deviations: what broke no limit but was not as
+planned.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from jbclog.analysis.verdict.acceptance import BARE, ESTIMATED_LIMITS, LIMIT_NAMES, Acceptance, is_bare
+from jbclog.analysis.verdict.acceptance import (
+    BARE,
+    ESTIMATED_LIMITS,
+    LIMIT_NAMES,
+    Acceptance,
+    is_bare,
+)
 from jbclog.analysis.verdict.evidence import Event, Evidence, Outcomes, PortLedger
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.samples import TEMPERATURE, WITHOUT_TIP
@@ -15,9 +23,15 @@ WITH_FEEDER = ("ale",)
 
 RUN_ENDINGS = {
     "success": (Result.PASS, "The record runs from start to end."),
-    "aborted": (Result.DEVIATION, "Ended before its stated end; the record until then is complete."),
+    "aborted": (
+        Result.DEVIATION,
+        "Ended before its stated end; the record until then is complete.",
+    ),
     "failed": (Result.DEVIATION, "Ended with an error; the record until then is complete."),
-    "lost": (Result.MISSING, "A crash ended the run: the last second before it is missing from the record."),
+    "lost": (
+        Result.MISSING,
+        "A crash ended the run: the last second before it is missing from the record.",
+    ),
 }
 STATION_ENDINGS = {
     "completed": (Result.PASS, "Recorded to the end."),
@@ -47,9 +61,17 @@ NOT_AS_PLANNED = frozenset(
         "tool.changed",
     }
 )
-"""Events that are deviations from severity warning on. Deviations break no limit but prevent a plain ACCEPT."""
+"""Events that are deviations from severity warning on. Deviations break no limit but prevent a
+plain ACCEPT.
+"""
 
-ENDINGS = ("station.completed", "station.stopped", "station.refused", "station.gone", "station.failed")
+ENDINGS = (
+    "station.completed",
+    "station.stopped",
+    "station.refused",
+    "station.gone",
+    "station.failed",
+)
 AT_THE_START = ("station.not_started", "station.left_out")
 JUDGED = frozenset({*COUNTED_ALARMS, *ENDINGS, *AT_THE_START, "run.start", "run.end"})
 SEVERE = ("error", "critical")
@@ -57,10 +79,21 @@ SEVERE = ("error", "critical")
 
 
 def goal_rules(evidence: Evidence) -> Iterator[Rule]:
-    """Yield a rule for each goal (units, joints); of two goals one is enough. Falling short is a deviation."""
+    """Yield a rule for each goal (units, joints); of two goals one is enough. Falling short is a
+    deviation.
+    """
     is_met = any(goal.is_met for goal in evidence.goals)
     for goal in evidence.goals:
-        yield Rule(f"goal_{goal.what}", None, None, goal.wanted, goal.reached, goal.what, _result(goal, is_met), goal.text)
+        yield Rule(
+            f"goal_{goal.what}",
+            None,
+            None,
+            goal.wanted,
+            goal.reached,
+            goal.what,
+            _result(goal, is_met),
+            goal.text,
+        )
 
 
 def _result(goal: Goal, is_met: bool) -> Result:
@@ -74,17 +107,25 @@ def _result(goal: Goal, is_met: bool) -> Result:
 def record_rule(evidence: Evidence) -> Rule:
     """Return the rule that the record covers the whole run."""
     if evidence.lost is not None:
-        return Rule("record", None, None, "whole", evidence.exit_status, "", Result.MISSING, evidence.lost)
+        return Rule(
+            "record", None, None, "whole", evidence.exit_status, "", Result.MISSING, evidence.lost
+        )
     unknown = (Result.MISSING, "How the run ended is not known.")
     result, text = RUN_ENDINGS.get(evidence.exit_status or "", unknown)
     return Rule("record", None, None, "whole", evidence.exit_status, "", result, text)
 
 
 def station_rules(
-    facts: StationFacts, acceptance: Acceptance, evidence: Evidence, events: Sequence[Event], outcomes: Outcomes
+    facts: StationFacts,
+    acceptance: Acceptance,
+    evidence: Evidence,
+    events: Sequence[Event],
+    outcomes: Outcomes,
 ) -> Iterator[Rule]:
     """Yield the rules about a station as a whole."""
-    result, text = STATION_ENDINGS.get(facts.outcome, (Result.MISSING, "How it ended is not known."))
+    result, text = STATION_ENDINGS.get(
+        facts.outcome, (Result.MISSING, "How it ended is not known.")
+    )
     if facts.outcome == "gone" and facts.first_tick is None:
         text = NEVER_ANSWERED
     reason = facts.reason.removeprefix(f"{facts.name}: ").rstrip(".")
@@ -101,12 +142,16 @@ def station_rules(
 
 def bare_rule(facts: StationFacts, acceptance: Acceptance) -> Iterator[Rule]:
     """Yield a note if the recipe judges figures without their bounds."""
-    if is_bare(acceptance) and any(getattr(acceptance, name) is not None for name in ESTIMATED_LIMITS):
+    if is_bare(acceptance) and any(
+        getattr(acceptance, name) is not None for name in ESTIMATED_LIMITS
+    ):
         yield Rule(CONFIDENCE, facts.name, None, BARE, None, "", Result.NOT_APPLICABLE, JUDGED_BARE)
 
 
 def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
-    """Return the rule that every setting of the recipe is confirmed. Settings of other families do not count."""
+    """Return the rule that every setting of the recipe is confirmed. Settings of other families do
+    not count.
+    """
     counts, lacking = outcomes.counts, outcomes.lacking
     stated, confirmed = counts.total() + len(lacking), counts["confirmed"] + counts["unchanged"]
     observed: str | None = f"{confirmed} of {stated}"
@@ -115,20 +160,33 @@ def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
     elif confirmed + len(lacking) < stated:
         result, text = Result.MISSING, "A setting could not be read back."
     elif not stated and facts.first_tick is None and facts.outcome != "completed":
-        observed, result, text = None, Result.MISSING, "The record holds no setting of this station."
+        observed, result, text = (
+            None,
+            Result.MISSING,
+            "The record holds no setting of this station.",
+        )
     elif lacking:
         names = ", ".join(name.replace("_", " ") for name in dict.fromkeys(lacking))
         result = Result.DEVIATION
-        text = f"The station does not have: {names}. All other settings of the recipe are confirmed."
+        text = (
+            f"The station does not have: {names}. All other settings of the recipe are confirmed."
+        )
     elif facts.outcome == "running":  # the record broke off; the recipe may have had more
         result, text = Result.PASS, "Every setting in the record is confirmed."
     else:
-        result, text = Result.PASS, "Every setting of the recipe is confirmed." if stated else "The recipe sets nothing."
+        result, text = (
+            Result.PASS,
+            ("Every setting of the recipe is confirmed." if stated else "The recipe sets nothing."),
+        )
     return Rule("settings", facts.name, None, "all read back", observed, "", result, text)
 
 
-def alarms_rule(facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]) -> Rule:
-    """Return the rule about the number of high and low alarms; missing evidence if the flags were never read."""
+def alarms_rule(
+    facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]
+) -> Rule:
+    """Return the rule about the number of high and low alarms; missing evidence if the flags were
+    never read.
+    """
     if not reports(facts, "alarm_high"):
         return not_applicable("alarms", facts.name, None, most, "", "alarm flags")
     count = sum(event.kind in COUNTED_ALARMS and event.severity in SEVERE for event in events)
@@ -136,17 +194,36 @@ def alarms_rule(facts: StationFacts, most: int, evidence: Evidence, events: Sequ
         text = f"{count} alarm{'s' * (count != 1)} counted; {most} allowed."
         return Rule("alarms", facts.name, None, most, count, "", Result.FAIL, text)
     unread = [
-        port for port in used_ports(facts, evidence) if not evidence.port_ledger(facts.name, port).get("alarm_high", {}).get("ok")
+        port
+        for port in used_ports(facts, evidence)
+        if not evidence.port_ledger(facts.name, port).get("alarm_high", {}).get("ok")
     ]
     if unread or not facts.ports:
-        text = f"The alarm flags of port {', '.join(map(str, unread))} were never read." if unread else "No port was read."
+        text = (
+            f"The alarm flags of port {', '.join(map(str, unread))} were never read."
+            if unread
+            else "No port was read."
+        )
         return Rule("alarms", facts.name, None, most, None, "", Result.MISSING, text)
-    return Rule("alarms", facts.name, None, most, count, "", Result.PASS, f"{count} counted; {most} allowed.")
+    return Rule(
+        "alarms",
+        facts.name,
+        None,
+        most,
+        count,
+        "",
+        Result.PASS,
+        f"{count} counted; {most} allowed.",
+    )
 
 
 def used_ports(facts: StationFacts, evidence: Evidence) -> list[int]:
     """Return the station's ports, without those that never had a tool."""
-    return [port for port in facts.ports if not never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port))]
+    return [
+        port
+        for port in facts.ports
+        if not never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port))
+    ]
 
 
 def reports(facts: StationFacts, signal: str) -> bool:
@@ -182,7 +259,9 @@ def has_feeder(facts: StationFacts) -> bool:
     return facts.family in WITH_FEEDER
 
 
-def not_applicable(name: str, station: str, port: int | None, limit: float, unit: str, what: str) -> Rule:
+def not_applicable(
+    name: str, station: str, port: int | None, limit: float, unit: str, what: str
+) -> Rule:
     """Return a rule about a signal that the station does not report."""
     text = f"The station does not report {what}; the limit does not apply."
     return Rule(name, station, port, limit, None, unit, Result.NOT_APPLICABLE, text)
@@ -191,11 +270,15 @@ def not_applicable(name: str, station: str, port: int | None, limit: float, unit
 def never_had_a_tool(facts: StationFacts, port: int, ledger: PortLedger) -> bool:
     """Whether every reading of the temperature reported that no tool was present."""
     temperature = ledger.get("temperature_c", {})
-    return port not in facts.touched and not temperature.get("ok") and bool(temperature.get("no_tool"))
+    return (
+        port not in facts.touched and not temperature.get("ok") and bool(temperature.get("no_tool"))
+    )
 
 
 def deviations(events: Sequence[Event]) -> Iterator[Rule]:
-    """Yield a rule for each kind of deviation on each port, with its number and the first event's text."""
+    """Yield a rule for each kind of deviation on each port, with its number and the first event's
+    text.
+    """
     found: dict[tuple[str, str | None, int | None], list[Event]] = {}
     for event in events:
         if _deviates(event):
@@ -219,5 +302,7 @@ def unused_ports(facts: StationFacts, evidence: Evidence) -> Iterator[Rule]:
 
 
 def not_judged(facts: StationFacts, text: str = NO_LIMITS) -> Rule:
-    """Return a rule for a station that is recorded and not judged, because no limit of its recipe applies to it."""
+    """Return a rule for a station that is recorded and not judged, because no limit of its recipe
+    applies to it.
+    """
     return Rule("no_acceptance", facts.name, None, None, None, "", Result.DEVIATION, text)

@@ -1,11 +1,12 @@
 """Measures each port of a run in one pass over its sealed samples.
 
-Definitions. *Due*: the ticks at which the port's tip temperature was to be read, with those that a stopped host skipped (`ledger`
-in the manifest). *Coverage*: readings obtained / readings due. *Longest gap*: the longest time without a temperature on the
-monotonic grid, missing ticks × period, including start and end of the run; *gap of others*: the same as if the readings that the
-computer skipped had been obtained. With ``--rate max`` there is no grid: then it is the longest time between two temperatures, in
-UTC less the steps of the wall clock (`clock_steps.py`). For a station without a temperature, all its signals count
-(`judged_signals`).
+Definitions. *Due*: the ticks at which the port's tip temperature was to be read, with those that a
+stopped host skipped (`ledger` in the manifest). *Coverage*: readings obtained / readings due.
+*Longest gap*: the longest time without a temperature on the monotonic grid, missing ticks × period,
+including start and end of the run; *gap of others*: the same as if the readings that the computer
+skipped had been obtained. With ``--rate max`` there is no grid: then it is the longest time between
+two temperatures, in UTC less the steps of the wall clock (`clock_steps.py`). For a station without
+a temperature, all its signals count (`judged_signals`).
 """
 
 from __future__ import annotations
@@ -50,13 +51,16 @@ BATCH_ROWS = 16_384
 
 
 def judged_signals(facts: StationFacts) -> list[str]:
-    """Return the signals of coverage and gaps: the temperature, or all signals of a station without one."""
+    """Return the signals of coverage and gaps: the temperature, or all signals of a station without
+    one.
+    """
     return [TEMPERATURE] if not facts.signals or TEMPERATURE in facts.signals else facts.signals
 
 
 @dataclass(slots=True)
 class Gap:
-    """The longest time between two readings, less the period; `widest_s` is None before the first reading.
+    """The longest time between two readings, less the period; `widest_s` is None before the first
+    reading.
 
     `start_s`: from when the time counts, known with the first row.
     """
@@ -71,7 +75,9 @@ class Gap:
         if not len(seconds):
             return
         before = self.last_s if self.last_s is not None else self.start_s
-        steps = np.diff(np.append(seconds[0] if before is None else before, seconds)) - self.period_s
+        steps = (
+            np.diff(np.append(seconds[0] if before is None else before, seconds)) - self.period_s
+        )
         self.widest_s = round(max(self.widest_s or 0.0, float(steps.max())), 6)
         self.last_s = float(seconds[-1])
 
@@ -113,7 +119,9 @@ class PortMeasure:
         return self._of_others.widest_s
 
     def feed(self, rows: Block, read: Counts, marks: Marks) -> None:
-        """Take the next rows of this port, oldest first, with the number of judged readings in each."""
+        """Take the next rows of this port, oldest first, with the number of judged readings in
+        each.
+        """
         if self.period_s is None:
             rows = replace(rows, seconds=self.unstepped.of(rows.seconds))
         if self.start_s is None:
@@ -121,7 +129,9 @@ class PortMeasure:
         for gap in (self._gap, self._of_others):
             gap.period_s, gap.start_s = self.period_s or 0.0, self.start_s
         self._gap.take(rows.seconds[read > 0])
-        self._of_others.take(self._without_host(rows.seconds, (read > 0) | (marks.skipped & self.host_skips)))
+        self._of_others.take(
+            self._without_host(rows.seconds, (read > 0) | (marks.skipped & self.host_skips))
+        )
         self.end_s = float(rows.seconds[-1])
         self.rows += len(rows.seconds)
         self.readings += int(read.sum())
@@ -135,14 +145,20 @@ class PortMeasure:
         before = self.end_s if self.end_s is not None else (self.start_s or 0.0)
         missing = np.rint(np.diff(np.append(before, seconds)) / self.period_s).astype(np.int64) - 1
         places = np.flatnonzero(missing > 0)
-        added = [seconds[place] - np.arange(missing[place], 0, -1) * self.period_s for place in places]
-        return np.asarray(np.union1d(seconds[is_read], np.concatenate([*added, np.empty(0)])), dtype=np.float64)
+        added = [
+            seconds[place] - np.arange(missing[place], 0, -1) * self.period_s for place in places
+        ]
+        return np.asarray(
+            np.union1d(seconds[is_read], np.concatenate([*added, np.empty(0)])), dtype=np.float64
+        )
 
     def finish(self, last_due_s: float | None) -> None:
         """End the rows: close the open block, and count the time up to the last due tick."""
         self._close_block()
         self.heat.finish(last_due_s)
-        end = max((moment for moment in (self.end_s, last_due_s) if moment is not None), default=None)
+        end = max(
+            (moment for moment in (self.end_s, last_due_s) if moment is not None), default=None
+        )
         if end is not None:
             self._gap.end(end)
             self._of_others.end(self.end_s if self.no_rows and self.end_s is not None else end)
@@ -192,40 +208,63 @@ def measure(
     rules: int = RULES,
     groups: Groups | None = None,
 ) -> Measures:
-    """Return the measures of every port of `stations` that has rows in ``folder/samples``, by version `rules` of the rules.
+    """Return the measures of every port of `stations` that has rows in ``folder/samples``, by
+    version `rules` of the rules.
 
     `groups` reads the rows of a run that is not in a folder.
-    `within_c`: how close to their setpoints a station's tools have to come, if not within the default.
+    `within_c`: how close to their setpoints a station's tools have to come, if not within the
+    default.
     """
     measures: Measures = {}
     steps = [] if all(facts.period_s for facts in stations.values()) else _steps(folder, groups)
     signals = {name: judged_signals(facts) for name, facts in stations.items()}
-    columns = [*COLUMNS, *sorted({name for names in signals.values() for name in names} - set(COLUMNS))]
+    columns = [
+        *COLUMNS,
+        *sorted({name for names in signals.values() for name in names} - set(COLUMNS)),
+    ]
     for batch in _batches(folder, columns) if groups is None else _cut(groups("samples", columns)):
         for station, port, rows, read, marks in _ports(batch, stations, signals):
             if (station, port) not in measures:
-                measures[station, port] = _new(stations[station], steps, within_c.get(station, WITHIN_C), rules)
+                measures[station, port] = _new(
+                    stations[station], steps, within_c.get(station, WITHIN_C), rules
+                )
             measures[station, port].feed(rows, read, marks)
     for (station, _), port_measure in measures.items():
         facts = stations[station]
-        last = None if facts.last_tick is None or not facts.period_s else facts.last_tick * facts.period_s
+        last = (
+            None
+            if facts.last_tick is None or not facts.period_s
+            else facts.last_tick * facts.period_s
+        )
         port_measure.finish(last)
     return measures
 
 
 class KeptMeasures:
-    """Measures the stations of one sealed run as `measure` does, each once with the same limit and rules."""
+    """Measures the stations of one sealed run as `measure` does, each once with the same limit and
+    rules.
+    """
 
     def __init__(self) -> None:
         self._kept: dict[tuple[str, float, int], Measures] = {}
 
-    def __call__(self, folder: Path, stations: dict[str, StationFacts], within_c: Mapping[str, float], rules: int) -> Measures:
-        """Return the measures of every port of `stations`; those of stations that were asked for before are not computed again."""
+    def __call__(
+        self,
+        folder: Path,
+        stations: dict[str, StationFacts],
+        within_c: Mapping[str, float],
+        rules: int,
+    ) -> Measures:
+        """Return the measures of every port of `stations`; those of stations that were asked for
+        before are not computed again.
+        """
         keys = {name: (name, within_c.get(name, WITHIN_C), rules) for name in stations}
         lacking = {name: facts for name, facts in stations.items() if keys[name] not in self._kept}
         found = measure(folder, lacking, within_c, rules) if lacking else {}
         for name in lacking:
-            self._kept[keys[name]] = {place: one for place, one in found.items() if place[0] == name}
+            self._kept[keys[name]] = {
+                place: one for place, one in found.items() if place[0] == name
+            }
         return {place: one for key in keys.values() for place, one in self._kept[key].items()}
 
 
@@ -235,13 +274,17 @@ def _new(facts: StationFacts, steps: Sequence[Step], within_c: float, rules: int
         return PortMeasure(None, heat, rules, unstepped=Unstepped(steps))
     start = None if facts.first_tick is None else (facts.first_tick - 1) * facts.period_s
     skips = facts.skipped_by_host is None or facts.skipped_by_host > 0
-    return PortMeasure(facts.period_s, heat, rules, start, host_skips=skips, no_rows=facts.skipped > 0)
+    return PortMeasure(
+        facts.period_s, heat, rules, start, host_skips=skips, no_rows=facts.skipped > 0
+    )
 
 
 def _steps(folder: Path, groups: Groups | None) -> list[Step]:
     if groups is None:
         return steps_of(folder)
-    return [step for events in groups("events", ["time", "kind", "value"]) for step in steps_in(events)]
+    return [
+        step for events in groups("events", ["time", "kind", "value"]) for step in steps_in(events)
+    ]
 
 
 def _cut(pieces: Iterable[pa.Table]) -> Iterator[pa.RecordBatch]:
@@ -257,7 +300,9 @@ def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:
 def _ports(
     batch: pa.RecordBatch, stations: dict[str, StationFacts], signals: dict[str, list[str]]
 ) -> Iterator[tuple[str, int, Block, Counts, Marks]]:
-    """Yield the rows of each known station and port in a batch, with the number of judged readings in each row."""
+    """Yield the rows of each known station and port in a batch, with the number of judged readings
+    in each row.
+    """
     names = batch.column("station").cast(pa.string()).dictionary_encode()
     ports = batch.column("port").to_numpy(zero_copy_only=False).astype(np.int64)
     keys = names.indices.to_numpy(zero_copy_only=False).astype(np.int64) * 16 + ports
@@ -268,7 +313,10 @@ def _ports(
             continue
         station = names.dictionary[int(keys[rows[0]]) // 16].as_py()
         if station in stations:
-            read = sum((_valid(batch, name)[rows] for name in signals[station]), np.zeros(len(rows), dtype=np.int64))
+            read = sum(
+                (_valid(batch, name)[rows] for name in signals[station]),
+                np.zeros(len(rows), dtype=np.int64),
+            )
             has_tip = stations[station].family not in WITHOUT_TIP
             block = columns.block(rows, stations[station].period_s, has_tip=has_tip)
             yield station, int(ports[rows[0]]), block, read, columns.marks(rows, has_tip=has_tip)
@@ -276,7 +324,9 @@ def _ports(
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """For each row: whether its tick was skipped, whether its status was read, whether the tool was at work."""
+    """For each row: whether its tick was skipped, whether its status was read, whether the tool was
+    at work.
+    """
 
     skipped: Flags
     status: Flags
@@ -304,14 +354,20 @@ class _Columns:
     def block(self, rows: NDArray[np.int64], period_s: float | None, *, has_tip: bool) -> Block:
         seconds = self.tick[rows] * period_s if period_s else self.utc_s[rows]
         read = (self.temperature[rows], self.power[rows], self.setting[rows], self.working[rows])
-        return Block(seconds, *read, self.tool[rows], self.port_error[rows] if has_tip else np.full(len(rows), np.nan))
+        return Block(
+            seconds,
+            *read,
+            self.tool[rows],
+            self.port_error[rows] if has_tip else np.full(len(rows), np.nan),
+        )
 
 
 def _columns(batch: pa.RecordBatch) -> _Columns:
     status = batch.column("status").cast(pa.string())
     working = pc.fill_null(pc.is_in(status, value_set=pa.array(WORKING)), False)
     return _Columns(
-        batch.column("time").cast(pa.int64()).to_numpy(zero_copy_only=False).astype(np.float64) / 1e6,
+        batch.column("time").cast(pa.int64()).to_numpy(zero_copy_only=False).astype(np.float64)
+        / 1e6,
         _floats(batch, "tick"),
         _floats(batch, "temperature_c"),
         _floats(batch, "power_permille"),
@@ -319,7 +375,9 @@ def _columns(batch: pa.RecordBatch) -> _Columns:
         working.to_numpy(zero_copy_only=False),
         _floats(batch, "tool"),
         _floats(batch, "port_error"),
-        pc.fill_null(pc.equal(batch.column("quality").cast(pa.string()), SKIPPED), False).to_numpy(zero_copy_only=False),
+        pc.fill_null(pc.equal(batch.column("quality").cast(pa.string()), SKIPPED), False).to_numpy(
+            zero_copy_only=False
+        ),
         pc.is_valid(status).to_numpy(zero_copy_only=False),
         pc.fill_null(batch.column("cooling"), False).to_numpy(zero_copy_only=False),
     )
@@ -327,7 +385,9 @@ def _columns(batch: pa.RecordBatch) -> _Columns:
 
 def _valid(batch: pa.RecordBatch, name: str) -> Counts:
     """Return 1 for each row with a value in this column, 0 for a null."""
-    return np.asarray(pc.is_valid(batch.column(name)).to_numpy(zero_copy_only=False), dtype=np.int64)
+    return np.asarray(
+        pc.is_valid(batch.column(name)).to_numpy(zero_copy_only=False), dtype=np.int64
+    )
 
 
 def _floats(batch: pa.RecordBatch, name: str) -> Floats:

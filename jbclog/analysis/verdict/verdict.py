@@ -1,10 +1,11 @@
 """The verdict of a run: all rules together.
 
-One broken limit is REJECT. Without one, missing evidence is INCONCLUSIVE, which is never accepted. Without either, anything that
-was not as planned makes it ACCEPT WITH DEVIATIONS. A run whose recipes state no limit is NOT JUDGED.
+One broken limit is REJECT. Without one, missing evidence is INCONCLUSIVE, which is never accepted.
+Without either, anything that was not as planned makes it ACCEPT WITH DEVIATIONS. A run whose
+recipes state no limit is NOT JUDGED.
 
-The observed figure breaks a limit. The figure and its 95 % bound, if it has one (`bounds.py`), must keep it; a figure that keeps it
-with a bound that does not is missing evidence.
+The observed figure breaks a limit. The figure and its 95 % bound, if it has one (`bounds.py`), must
+keep it; a figure that keeps it with a bound that does not is missing evidence.
 """
 
 from __future__ import annotations
@@ -64,13 +65,21 @@ class Judgement:
 
 
 def judge(
-    evidence: Evidence, acceptance: Mapping[str, Acceptance | None], by: int = RULES, measuring: Measuring = measure
+    evidence: Evidence,
+    acceptance: Mapping[str, Acceptance | None],
+    by: int = RULES,
+    measuring: Measuring = measure,
 ) -> Judgement:
     """Return the verdict of a sealed run by version `by` of the rules (`versions.py`).
 
-    `acceptance`: station -> the limits of its recipe, None if it states none. `measuring` reads the samples.
+    `acceptance`: station -> the limits of its recipe, None if it states none. `measuring` reads the
+    samples.
     """
-    limits = {name: stated for name, stated in acceptance.items() if stated is not None and asks_for_anything(stated)}
+    limits = {
+        name: stated
+        for name, stated in acceptance.items()
+        if stated is not None and asks_for_anything(stated)
+    }
     if not limits:
         return Judgement(Verdict.NOT_JUDGED, ())
     rules = tuple(_all_rules(evidence, limits, by, measuring))
@@ -87,19 +96,38 @@ def verdict_of(rules: Sequence[Rule]) -> Verdict:
     return Verdict.WITH_DEVIATIONS if Result.DEVIATION in results else Verdict.ACCEPT
 
 
-def _all_rules(evidence: Evidence, limits: Mapping[str, Acceptance], by: int, measuring: Measuring) -> Iterator[Rule]:
+def _all_rules(
+    evidence: Evidence, limits: Mapping[str, Acceptance], by: int, measuring: Measuring
+) -> Iterator[Rule]:
     judged = [facts for facts in evidence.stations if facts.name in limits]
-    within = {name: one.reached_within_c for name, one in limits.items() if one.reached_within_c is not None}
+    within = {
+        name: one.reached_within_c
+        for name, one in limits.items()
+        if one.reached_within_c is not None
+    }
     measures = measuring(evidence.folder, {facts.name: facts for facts in judged}, within, by)
-    events, outcomes = read_events(evidence.folder), read_outcomes(evidence.folder, counts_lacking=evidence.counts_lacking)
+    events, outcomes = (
+        read_events(evidence.folder),
+        read_outcomes(evidence.folder, counts_lacking=evidence.counts_lacking),
+    )
     yield record_rule(evidence)
     yield from goal_rules(evidence)
     yield from (_no_facts(name) for name in limits if name not in {facts.name for facts in judged})
     for facts in judged:
         own = [event for event in events if event.station == facts.name]
-        yield from _station(facts, limits[facts.name], evidence, own, outcomes.get(facts.name, Outcomes()), measures, by)
+        yield from _station(
+            facts,
+            limits[facts.name],
+            evidence,
+            own,
+            outcomes.get(facts.name, Outcomes()),
+            measures,
+            by,
+        )
     yield from (not_judged(facts) for facts in evidence.stations if facts.name not in limits)
-    yield from deviations([event for event in events if event.station is None or event.station in limits])
+    yield from deviations(
+        [event for event in events if event.station is None or event.station in limits]
+    )
 
 
 def _station(
@@ -117,13 +145,26 @@ def _station(
     yield from bare_rule(facts, acceptance)
     ports = used_ports(facts, evidence)
     if not ports:
-        yield Rule("ports", facts.name, None, "one at least", 0, "", Result.MISSING, "No port was recorded with a tool.")
+        yield Rule(
+            "ports",
+            facts.name,
+            None,
+            "one at least",
+            0,
+            "",
+            Result.MISSING,
+            "No port was recorded with a tool.",
+        )
     ordered = read_ordered(evidence.folder)
     for port in ports:
         seen = measures.get((facts.name, port))
-        yield from port_rules(facts, port, acceptance, evidence.port_ledger(facts.name, port), seen, by)
+        yield from port_rules(
+            facts, port, acceptance, evidence.port_ledger(facts.name, port), seen, by
+        )
         if by > 1:
-            yield from heat_rules(facts, port, acceptance, evidence, seen, is_ordered=(facts.name, port) in ordered)
+            yield from heat_rules(
+                facts, port, acceptance, evidence, seen, is_ordered=(facts.name, port) in ordered
+            )
         if acceptance.verification_days is not None and reports(facts, TEMPERATURE):
             adjusted = read_adjustments(evidence.folder).get((facts.name, port))
             yield verification_rule(facts, port, acceptance.verification_days, evidence, adjusted)
@@ -134,4 +175,13 @@ def _station(
 
 
 def _no_facts(station: str) -> Rule:
-    return Rule("station", station, None, "completed", None, "", Result.MISSING, "The record has nothing of this station.")
+    return Rule(
+        "station",
+        station,
+        None,
+        "completed",
+        None,
+        "",
+        Result.MISSING,
+        "The record has nothing of this station.",
+    )

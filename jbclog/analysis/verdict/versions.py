@@ -1,8 +1,10 @@
-"""The versions of rules and methods. A manifest names the version that judged its run; without one it is 1.
+"""The versions of rules and methods. A manifest names the version that judged its run; without one
+it is 1.
 
-A sealed verdict is compared by its own version. If a later version changed a rule, its earlier form is either kept here or gone;
-runs of earlier versions are then no longer judged by that rule, which never counts against their verdict. To change a rule or a
-method, add a row with its name, and whether its earlier form is kept.
+A sealed verdict is compared by its own version. If a later version changed a rule, its earlier form
+is either kept here or gone; runs of earlier versions are then no longer judged by that rule, which
+never counts against their verdict. To change a rule or a method, add a row with its name, and
+whether its earlier form is kept.
 """
 
 from __future__ import annotations
@@ -15,7 +17,8 @@ from typing import Final
 class Version:
     """A version. `changed`: the rules that are new in it, or give other figures than before.
 
-    `keeps_earlier`: the earlier forms of these rules are kept, except those in `gone`. `means`: what changed, as a sentence.
+    `keeps_earlier`: the earlier forms of these rules are kept, except those in `gone`. `means`:
+    what changed, as a sentence.
     """
 
     number: int
@@ -26,7 +29,9 @@ class Version:
 
 
 BOUNDS_HOLD: Final = 3
-"""The first version with bounds corrected for autocorrelation, and in which a limit needs a bound."""
+"""The first version with bounds corrected for autocorrelation, and in which a limit needs a
+bound.
+"""
 
 OF_JOINTS: Final = ("recovery_p95", "recovered_before_next", "joints_against_counter")
 
@@ -40,8 +45,9 @@ VERSIONS: Final = (
     ),
     Version(
         BOUNDS_HOLD,
-        "only readings of a tip at rest are idle; bounds hold under slow drift; a limit without a bound is not kept; "
-        "joints are found by the tip's own heat balance; a tip is back at the level at which it rests",
+        "only readings of a tip at rest are idle; bounds hold under slow drift; a limit without a"
+        " bound is not kept; joints are found by the tip's own heat balance; a tip is back at the"
+        " level at which it rests",
         frozenset({"idle_error", "idle_sd", *OF_JOINTS}),
         gone=frozenset(OF_JOINTS),
     ),
@@ -53,7 +59,8 @@ VERSIONS: Final = (
     ),
     Version(
         5,
-        "joints are placed by the power where the station shows the temperature later than the power",
+        "joints are placed by the power where the station shows the temperature later than the"
+        " power",
         frozenset(OF_JOINTS),
         gone=frozenset(OF_JOINTS),
     ),
@@ -69,5 +76,7 @@ def is_known(number: int) -> bool:
 
 def not_kept(number: int) -> frozenset[str]:
     """Return the rules of version `number` whose form of that time is gone."""
-    later = [one.gone if one.keeps_earlier else one.changed for one in VERSIONS if one.number > number]
+    later = [
+        one.gone if one.keeps_earlier else one.changed for one in VERSIONS if one.number > number
+    ]
     return frozenset().union(*later)

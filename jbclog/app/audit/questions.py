@@ -1,7 +1,7 @@
 """Reads one station for an audit, each value until it is confirmed.
 
-Sends only reads that change nothing, and never reads the alarm flags, because reading clears them. There is one attempt per
-station, so one that does not answer costs only the time of its reads.
+Sends only reads that change nothing, and never reads the alarm flags, because reading clears them.
+There is one attempt per station, so one that does not answer costs only the time of its reads.
 """
 
 from __future__ import annotations
@@ -15,14 +15,21 @@ from jbclog.app import connection
 from jbclog.core.errors import LinkError, RobotModeOff, StationError, StationSilent
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value, text_of
-from jbclog.maintenance.counter_totals.observed import Count, Errors, Identity, Observation, Standing
+from jbclog.maintenance.counter_totals.observed import (
+    Count,
+    Errors,
+    Identity,
+    Observation,
+    Standing,
+)
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command, Effect, Scope
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
 from jbclog.session.manual.contact import PORTS, WHOLE_STATION, Contact, Place, Target, open_contact
 from jbclog.transport.read_only import OnlyReads
 
-# -- harmless reads -----------------------------------------------------------------------------------------------------------
-# A port of an audit passes reads only, without those that change something (R-TA clears the alarm flags).
+# -- harmless reads --------------------------------------------------------------------------------
+# A port of an audit passes reads only, without those that change something (R-TA clears the alarm
+# flags).
 
 
 def harmless_for(family: Family | None) -> OnlyReads:
@@ -35,11 +42,15 @@ def harmless_for(family: Family | None) -> OnlyReads:
 def _clearing() -> frozenset[bytes]:
     """Return every read of any family that has an effect, at every port."""
     commands = [one for family in FAMILIES.values() for one in family.commands.values()]
-    doing = [one for one in commands if one.readable and one.effect is not Effect.NONE and one.scope is Scope.PORT]
+    doing = [
+        one
+        for one in commands
+        if one.readable and one.effect is not Effect.NONE and one.scope is Scope.PORT
+    ]
     return frozenset(f"R{one.code(port)}".encode() for one in doing for port in PORTS)
 
 
-# -- confirmed read -----------------------------------------------------------------------------------------------------------
+# -- confirmed read --------------------------------------------------------------------------------
 # A value is confirmed when two of at most three readings are equal.
 
 MOST_READS: Final = 3
@@ -48,7 +59,9 @@ NO_TIME: Final = "no time left for it"
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The values read and the confirmed one. Without a value and without `why`, no two readings were equal."""
+    """The values read and the confirmed one. Without a value and without `why`, no two readings
+    were equal.
+    """
 
     given: tuple[Value, ...] = ()
     value: Value | None = None
@@ -57,7 +70,9 @@ class Answer:
 
 @dataclass(slots=True)
 class StationReader:
-    """One station, read until `until` (monotonic seconds). `over` is why it cannot be read any more."""
+    """One station, read until `until` (monotonic seconds). `over` is why it cannot be read any
+    more.
+    """
 
     contact: Contact
     until: float
@@ -84,7 +99,7 @@ class StationReader:
         return bool(self.over)
 
 
-# -- observation --------------------------------------------------------------------------------------------------------------
+# -- observation -----------------------------------------------------------------------------------
 
 QUESTIONS: Final = 400  # more than the reads of a station with four ports
 SPARE_S: Final = 10.0
@@ -95,7 +110,9 @@ READ_ONLY: Final = frozenset({"mode", "fuse"})  # set at the station itself
 
 @dataclass(frozen=True, slots=True)
 class SurveyTarget:
-    """A station to be read. `audit`: start of the audit, `since`: when the station was last read, UTC as text."""
+    """A station to be read. `audit`: start of the audit, `since`: when the station was last read,
+    UTC as text.
+    """
 
     audit: str
     line: str
@@ -105,7 +122,9 @@ class SurveyTarget:
     def unseen(self, time: str, why: str) -> Observation:
         """Return the observation that it was not read at `time`, and why."""
         name, url = self.target.name, self.target.url
-        return Observation(time, self.audit, self.line, name, url, False, why.removeprefix(f"{name}: "))
+        return Observation(
+            time, self.audit, self.line, name, url, False, why.removeprefix(f"{name}: ")
+        )
 
 
 @dataclass(slots=True)
@@ -126,16 +145,21 @@ class _Seen:
 
 
 def look(wanted: SurveyTarget, utc_of: Callable[[float], str]) -> Steps[Observation]:
-    """Read the station; the observation has the reason for each value that is missing. `utc_of` converts monotonic times to UTC.
+    """Read the station; the observation has the reason for each value that is missing. `utc_of`
+    converts monotonic times to UTC.
 
     Raises `StartRefused` if no usable station answers, and `LinkError` if there is no port.
     """
     contact = yield from open_contact(wanted.target)
     client = contact.client
     if not contact.is_proven:
-        unread = wanted.unseen(utc_of(client.now), f"{contact.stranger()}; its counters were not read")
+        unread = wanted.unseen(
+            utc_of(client.now), f"{contact.stranger()}; its counters were not read"
+        )
         return replace(unread, identity=Identity(contact.family.name, contact.model))
-    seen = _Seen(StationReader(contact, client.now + SPARE_S + QUESTIONS * wanted.target.line.read_s()))
+    seen = _Seen(
+        StationReader(contact, client.now + SPARE_S + QUESTIONS * wanted.target.line.read_s())
+    )
     yield from _everything(seen)
     return Observation(
         utc_of(client.heard),
@@ -165,10 +189,14 @@ def _everything(seen: _Seen) -> Steps[None]:
 
 
 def _find_ports(seen: _Seen) -> Steps[None]:
-    """Find the ports and their tools: those of the line file or family, or those that answer R-CT."""
+    """Find the ports and their tools: those of the line file or family, or those that answer
+    R-CT.
+    """
     known, command = seen.reader.contact.ports, seen.family.command_of("tool")
     for port in known or PORTS:
-        tool = None if command is None else (yield from seen.reader.twice(command, Place(port))).value
+        tool = (
+            None if command is None else (yield from seen.reader.twice(command, Place(port))).value
+        )
         if isinstance(tool, int):
             seen.tools[port] = tool
         if known is not None or tool is not None:
@@ -178,7 +206,9 @@ def _find_ports(seen: _Seen) -> Steps[None]:
 def _count(seen: _Seen) -> Steps[None]:
     for port in seen.ports:
         for counter in seen.family.counters:
-            answer = yield from seen.reader.twice(seen.family.commands[counter.command], Place(port))
+            answer = yield from seen.reader.twice(
+                seen.family.commands[counter.command], Place(port)
+            )
             seen.counts.append(_counted(port, counter.name, counter.unit, answer))
 
 
@@ -186,10 +216,18 @@ def _counted(port: int, name: str, unit: str, answer: Answer) -> Count:
     values = tuple(float(one) for one in answer.given if isinstance(one, int | float))
     if isinstance(answer.value, int | float):
         return Count(port, name, unit, float(answer.value), Standing.OK, values)
-    return Count(port, name, unit, None, Standing.UNREAD if answer.why else Standing.MOVING, values, answer.why)
+    return Count(
+        port,
+        name,
+        unit,
+        None,
+        Standing.UNREAD if answer.why else Standing.MOVING,
+        values,
+        answer.why,
+    )
 
 
-# -- errors ----------------------------------------------------------------------------------------------------------------
+# -- errors ----------------------------------------------------------------------------------------
 
 
 def _find_errors(seen: _Seen) -> Steps[None]:
@@ -203,11 +241,15 @@ def _find_errors(seen: _Seen) -> Steps[None]:
         error = (yield from seen.reader.twice(family.commands["port_error"], Place(port))).value
         if isinstance(error, int):
             ports[port] = family.port_errors.text(error)
-    seen.errors = Errors(family.station_errors.text(station) if isinstance(station, int) else None, ports)
+    seen.errors = Errors(
+        family.station_errors.text(station) if isinstance(station, int) else None, ports
+    )
 
 
 def _omega_state(reader: StationReader) -> Steps[str | None]:
-    """Return what OMEGA has in place of error numbers: whether there is solder, and whether it is ready."""
+    """Return what OMEGA has in place of error numbers: whether there is solder, and whether it is
+    ready.
+    """
     texts = []
     for name in ("information", "temperature_control"):
         value = (yield from reader.twice(reader.contact.family.commands[name])).value
@@ -215,7 +257,7 @@ def _omega_state(reader: StationReader) -> Steps[str | None]:
     return ", ".join(texts) or None
 
 
-# -- settings --------------------------------------------------------------------------------------------------------------
+# -- settings --------------------------------------------------------------------------------------
 
 
 def _find_parameters(seen: _Seen) -> Steps[None]:
@@ -227,14 +269,23 @@ def _find_parameters(seen: _Seen) -> Steps[None]:
 
 
 def is_parameter(command: Command) -> bool:
-    """Whether this is a setting that does not change from job to job, and that can be read without a number."""
+    """Whether this is a setting that does not change from job to job, and that can be read without
+    a number.
+    """
     is_set = command.access == "rw" or (command.readable and command.name in READ_ONLY)
     is_kept = command.name not in OF_THE_JOB and not command.name.startswith(SELECTED)
-    return is_set and is_kept and command.effect is Effect.NONE and command.scope is not Scope.CONDITION
+    return (
+        is_set
+        and is_kept
+        and command.effect is Effect.NONE
+        and command.scope is not Scope.CONDITION
+    )
 
 
 def parameter_name(setting: str, port: int | None) -> str:
-    """Return the name of a setting at a port: ``2.sleep_delay``; without a port for the whole station."""
+    """Return the name of a setting at a port: ``2.sleep_delay``; without a port for the whole
+    station.
+    """
     return setting if port is None else f"{port}.{setting}"
 
 

@@ -19,8 +19,22 @@ from jbclog.config.tasks_file import Task
 from jbclog.core.errors import JbclogError, RecordError
 from jbclog.core.rows import StationFacts
 from jbclog.core.serial_line import is_one_port
-from jbclog.maintenance.counter_totals.observed import Count, Errors, Fact, Identity, Observation, Standing
-from jbclog.maintenance.verification import NAME, Book, Verification, last_valid, places_of, read_book
+from jbclog.maintenance.counter_totals.observed import (
+    Count,
+    Errors,
+    Fact,
+    Identity,
+    Observation,
+    Standing,
+)
+from jbclog.maintenance.verification import (
+    NAME,
+    Book,
+    Verification,
+    last_valid,
+    places_of,
+    read_book,
+)
 from jbclog.protocol.commands.command import Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.record.conclude import known_stations
@@ -32,14 +46,16 @@ from jbclog.record.store_reader import StoreReader
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
 
-# -- past runs ----------------------------------------------------------------------------------------------------------------
-# Errors since the last audit, in the runs of the folder of `jbclog audit --runs`: only a run can have recorded an error that came
-# and went between two audits.
+# -- past runs -------------------------------------------------------------------------------------
+# Errors since the last audit, in the runs of the folder of `jbclog audit --runs`: only a run can
+# have recorded an error that came and went between two audits.
 #
-# Each observation has the time up to which errors were counted (`Errors.until`), and the next audit counts from there. So an event
-# counts once, also in a run that lasts over several audits. What is not committed yet counts the next time (`LAG`).
+# Each observation has the time up to which errors were counted (`Errors.until`), and the next audit
+# counts from there. So an event counts once, also in a run that lasts over several audits. What is
+# not committed yet counts the next time (`LAG`).
 
-LAG: Final = timedelta(seconds=10)  # a recorder commits each second, and waits at most this long for the disk
+# a recorder commits each second, and waits at most this long for the disk
+LAG: Final = timedelta(seconds=10)
 COUNTED: Final = ("error", "critical")  # severities of events
 SHOWN: Final = 3
 
@@ -51,7 +67,9 @@ Events = Mapping[str, int]
 
 @dataclass(slots=True)
 class PastRuns:
-    """The errors of each station in the runs of a folder up to `until`. `trouble` lists what cannot be read."""
+    """The errors of each station in the runs of a folder up to `until`. `trouble` lists what cannot
+    be read.
+    """
 
     until: str = ""
     events: dict[Place, Counter[str]] = field(default_factory=dict)
@@ -61,17 +79,25 @@ class PastRuns:
     trouble: list[str] = field(default_factory=list)
 
     def with_errors(self, seen: Observation) -> Observation:
-        """Return the observation with the errors in these runs, plus those of its own run if that is not among them."""
+        """Return the observation with the errors in these runs, plus those of its own run if that
+        is not among them.
+        """
         place = (seen.line, seen.station)
         if not seen.seen or place not in self.since:
             return seen
         errors, events = seen.errors, self.events.get(place)
         if not self.is_read:  # the next audit counts from where this one should have
             return replace(seen, errors=replace(errors, events=None, until=self.since[place]))
-        if errors.events is not None and Path(os.path.realpath(seen.source.removeprefix("run:"))) not in self.folders:
+        if (
+            errors.events is not None
+            and Path(os.path.realpath(seen.source.removeprefix("run:"))) not in self.folders
+        ):
             events = Counter(errors.events) + (events or Counter())
         until = max(self.until, self.since[place], key=datetime.fromisoformat)
-        return replace(seen, errors=replace(errors, events=None if events is None else dict(events), until=until))
+        return replace(
+            seen,
+            errors=replace(errors, events=None if events is None else dict(events), until=until),
+        )
 
 
 def counted_to(audit: str) -> str:
@@ -80,7 +106,9 @@ def counted_to(audit: str) -> str:
 
 
 def past_runs(folder: Path, since: Mapping[Place, str], audit: str) -> PastRuns:
-    """Return the errors of each station of `since` from its time on, in the runs directly below `folder`. Never raises."""
+    """Return the errors of each station of `since` from its time on, in the runs directly below
+    `folder`. Never raises.
+    """
     past = PastRuns(counted_to(audit), since=since)
     try:
         if not folder.is_dir():
@@ -88,7 +116,9 @@ def past_runs(folder: Path, since: Mapping[Place, str], audit: str) -> PastRuns:
         for run in _runs(folder, since, past):
             _count(run, past)
     except RecordError as error:
-        past.trouble.append(f"{error}; errors since the last audit are not counted now; the next audit counts them")
+        past.trouble.append(
+            f"{error}; errors since the last audit are not counted now; the next audit counts them"
+        )
         past.is_read = False
     return past
 
@@ -129,13 +159,19 @@ def _count(found: Found, past: PastRuns) -> None:
 
 
 def _is_within(found: Found, since: str, until: str) -> bool:
-    began = found.started is None or datetime.fromisoformat(found.started) < datetime.fromisoformat(until)
-    ended = found.ended is not None and datetime.fromisoformat(found.ended) < datetime.fromisoformat(since)
+    began = found.started is None or datetime.fromisoformat(found.started) < datetime.fromisoformat(
+        until
+    )
+    ended = found.ended is not None and datetime.fromisoformat(
+        found.ended
+    ) < datetime.fromisoformat(since)
     return began and not ended
 
 
 def error_events(run: Run, station: str, since: str | None, until: str) -> Events:
-    """Return the errors of a station by kind in the record of a run, from `since` (included) to `until`."""
+    """Return the errors of a station by kind in the record of a run, from `since` (included) to
+    `until`.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # `check` reports damage to a record
         events = run.events(station, start=since, stop=until)
@@ -143,9 +179,9 @@ def error_events(run: Run, station: str, since: str | None, until: str) -> Event
     return {str(kind): int(count) for kind, count in sorted(counted.items())}
 
 
-# -- recorded counters --------------------------------------------------------------------------------------------------------
-# The readings of a run in progress, instead of reading the station: a run is never disturbed. The station of the run is the one on
-# the same port, whatever its name there.
+# -- recorded counters -----------------------------------------------------------------------------
+# The readings of a run in progress, instead of reading the station: a run is never disturbed. The
+# station of the run is the one on the same port, whatever its name there.
 
 FRESH: Final = timedelta(hours=1)  # the counters' own resolution
 NOW: Final = timedelta(minutes=2)  # errors read before that are not current
@@ -176,7 +212,9 @@ class _Record:
 
 
 def observed_in(folder: Path, wanted: SurveyTarget, now: datetime) -> Observation:
-    """Return the station as recorded by the run in `folder`. `seen` is false, with the reason, if it has no counters of it yet."""
+    """Return the station as recorded by the run in `folder`. `seen` is false, with the reason, if
+    it has no counters of it yet.
+    """
     source = f"run:{folder}"
     try:
         record = _record(folder, wanted, now)
@@ -186,7 +224,10 @@ def observed_in(folder: Path, wanted: SurveyTarget, now: datetime) -> Observatio
         return _observation(wanted, record, counts, source)
     except (JbclogError, OSError, sqlite3.Error, ArrowException) as error:
         return replace(
-            wanted.unseen(_text(now), f"the run {folder} holds it, and its record cannot be read: {error}"), source=source
+            wanted.unseen(
+                _text(now), f"the run {folder} holds it, and its record cannot be read: {error}"
+            ),
+            source=source,
         )
 
 
@@ -198,7 +239,9 @@ def _record(folder: Path, wanted: SurveyTarget, now: datetime) -> _Record | None
 
 
 def _facts(folder: Path) -> list[StationFacts]:
-    """Return the facts of the stations of a run: from its live store, or from its manifest if it was sealed meanwhile."""
+    """Return the facts of the stations of a run: from its live store, or from its manifest if it
+    was sealed meanwhile.
+    """
     with StoreReader(folder) as stock:
         stored = known_stations(stock, [])
     if stored or not (folder / MANIFEST).exists():
@@ -213,10 +256,15 @@ def _nothing_yet(folder: Path, record: _Record | None) -> str:
         if record is None or record.facts.model is None
         else "has read none of its counters within the last hour"
     )
-    return f"the run {folder} holds this station and {has}; it was not read. Audit again in a minute, or after the run has ended"
+    return (
+        f"the run {folder} holds this station and {has}; it was not read. Audit again in a minute,"
+        " or after the run has ended"
+    )
 
 
-def _observation(wanted: SurveyTarget, record: _Record, counts: list[_CounterRow], source: str) -> Observation:
+def _observation(
+    wanted: SurveyTarget, record: _Record, counts: list[_CounterRow], source: str
+) -> Observation:
     facts = record.facts
     return Observation(
         _text(max((one.time for one in counts), default=record.now)),
@@ -236,19 +284,27 @@ def _observation(wanted: SurveyTarget, record: _Record, counts: list[_CounterRow
 
 def _recorded_count(row: _CounterRow) -> Count:
     if row.value is None:
-        return Count(row.port, row.counter, row.unit, None, Standing.UNREAD, (), row.raw.strip("<>"))
+        return Count(
+            row.port, row.counter, row.unit, None, Standing.UNREAD, (), row.raw.strip("<>")
+        )
     return Count(row.port, row.counter, row.unit, row.value, Standing.OK, (row.value,))
 
 
-# -- from the tables --------------------------------------------------------------------------------------------------------
+# -- from the tables -------------------------------------------------------------------------------
 
 
 def _newest(record: _Record) -> Iterator[_CounterRow]:
-    """Yield the latest value of each counter within the last hour; if none was read, the latest failure."""
+    """Yield the latest value of each counter within the last hour; if none was read, the latest
+    failure.
+    """
     newest: dict[tuple[int, str], _CounterRow] = {}
     for rows in record.run.stream("counters", record.facts.name, start=record.now - FRESH):
-        for time, port, counter, value, unit, raw in rows[list(_CounterRow._fields)].itertuples(index=False, name=None):
-            row = _CounterRow(time.to_pydatetime(), int(port), str(counter), _number(value), str(unit), str(raw))
+        for time, port, counter, value, unit, raw in rows[list(_CounterRow._fields)].itertuples(
+            index=False, name=None
+        ):
+            row = _CounterRow(
+                time.to_pydatetime(), int(port), str(counter), _number(value), str(unit), str(raw)
+            )
             if row.value is not None or newest.get((row.port, row.counter), row).value is None:
                 newest[row.port, row.counter] = row
     yield from newest.values()
@@ -262,46 +318,67 @@ def _parameters(record: _Record) -> Iterator[tuple[str, str]]:
     """Yield each setting as last read."""
     commands = {} if record.family is None else record.family.commands
     rows = record.run.settings(record.facts.name)
-    for port, setting, readback in rows[["port", "setting", "readback"]].itertuples(index=False, name=None):
+    for port, setting, readback in rows[["port", "setting", "readback"]].itertuples(
+        index=False, name=None
+    ):
         command = commands.get(setting)
         if command is not None and is_parameter(command) and isinstance(readback, str):
-            yield parameter_name(setting, None if command.scope is Scope.STATION else int(port)), readback
+            yield (
+                parameter_name(setting, None if command.scope is Scope.STATION else int(port)),
+                readback,
+            )
 
 
 def _errors(record: _Record, wanted: SurveyTarget) -> Errors:
     family, name = record.family, record.facts.name
-    rows = record.run.samples(name, start=record.now - NOW, columns=["port", "station_error", "port_error"])
+    rows = record.run.samples(
+        name, start=record.now - NOW, columns=["port", "station_error", "port_error"]
+    )
     stations, ports = rows["station_error"].dropna(), rows.dropna(subset=["port_error"])
     if family is None:
         return Errors()
     station = family.station_errors.text(int(stations.iloc[-1])) if len(stations) else None
-    codes = {int(port): int(code) for port, code in zip(ports["port"], ports["port_error"], strict=True)}
+    codes = {
+        int(port): int(code) for port, code in zip(ports["port"], ports["port_error"], strict=True)
+    }
     until = max(counted_to(wanted.audit), wanted.since or "")
     events = error_events(record.run, name, wanted.since, until)
-    return Errors(station, {port: family.port_errors.text(code) for port, code in codes.items()}, dict(events), until)
+    return Errors(
+        station,
+        {port: family.port_errors.text(code) for port, code in codes.items()},
+        dict(events),
+        until,
+    )
 
 
 def _text(moment: datetime) -> str:
     return moment.astimezone(UTC).isoformat(timespec="milliseconds")
 
 
-# -- verifications ------------------------------------------------------------------------------------------------------------
-# The last verification of each tip, from the file of verifications beside the runs, as entries of the ledger.
+# -- verifications ---------------------------------------------------------------------------------
+# The last verification of each tip, from the file of verifications beside the runs, as entries of
+# the ledger.
 
 TASK: Final = "verification"
 """The task that verifications carry out."""
 
 
 def verified(runs: Path, places: Iterable[Place]) -> tuple[list[Fact], list[str]]:
-    """Return the last valid verification of each port of these stations, and what is wrong with the file. Never raises.
+    """Return the last valid verification of each port of these stations, and what is wrong with the
+    file. Never raises.
 
-    The file has only the names of stations: if two lines have the same name, a verification counts for both.
+    The file has only the names of stations: if two lines have the same name, a verification counts
+    for both.
     """
     try:
         book = read_book(runs)
     except RecordError as error:
         return [], [str(error)]
-    wrong = [f"{runs / NAME}: line {number} {text}" for number, text in book.wrong if "cut off" not in text]
+    wrong = [
+        f"{runs / NAME}: line {number} {text}"
+        for number, text in book.wrong
+        if "cut off" not in text
+    ]
     return [_fact(place, one, runs) for place in places for one in _last(book, place[1])], wrong
 
 
@@ -314,7 +391,10 @@ def _last(book: Book, station: str) -> Iterator[Verification]:
 
 def _fact(place: Place, one: Verification, runs: Path) -> Fact:
     time = datetime.fromisoformat(one.time).astimezone(UTC).isoformat(timespec="milliseconds")
-    text = f"port {one.port} verified by {one.by}, {one.result.upper()}: line {one.seq} of {runs / NAME}"
+    text = (
+        f"port {one.port} verified by {one.by}, {one.result.upper()}: line {one.seq} of"
+        f" {runs / NAME}"
+    )
     return Fact(time, time, one.by, *place, TASK, one.port, one.tip, text)
 
 

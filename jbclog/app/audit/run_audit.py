@@ -2,10 +2,11 @@
 
 ::
 
-    line files -> SurveyTarget -> Survey, eight serial lines at a time -> the ledger, as each observation comes
+    line files -> SurveyTarget -> Survey, eight serial lines at a time -> the ledger, as each
+    observation comes
 
-Each observation is in the ledger at once, so that it is kept however the audit ends. A ledger that is damaged or cannot be
-written does not change what the audit reports.
+Each observation is in the ledger at once, so that it is kept however the audit ends. A ledger that
+is damaged or cannot be written does not change what the audit reports.
 """
 
 from __future__ import annotations
@@ -38,8 +39,9 @@ STOPPED: Final = "the audit was stopped before this station was read"
 class Audited:
     """The result of an audit. `seen` has an observation of every station of the lines.
 
-    `kept` are those added to the ledger, `unkept` those that could not be; `book` is the ledger with them. `verified` has the
-    verifications beside the runs. `trouble` lists the problems with all of these.
+    `kept` are those added to the ledger, `unkept` those that could not be; `book` is the ledger
+    with them. `verified` has the verifications beside the runs. `trouble` lists the problems with
+    all of these.
     """
 
     time: str
@@ -51,8 +53,15 @@ class Audited:
     trouble: list[str] = field(default_factory=list)
 
 
-def audit_lines(lines: Sequence[Line], ledger: Path, survey: Survey, observed: Observed, runs: Path | None = None) -> Audited:
-    """Read every station of `lines`; call `observed` with each observation. `runs` is the folder of their runs.
+def audit_lines(
+    lines: Sequence[Line],
+    ledger: Path,
+    survey: Survey,
+    observed: Observed,
+    runs: Path | None = None,
+) -> Audited:
+    """Read every station of `lines`; call `observed` with each observation. `runs` is the folder of
+    their runs.
 
     Raises `AuditInProgress` if another audit uses this ledger; then nothing was read.
     """
@@ -60,7 +69,8 @@ def audit_lines(lines: Sequence[Line], ledger: Path, survey: Survey, observed: O
     with ExitStack() as held:
         try:
             held.enter_context(auditing(ledger))
-        except RecordError as error:  # without a lock nothing can be written; the observations are still reported
+        # without a lock nothing can be written; the observations are still reported
+        except RecordError as error:
             audited.trouble.append(str(error))
         audited.book = _read(ledger, audited)
         audited.trouble += _wrong_with(audited.book)
@@ -77,7 +87,9 @@ def audit_lines(lines: Sequence[Line], ledger: Path, survey: Survey, observed: O
         _keep_the_rest(ledger, audited)
     if audited.kept:  # a ledger of years is read only once
         head = sha256(written(audited.kept[-1]))
-        audited.book = replace(audited.book, entries=[*audited.book.entries, *audited.kept], head=head)
+        audited.book = replace(
+            audited.book, entries=[*audited.book.entries, *audited.kept], head=head
+        )
     audited.seen += list(_not_asked(wanted, audited))
     return audited
 
@@ -94,7 +106,10 @@ def _wrong_with(book: Book) -> Sequence[str]:
     if book.is_sound or book.is_foreign:  # reported when nothing can be written
         return ()
     more = len(book.wrong) - SHOWN
-    return [*book.sentences[:SHOWN], *([f"{book.path}: {more} other lines are wrong"] if more > 0 else [])]
+    return [
+        *book.sentences[:SHOWN],
+        *([f"{book.path}: {more} other lines are wrong"] if more > 0 else []),
+    ]
 
 
 def _keep(ledger: Path, seen: Observation, audited: Audited) -> None:
@@ -138,19 +153,29 @@ def _past(runs: Path | None, wanted: Sequence[SurveyTarget], audited: Audited) -
         return PastRuns()
     places = [(one.line, one.target.name) for one in wanted]
     audited.verified, wrong = verified(runs, places)
-    since = {place: one.since for place, one in zip(places, wanted, strict=True) if one.since is not None}
+    since = {
+        place: one.since for place, one in zip(places, wanted, strict=True) if one.since is not None
+    }
     past = past_runs(runs, since, audited.time)
     audited.trouble += [*wrong, *past.trouble]
     return past
 
 
 def _not_asked(wanted: Sequence[SurveyTarget], audited: Audited) -> Iterator[Observation]:
-    """Return observations of the stations that the audit did not reach. They are not in the ledger."""
+    """Return observations of the stations that the audit did not reach. They are not in the
+    ledger.
+    """
     asked = {(one.line, one.station) for one in audited.seen}
-    return (one.unseen(audited.time, STOPPED) for one in wanted if (one.line, one.target.name) not in asked)
+    return (
+        one.unseen(audited.time, STOPPED)
+        for one in wanted
+        if (one.line, one.target.name) not in asked
+    )
 
 
-def fleet_audit(audited: Audited, lines: Sequence[Line], tasks: Sequence[Task], runs: Path | None = None) -> FleetAudit:
+def fleet_audit(
+    audited: Audited, lines: Sequence[Line], tasks: Sequence[Task], runs: Path | None = None
+) -> FleetAudit:
     """Evaluate the audit with all that the ledger and the folder `runs` have of these stations."""
     watts = {
         (line.name, station.name): station.rated_power_w
@@ -158,10 +183,14 @@ def fleet_audit(audited: Audited, lines: Sequence[Line], tasks: Sequence[Task], 
         for station in line.stations
         if station.rated_power_w is not None
     }
-    order = {(line.name, station.name): place for place, (line, station) in enumerate(_stations(lines))}
+    order = {
+        (line.name, station.name): place for place, (line, station) in enumerate(_stations(lines))
+    }
     seen = sorted(audited.seen, key=lambda one: order[one.line, one.station])
     tasks = tasks if runs is None else with_never(tasks, runs)
-    return fleet_of(audited.book, seen, audited.time, tasks, watts, [*audited.unkept, *audited.verified])
+    return fleet_of(
+        audited.book, seen, audited.time, tasks, watts, [*audited.unkept, *audited.verified]
+    )
 
 
 def _stations(lines: Sequence[Line]) -> Iterator[tuple[Line, StationSpec]]:

@@ -3,10 +3,10 @@
 ::
 
     SurveyTarget -> a run has its port? -> records.observed_in
-                          no            -> open_port, reads only -> blocking.run pulls questions.look
+                          no -> open_port, reads only -> blocking.run pulls questions.look
 
-Stations behind one port (with addresses) are read one after the other. A run that begins meanwhile either finds the port in use,
-or has it, and then its record is read.
+Stations behind one port (with addresses) are read one after the other. A run that begins meanwhile
+either finds the port in use, or has it, and then its record is read.
 """
 
 from __future__ import annotations
@@ -22,7 +22,13 @@ from typing import Final
 
 from jbclog.app.audit.questions import SurveyTarget, harmless_for, look
 from jbclog.app.port_access import SYSTEM, PortAccess
-from jbclog.core.errors import LinkError, PortBusy, StartRefused, StationError, unexpected_error_text
+from jbclog.core.errors import (
+    LinkError,
+    PortBusy,
+    StartRefused,
+    StationError,
+    unexpected_error_text,
+)
 from jbclog.core.io_requests import IoResult, Request, RunEnded, Steps, relay
 from jbclog.core.serial_line import PortAddress, port_address
 from jbclog.maintenance.counter_totals.observed import Observation
@@ -37,7 +43,9 @@ Observed = Callable[[Observation], object]
 
 
 class Survey:
-    """The reads of one audit. `stop` ends them within one response time; earlier observations have been passed on."""
+    """The reads of one audit. `stop` ends them within one response time; earlier observations have
+    been passed on.
+    """
 
     def __init__(self, at_once: int = AT_ONCE, access: PortAccess = SYSTEM) -> None:
         self.access = access
@@ -56,7 +64,9 @@ class Survey:
     def all(self, wanted: Sequence[SurveyTarget], observed: Observed) -> None:
         """Read each target; `observed` is called in this thread with each observation."""
         groups = _by_port(wanted)
-        with ThreadPoolExecutor(max_workers=max(1, min(len(groups), self._at_once)), thread_name_prefix="audit") as pool:
+        with ThreadPoolExecutor(
+            max_workers=max(1, min(len(groups), self._at_once)), thread_name_prefix="audit"
+        ) as pool:
             for group in groups:
                 pool.submit(self._read_group, group)
             left = len(groups)
@@ -88,7 +98,9 @@ class Survey:
         except RunEnded:
             raise
         except Exception as error:
-            return wanted.unseen(self.utc(), f"internal error, {unexpected_error_text(error)} (please report it)")
+            return wanted.unseen(
+                self.utc(), f"internal error, {unexpected_error_text(error)} (please report it)"
+            )
 
     def _look(self, wanted: SurveyTarget) -> Observation:
         run = run_that_holds(wanted.target.url)
@@ -98,12 +110,15 @@ class Survey:
             seen = self._ask(wanted)
         except PortBusy as busy:
             run = _run_with(busy.process) or run_that_holds(wanted.target.url)
-            return wanted.unseen(self.utc(), str(busy)) if run is None else self._in_run(run, wanted)
+            return (
+                wanted.unseen(self.utc(), str(busy)) if run is None else self._in_run(run, wanted)
+            )
         except (StartRefused, LinkError, StationError) as error:
             return wanted.unseen(self.utc(), str(error))
         if "://" not in wanted.target.url:
             return seen  # the lock of the port excludes runs
-        run = run_that_holds(wanted.target.url)  # it may have begun meanwhile, behind a server that accepts two clients
+        # it may have begun meanwhile, behind a server that accepts two clients
+        run = run_that_holds(wanted.target.url)
         return seen if run is None else self._in_run(run, wanted)
 
     def _in_run(self, run: Path, wanted: SurveyTarget) -> Observation:
@@ -142,11 +157,15 @@ def _by_port(wanted: Sequence[SurveyTarget]) -> list[list[SurveyTarget]]:
 
 
 def _open(wanted: SurveyTarget, access: PortAccess) -> Port:
-    """Open the port for harmless reads. Refuses a port that another program has open, because that would lose its answers."""
+    """Open the port for harmless reads. Refuses a port that another program has open, because that
+    would lose its answers.
+    """
     target = wanted.target
     sharers = sharers_of(target.url)
     if sharers:
-        raise PortBusy(f"{target.url} is open in {processes_text(sharers)}; end that program", sharers[0])
+        raise PortBusy(
+            f"{target.url} is open in {processes_text(sharers)}; end that program", sharers[0]
+        )
     return ReadOnly(access.open_port(target.url, target.line), harmless_for(target.family))
 
 

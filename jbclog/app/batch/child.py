@@ -1,7 +1,8 @@
-"""A job in its own process: ``python -m jbclog.app.batch.child JOB_DIR DESCRIPTOR``. It does what `jbclog run` does.
+"""A job in its own process: ``python -m jbclog.app.batch.child JOB_DIR DESCRIPTOR``. It does what
+`jbclog run` does.
 
-It inherits the open descriptor of its lock and reports progress and result in its job's folder. It is in its own session, so
-the end of the executor or of the terminal does not reach it.
+It inherits the open descriptor of its lock and reports progress and result in its job's folder. It
+is in its own session, so the end of the executor or of the terminal does not reach it.
 """
 
 from __future__ import annotations
@@ -40,9 +41,11 @@ REASONS_MOST: Final = 3  # the manifest and the report have all of them
 
 
 class JobObserver:
-    """Writes progress and events to the job's folder, in a thread: a disk that hangs must not hold the run.
+    """Writes progress and events to the job's folder, in a thread: a disk that hangs must not hold
+    the run.
 
-    Only the run's folder is written at once, because it must be known before any station is touched.
+    Only the run's folder is written at once, because it must be known before any station is
+    touched.
     """
 
     def __init__(self, job_dir: JobDir) -> None:
@@ -71,7 +74,9 @@ class JobObserver:
 
     def sealing(self) -> None:
         passed = time.monotonic() - self._began
-        self._put(lambda: self._job_dir.set_progress(JobProgress(passed, "sealing", units=self._units)))
+        self._put(
+            lambda: self._job_dir.set_progress(JobProgress(passed, "sealing", units=self._units))
+        )
 
     def missed(self) -> int:
         """Return how many writes were dropped or failed."""
@@ -90,7 +95,9 @@ class JobObserver:
             alarms=sum(context.facts.alarms or 0 for context in contexts),
             ports=[port for context in contexts if context.connected for port in _ports(context)],
             away=[
-                context.name for context in contexts if context.ports and context.facts.outcome == RUNNING and not context.connected
+                context.name
+                for context in contexts
+                if context.ports and context.facts.outcome == RUNNING and not context.connected
             ],
             units=self._units,
             unit=self._unit,
@@ -121,7 +128,9 @@ def _ports(context: SessionContext) -> list[PortProgress]:
 
 def _port(context: SessionContext, number: int) -> PortProgress:
     port = context.ports[number]
-    status = None if port.status is None or port.states else context.family.status.state(port.status)
+    status = (
+        None if port.status is None or port.states else context.family.status.state(port.status)
+    )
     return PortProgress(context.name, number, port.temperature_c, context.set_c(port), status)
 
 
@@ -156,9 +165,14 @@ def _carry_out(job_dir: JobDir) -> JobResult:
 
 def _result(result: Result) -> JobResult:
     findings = [finding.text for finding in in_order(result.findings)]
-    gives_reasons = result.exit_code is Exit.NOT_FINE  # findings of more severe codes explain why there is no verdict
-    broken = [rule for rule in result.manifest.verdict_rules if gives_reasons and rule["result"] in BROKEN]
-    reasons = [*dict.fromkeys(f"{rule['station'] or 'run'}: {rule['text']}".rstrip(".") for rule in broken)]
+    # findings of more severe codes explain why there is no verdict
+    gives_reasons = result.exit_code is Exit.NOT_FINE
+    broken = [
+        rule for rule in result.manifest.verdict_rules if gives_reasons and rule["result"] in BROKEN
+    ]
+    reasons = [
+        *dict.fromkeys(f"{rule['station'] or 'run'}: {rule['text']}".rstrip(".") for rule in broken)
+    ]
     more = [f"{len(reasons) - REASONS_MOST} more reasons"] if len(reasons) > REASONS_MOST else []
     texts = [*findings, *reasons[:REASONS_MOST], *more]
     return JobResult(result.exit_code.value, result.manifest.verdict, texts, str(result.folder))

@@ -1,6 +1,7 @@
 """Carries out a batch: decide what comes next, write it to the journal, then do it, in this order.
 
-A kill at any moment leaves a journal with every decision; the records of the attempts show how far each one came.
+A kill at any moment leaves a journal with every decision; the records of the attempts show how far
+each one came.
 """
 
 from __future__ import annotations
@@ -12,7 +13,16 @@ from typing import Final, Protocol
 
 from jbclog.app.batch.journal import Journal
 from jbclog.app.batch.processes import ENDED_BY, AttemptResult, Processes
-from jbclog.app.batch.state import RECORDED, BatchState, Entry, EntryKind, JobState, Next, State, next_jobs
+from jbclog.app.batch.state import (
+    RECORDED,
+    BatchState,
+    Entry,
+    EntryKind,
+    JobState,
+    Next,
+    State,
+    next_jobs,
+)
 from jbclog.config.job_order import OnFailure, Turn
 from jbclog.core.errors import UsageError
 from jbclog.core.outcome import Exit, RunFinding, exit_code
@@ -57,10 +67,17 @@ class Timing:
 
 
 class BatchExecutor:
-    """Carries out the jobs `turns` (ordered by `in_turn`) of the batch with this journal. Raises `RecordError`."""
+    """Carries out the jobs `turns` (ordered by `in_turn`) of the batch with this journal. Raises
+    `RecordError`.
+    """
 
     def __init__(
-        self, turns: Sequence[Turn], journal: Journal, processes: Processes, observer: BatchObserver, timing: Timing
+        self,
+        turns: Sequence[Turn],
+        journal: Journal,
+        processes: Processes,
+        observer: BatchObserver,
+        timing: Timing,
     ) -> None:
         self._turns = turns
         self._journal = journal
@@ -75,15 +92,22 @@ class BatchExecutor:
         return self._journal.state
 
     def interrupt(self, number: signal.Signals) -> None:
-        """Start no more jobs and end the running ones in good order. A second signal has no effect."""
+        """Start no more jobs and end the running ones in good order. A second signal has no
+        effect.
+        """
         if self._signal is None:
             self._signal = number
 
     def discard(self) -> None:
-        """Close the batch permanently; a new one starts in its place. Raises `UsageError` while one of its jobs runs."""
+        """Close the batch permanently; a new one starts in its place. Raises `UsageError` while one
+        of its jobs runs.
+        """
         running = self.settle()
         if running:
-            raise UsageError(f"{', '.join(running)} of the batch of {self.state.begun} still runs; end it, or resume the batch")
+            raise UsageError(
+                f"{', '.join(running)} of the batch of {self.state.begun} still runs; end it, or"
+                " resume the batch"
+            )
         self._note(EntryKind.FINISH, "Batch discarded: a new one starts in its place.")
 
     def work(self) -> Exit:
@@ -94,17 +118,23 @@ class BatchExecutor:
         self._close()
         return self.exit_code()
 
-    # -- start --------------------------------------------------------------------------------------------------------------
+    # -- start -------------------------------------------------------------------------------------
 
     def _take_up(self) -> None:
-        """Follow the jobs of the previous executor that still run, and write down the results of the others."""
+        """Follow the jobs of the previous executor that still run, and write down the results of
+        the others.
+        """
         self.settle()
-        self._note(EntryKind.EXECUTION, "Batch resumed." if self.state.executions else "Batch started.")
+        self._note(
+            EntryKind.EXECUTION, "Batch resumed." if self.state.executions else "Batch started."
+        )
         for job in self.state.running():
             self._observer.message(f"{job.name} still runs, and is followed")
 
     def settle(self) -> list[str]:
-        """Write down the results of jobs that have ended since the last executor ended; return those that still run."""
+        """Write down the results of jobs that have ended since the last executor ended; return
+        those that still run.
+        """
         running = self.state.running()
         for job in running:
             if not self._processes.runs(*_attempt(job)):
@@ -116,7 +146,7 @@ class BatchExecutor:
             self._timing.pause()
         return result
 
-    # -- work ---------------------------------------------------------------------------------------------------------------
+    # -- work --------------------------------------------------------------------------------------
 
     def _step(self) -> bool:
         """Do what is due now; return whether anything is left to wait for."""
@@ -136,20 +166,33 @@ class BatchExecutor:
         if self._signal is None:
             return
         if self.state.ended_by is None:
-            self._note(EntryKind.SIGNAL, f"{self._signal.name} received: no more jobs start, running jobs end with safe tools.")
+            self._note(
+                EntryKind.SIGNAL,
+                f"{self._signal.name} received: no more jobs start, running jobs end with safe"
+                " tools.",
+            )
             running = "; running jobs make their tools safe and end" if self.state.running() else ""
             self._observer.message(f"{self._signal.name}: no more jobs start{running}")
         for job in self.state.running():
-            if job.name not in self._ending and self._processes.request_end(*_attempt(job), self._signal):
+            if job.name not in self._ending and self._processes.request_end(
+                *_attempt(job), self._signal
+            ):
                 self._ending.add(job.name)
 
     def _follow(self, job: JobState) -> None:
         attempt = job.attempts[-1]
-        runs = self._processes.runs(*_attempt(job))  # first: what the job wrote before it ended is read after this
+        # first: what the job wrote before it ended is read after this
+        runs = self._processes.runs(*_attempt(job))
         if attempt.run is None:
             run = self._processes.run(*_attempt(job))
             if run is not None:
-                self._note(EntryKind.RUN, f"{job.name} records into {run}.", job=job.name, attempt=attempt.number, run=run)
+                self._note(
+                    EntryKind.RUN,
+                    f"{job.name} records into {run}.",
+                    job=job.name,
+                    attempt=attempt.number,
+                    run=run,
+                )
         if not runs:
             result = self._processes.result(*_attempt(job))
             if result is not None:
@@ -157,7 +200,12 @@ class BatchExecutor:
 
     def _start(self, job: JobState) -> None:
         number = len(job.attempts) + 1
-        self._note(EntryKind.START, f"{job.name} is started{'' if number == 1 else ' again'}.", job=job.name, attempt=number)
+        self._note(
+            EntryKind.START,
+            f"{job.name} is started{'' if number == 1 else ' again'}.",
+            job=job.name,
+            attempt=number,
+        )
         try:
             self._processes.start(job.name, number)
         except OSError as error:
@@ -183,31 +231,52 @@ class BatchExecutor:
             )
         )
         self._observer.ended(job)
-        is_stopping = self.state.stopped_by == job.name and self.state.ended_by is None and not is_old
+        is_stopping = (
+            self.state.stopped_by == job.name and self.state.ended_by is None and not is_old
+        )
         if is_stopping and self.state.waiting():
-            self._observer.message(f"{job.name} stops the batch: no more jobs start, running jobs continue to their end")
+            self._observer.message(
+                f"{job.name} stops the batch: no more jobs start, running jobs continue to"
+                " their end"
+            )
 
     def _is_again(self, job: JobState, result: AttemptResult, *, is_old: bool) -> bool:
-        """Whether the job was cut off or stopped the batch. False for a job that was recorded to its end."""
+        """Whether the job was cut off or stopped the batch. False for a job that was recorded to
+        its end.
+        """
         if result.state in RECORDED:
             return False
-        was_cut_off = self.state.ended_by is not None or (is_old and (result.state is State.HALF or not result.is_begun))
+        was_cut_off = self.state.ended_by is not None or (
+            is_old and (result.state is State.HALF or not result.is_begun)
+        )
         return was_cut_off or self.state.policies[job.name] is OnFailure.STOP
 
-    def _note(self, kind: EntryKind, text: str, job: str | None = None, attempt: int | None = None, run: str | None = None) -> None:
+    def _note(
+        self,
+        kind: EntryKind,
+        text: str,
+        job: str | None = None,
+        attempt: int | None = None,
+        run: str | None = None,
+    ) -> None:
         self._journal.note(Entry("", kind, text, job, attempt, run=run))
 
-    # -- end ----------------------------------------------------------------------------------------------------------------
+    # -- end ---------------------------------------------------------------------------------------
 
     def _close(self) -> None:
         if self.state.is_open():
-            why = "Batch interrupted" if self.state.ended_by is not None else f"Batch stopped: {self.state.stopped_by} failed"
+            why = (
+                "Batch interrupted"
+                if self.state.ended_by is not None
+                else f"Batch stopped: {self.state.stopped_by} failed"
+            )
             self._note(EntryKind.CLOSE, f"{why}. Run the same command to resume.")
 
     def finish(self) -> None:
         """Close a batch whose jobs have all ended; the next start begins a new one.
 
-        Call it after the results were shown: after a kill in between, the next start must show them and repeat nothing.
+        Call it after the results were shown: after a kill in between, the next start must show them
+        and repeat nothing.
         """
         if not self.state.is_open():
             self._note(EntryKind.FINISH, "All jobs have ended.")

@@ -1,7 +1,9 @@
-"""One attempt at a job: its row in the batch's store, its folder, and the serial that it leaves to the next job.
+"""One attempt at a job: its row in the batch's store, its folder, and the serial that it leaves to
+the next job.
 
-The folder has what a database cannot hold: the lock, held by the job's process for its lifetime and taken by whoever starts it
-before there is a process, and the output of the process. So a job is never started twice, and everybody can see that it runs.
+The folder has what a database cannot hold: the lock, held by the job's process for its lifetime and
+taken by whoever starts it before there is a process, and the output of the process. So a job is
+never started twice, and everybody can see that it runs.
 """
 
 from __future__ import annotations
@@ -42,9 +44,11 @@ class PortProgress:
 
 @dataclass(frozen=True, slots=True)
 class JobProgress:
-    """The progress of a job, written each second. `away`: disconnected stations. `units`: finished so far; `unit`: on the bench.
+    """The progress of a job, written each second. `away`: disconnected stations. `units`: finished
+    so far; `unit`: on the bench.
 
-    `due`, `obtained`: readings that count for the coverage. `joints`: found so far; None if not counted or not known.
+    `due`, `obtained`: readings that count for the coverage. `joints`: found so far; None if not
+    counted or not known.
     """
 
     passed_s: float = 0.0
@@ -76,19 +80,25 @@ _build_job_result: Final = builder(JobResult)
 
 
 class JobDir:
-    """One attempt, by its folder ``BATCH/jobs/NAME-NUMBER``. `store` is the one of the batch, opened if None."""
+    """One attempt, by its folder ``BATCH/jobs/NAME-NUMBER``. `store` is the one of the batch,
+    opened if None.
+    """
 
     def __init__(self, folder: Path, store: BatchStore | None = None) -> None:
         self.folder = folder
         self.store = store or BatchStore(folder.parent.parent)
 
-    # -- the executor -------------------------------------------------------------------------------------------------------
+    # -- the executor ------------------------------------------------------------------------------
 
     def make(self, spec: bytes) -> int:
-        """Make the folder, write what the job is to do, and return its lock, taken. Raises OSError."""
+        """Make the folder, write what the job is to do, and return its lock, taken. Raises
+        OSError.
+        """
         self.folder.mkdir(parents=True, exist_ok=True)
         self._set(spec=spec)
-        descriptor = os.open(self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+        descriptor = os.open(
+            self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644
+        )
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
@@ -106,7 +116,7 @@ class JobDir:
             return int(read_foreign(self.folder / LOCK, Kind.LOCK))
         return None
 
-    # -- the job ------------------------------------------------------------------------------------------------------------
+    # -- the job -----------------------------------------------------------------------------------
 
     def spec(self) -> bytes:
         """Return what the job is to do. Raises OSError."""
@@ -129,7 +139,9 @@ class JobDir:
         self._set(synced=False, progress=json.dumps(asdict(progress)))
 
     def add_event(self, event: EventRow) -> None:
-        """Add an event of its run for display, not synced: the run's record has it. Raises OSError."""
+        """Add an event of its run for display, not synced: the run's record has it. Raises
+        OSError.
+        """
         with self.store.transaction(synced=False) as db:
             db.execute(ADD_EVENT, (self.folder.name, json.dumps(event)))
 
@@ -137,7 +149,7 @@ class JobDir:
         """Write the result. Raises OSError."""
         self._set(result=json.dumps(asdict(result)), ended=time.time())
 
-    # -- readers ------------------------------------------------------------------------------------------------------------
+    # -- readers -----------------------------------------------------------------------------------
 
     def run(self) -> Path | None:
         """Return the folder of its run; None if it has none yet."""
@@ -167,7 +179,8 @@ class JobDir:
         """Return the events after the one numbered `since`, and the number of the last one."""
         try:
             rows = self.store.rows(
-                "SELECT number, line FROM event WHERE attempt = ? AND number > ? ORDER BY number", (self.folder.name, since)
+                "SELECT number, line FROM event WHERE attempt = ? AND number > ? ORDER BY number",
+                (self.folder.name, since),
             )
         except OSError:
             return [], since
@@ -177,7 +190,12 @@ class JobDir:
     def last_note(self) -> str:
         """Return the last line of the process's output, which may say why it died."""
         with contextlib.suppress(OSError):
-            lines = read_foreign(self.folder / NOTES, Kind.JOB).decode(errors="replace").strip().splitlines()
+            lines = (
+                read_foreign(self.folder / NOTES, Kind.JOB)
+                .decode(errors="replace")
+                .strip()
+                .splitlines()
+            )
             return lines[-1].strip() if lines else ""
         return ""
 
@@ -198,7 +216,9 @@ class JobDir:
         with self.store.transaction(synced=synced) as db:
             db.execute("INSERT OR IGNORE INTO attempt (name) VALUES (?)", (self.folder.name,))
             for column, value in values.items():
-                db.execute(f"UPDATE attempt SET {column} = ? WHERE name = ?", (value, self.folder.name))
+                db.execute(
+                    f"UPDATE attempt SET {column} = ? WHERE name = ?", (value, self.folder.name)
+                )
 
 
 def _event(line: object) -> EventRow | None:
@@ -208,12 +228,22 @@ def _event(line: object) -> EventRow | None:
     return None
 
 
-# -- serial handover ----------------------------------------------------------------------------------------------------------
-# The serial that ends one job is the first unit of the next job at the same reader: the operator has that unit in hand.
+# -- serial handover -------------------------------------------------------------------------------
+# The serial that ends one job is the first unit of the next job at the same reader: the operator
+# has that unit in hand.
 
 NEXT: Final = "unit.next"
 FEED: Final = (
-    *("unit.begin", "unit.end", "unit.again", "unit.repeated", "unit.finish", "unit.refused", "unit.closed", "unit.lost"),
+    *(
+        "unit.begin",
+        "unit.end",
+        "unit.again",
+        "unit.repeated",
+        "unit.finish",
+        "unit.refused",
+        "unit.closed",
+        "unit.lost",
+    ),
     NEXT,
 )
 
@@ -236,7 +266,9 @@ class PrefixedSource(LineSource):
 
 
 def unread_serial(before: Iterable[JobDir]) -> str | None:
-    """Return the serial that the last of these jobs has read and left to the next; None if there is none or it is not known."""
+    """Return the serial that the last of these jobs has read and left to the next; None if there is
+    none or it is not known.
+    """
     ended = [job_dir for job_dir in before if job_dir.ended_at() is not None]
     last = max(ended, key=lambda job_dir: job_dir.ended_at() or 0.0, default=None)
     events = [] if last is None else [event for event in last.events(0)[0] if event.kind in FEED]

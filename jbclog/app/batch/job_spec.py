@@ -52,7 +52,9 @@ class BatchPlan:
 
 
 def plan_batch(file: JobsFile, out: Path) -> BatchPlan:
-    """Return the jobs, which record below `out`. Raises `Problems` with all problems of all jobs (exit 2)."""
+    """Return the jobs, which record below `out`. Raises `Problems` with all problems of all jobs
+    (exit 2).
+    """
     line = load_line(file.line)
     problems: list[Problem] = []
     planned: list[Problem] = []
@@ -64,14 +66,18 @@ def plan_batch(file: JobsFile, out: Path) -> BatchPlan:
         chosen[job.name] = tuple(_chosen(file, line, place, job, problems))
         specs[job.name] = JobSpec(_job(file, job, chosen[job.name], out), file.reader(job))
         plan = _plan(file, place, specs[job.name], planned) if len(problems) == known else None
-        notes |= dict.fromkeys((*(plan.notes if plan else ()), *_missing_reader(job.name, specs[job.name])))
+        notes |= dict.fromkeys(
+            (*(plan.notes if plan else ()), *_missing_reader(job.name, specs[job.name]))
+        )
     if problems or planned:
         raise Problems(shortened([*problems, *_each_once(planned)]))
     turns = tuple(_turn(file, job, chosen[job.name]) for job in file.jobs)
     return BatchPlan(file, line, specs, turns, chosen, tuple(notes))
 
 
-def _chosen(file: JobsFile, line: Line, place: int, job: JobTable, problems: list[Problem]) -> Sequence[str]:
+def _chosen(
+    file: JobsFile, line: Line, place: int, job: JobTable, problems: list[Problem]
+) -> Sequence[str]:
     """Return the names of the job's stations, in the line's order."""
     names = [spec.name for spec in line.stations]
     if job.stations is not None:
@@ -86,7 +92,11 @@ def _chosen(file: JobsFile, line: Line, place: int, job: JobTable, problems: lis
     if not found:
         auto = any(spec.family == AUTO for spec in line.stations)
         text = f"the line {line.name} has no station of these families"
-        text += '; families of "auto" stations are known only when they answer: name them in stations' if auto else ""
+        text += (
+            '; families of "auto" stations are known only when they answer: name them in stations'
+            if auto
+            else ""
+        )
         problems.append(file.problem(place, ("families",), text))
     return found
 
@@ -128,7 +138,10 @@ def _plan(file: JobsFile, place: int, spec: JobSpec, problems: list[Problem]) ->
     """Return the plan of a job; adds its problems, each with its place in the jobs file."""
     source = spec.units_from
     if source is not None and is_plain_file(source):
-        text = f'"{source}" is a regular file: its lines arrive all at once; list them as serials = [...]'
+        text = (
+            f'"{source}" is a regular file: its lines arrive all at once; list them as serials ='
+            " [...]"
+        )
         problems.append(file.problem(place, ("units_from",), text))
     try:
         return spec.job.plan()
@@ -140,9 +153,15 @@ def _plan(file: JobsFile, place: int, spec: JobSpec, problems: list[Problem]) ->
 
 
 def _missing_reader(name: str, spec: JobSpec) -> list[str]:
-    """Return a note if the reader of a job is missing: it may still be plugged in before the job starts."""
+    """Return a note if the reader of a job is missing: it may still be plugged in before the job
+    starts.
+    """
     source = spec.units_from
-    return [] if source is None or Path(source).exists() else [f"{name}: its reader {source} is not connected yet"]
+    return (
+        []
+        if source is None or Path(source).exists()
+        else [f"{name}: its reader {source} is not connected yet"]
+    )
 
 
 def in_keys(text: str) -> str:
@@ -154,7 +173,9 @@ def in_keys(text: str) -> str:
 
 
 def _each_once(problems: list[Problem]) -> list[Problem]:
-    """Keep the first of equal problems: a mistake in a recipe shows in each job with that recipe."""
+    """Keep the first of equal problems: a mistake in a recipe shows in each job with that
+    recipe.
+    """
     first: dict[str, Problem] = {}
     for problem in problems:
         first.setdefault(problem.text, problem)

@@ -1,4 +1,5 @@
-"""The journal of a batch: chained JSON lines in its store, found again when its jobs file is started again.
+"""The journal of a batch: chained JSON lines in its store, found again when its jobs file is
+started again.
 
 Below the folder of runs each jobs file has a folder of its own, and in it a folder for each batch::
 
@@ -16,7 +17,16 @@ from typing import Final
 
 from jbclog.app.batch.state import BatchState, Entry, EntryKind, batch_state
 from jbclog.app.batch.store import ADD_LINE, OLD_JOURNAL, BatchStore, import_files
-from jbclog.core.durable_files import LineChain, chain_in, fields_of, line_of, lines_in, sha256, sync_folder, write_whole
+from jbclog.core.durable_files import (
+    LineChain,
+    chain_in,
+    fields_of,
+    line_of,
+    lines_in,
+    sha256,
+    sync_folder,
+    write_whole,
+)
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.database import Database
 from jbclog.core.foreign.files import Kind, read_foreign
@@ -30,7 +40,9 @@ SUFFIX: Final = ".batch"
 FIRST: Final = sha256(OLD_JOURNAL.encode())
 STAMP: Final = "%Y%m%dT%H%M%SZ"
 WAY_OUT: Final = "Restore it from a copy, or move {} elsewhere and start a new batch"
-NO_MORE: Final = "no more jobs start. Running jobs continue to their end. Run the same command to resume"
+NO_MORE: Final = (
+    "no more jobs start. Running jobs continue to their end. Run the same command to resume"
+)
 
 
 def home_of(out: Path, jobs_file: Path) -> Path:
@@ -44,9 +56,13 @@ def iso(utc_s: float) -> str:
 
 
 class Journal:
-    """The journal of the batch in `folder`, and the state of the batch. `utc` returns the time, seconds since 1970."""
+    """The journal of the batch in `folder`, and the state of the batch. `utc` returns the time,
+    seconds since 1970.
+    """
 
-    def __init__(self, folder: Path, utc: Callable[[], float], entries: list[Entry] | None = None) -> None:
+    def __init__(
+        self, folder: Path, utc: Callable[[], float], entries: list[Entry] | None = None
+    ) -> None:
         self.folder = folder
         self.store = BatchStore(folder)
         self.state: BatchState = batch_state(entries or ())
@@ -60,7 +76,9 @@ class Journal:
                 kept = replace(entry, time=iso(self._utc()), seq=seq + 1, prev_sha256=previous)
                 db.execute(ADD_LINE, (_line(kept),))
         except OSError as error:
-            raise RecordError(f"{self.store.path} cannot be written: {error.strerror or error}; {NO_MORE}") from error
+            raise RecordError(
+                f"{self.store.path} cannot be written: {error.strerror or error}; {NO_MORE}"
+            ) from error
         self.state.take(kept)
 
 
@@ -79,8 +97,14 @@ def begin(home: Path, text: str, utc: Callable[[], float]) -> Journal:
 
 
 def newest(home: Path, utc: Callable[[], float]) -> Journal | None:
-    """Return the latest batch that has begun; imports one of an earlier release that is not finished. Raises `RecordError`."""
-    for folder in sorted((path for path in home.glob("*Z*") if path.is_dir()), key=lambda path: path.name, reverse=True):
+    """Return the latest batch that has begun; imports one of an earlier release that is not
+    finished. Raises `RecordError`.
+    """
+    for folder in sorted(
+        (path for path in home.glob("*Z*") if path.is_dir()),
+        key=lambda path: path.name,
+        reverse=True,
+    ):
         journal = Journal(folder, utc)
         entries = entries_in(journal.store)
         _expect_all(folder, entries)
@@ -94,7 +118,9 @@ def newest(home: Path, utc: Callable[[], float]) -> Journal | None:
 
 
 def entries_in(store: BatchStore) -> list[Entry]:
-    """Return all entries of a batch. Raises `RecordError` if they cannot be read or were changed."""
+    """Return all entries of a batch. Raises `RecordError` if they cannot be read or were
+    changed.
+    """
     path, folder = store.path, store.path.parent
     try:
         lines = [bytes(line) for (line,) in store.rows("SELECT line FROM journal ORDER BY number")]
@@ -102,21 +128,29 @@ def entries_in(store: BatchStore) -> list[Entry]:
             path, lines = folder / OLD_JOURNAL, _old_lines(folder)
     except (OSError, TypeError) as error:
         why = getattr(error, "strerror", None) or error
-        raise RecordError(f"{path} cannot be read: {why}; nothing was started. {WAY_OUT.format(folder)}") from error
+        raise RecordError(
+            f"{path} cannot be read: {why}; nothing was started. {WAY_OUT.format(folder)}"
+        ) from error
     found = _chain(lines)
     if found.wrong:
         number, text = found.wrong[0]
-        raise RecordError(f"{path}: line {number} {text}; nothing was started. {WAY_OUT.format(folder)}")
+        raise RecordError(
+            f"{path}: line {number} {text}; nothing was started. {WAY_OUT.format(folder)}"
+        )
     return found.entries
 
 
 def _chain(lines: list[bytes]) -> LineChain[Entry]:
     data = b"".join(line + b"\n" for line in lines)
-    return chain_in(data, FIRST, parsed, what="line of a batch's journal", of_first="the file's name")
+    return chain_in(
+        data, FIRST, parsed, what="line of a batch's journal", of_first="the file's name"
+    )
 
 
 def _old_lines(folder: Path) -> list[bytes]:
-    """Return the lines of a journal of an earlier release, without a last one that a crash cut off."""
+    """Return the lines of a journal of an earlier release, without a last one that a crash cut
+    off.
+    """
     data = read_foreign(folder / OLD_JOURNAL, Kind.JOURNAL)
     lines = lines_in(data)
     is_torn = bool(lines) and not data.endswith(b"\n") and parsed(lines[-1]) is None
@@ -128,20 +162,29 @@ def _import(store: BatchStore) -> None:
     try:
         import_files(store, _old_lines(folder), sorted((folder / JOBS).glob("*")))
     except OSError as error:
-        raise RecordError(f"{store.path} cannot be written: {error.strerror or error}; nothing was started") from error
+        raise RecordError(
+            f"{store.path} cannot be written: {error.strerror or error}; nothing was started"
+        ) from error
 
 
 def _expect_all(folder: Path, entries: list[Entry]) -> None:
-    """Raise `RecordError` for a job's folder without an entry: the entry is written first, so it was lost."""
+    """Raise `RecordError` for a job's folder without an entry: the entry is written first, so it
+    was lost.
+    """
     known = {f"{entry.job}-{entry.attempt}" for entry in entries if entry.kind == EntryKind.START}
     unknown = sorted(path.name for path in (folder / JOBS).glob("*") if path.name not in known)
     if unknown:
-        text = f"its journal has no entry for jobs/{unknown[0]}, which was started: entries are missing; nothing was started"
+        text = (
+            f"its journal has no entry for jobs/{unknown[0]}, which was started: entries are"
+            " missing; nothing was started"
+        )
         raise RecordError(f"{folder}: {text}. {WAY_OUT.format(folder)}")
 
 
 def _end(db: Database) -> tuple[int, str]:
-    """Return the number of the last entry and the hash of its line. A journal of an earlier release may have torn lines."""
+    """Return the number of the last entry and the hash of its line. A journal of an earlier release
+    may have torn lines.
+    """
     row = db.execute("SELECT line FROM journal ORDER BY number DESC LIMIT 1").fetchone()
     last = None if row is None else parsed(row[0])
     return (0 if last is None else last.seq), (FIRST if row is None else sha256(row[0]))
@@ -153,7 +196,9 @@ def _line(entry: Entry) -> bytes:
 
 
 def parsed(line: bytes) -> Entry | None:
-    """Return the entry in a line; None if it has none, or is not written as this program writes it."""
+    """Return the entry in a line; None if it has none, or is not written as this program writes
+    it.
+    """
     try:
         entry = _build_entry(fields_of(line))
         return entry if _line(entry) == line else None

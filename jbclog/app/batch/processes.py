@@ -1,7 +1,7 @@
 """Starts, finds, ends and evaluates the processes of jobs.
 
-The result of a job is in its run's manifest: sealed, or recovered here if the process died. A process that died before its run
-had a folder has touched no station.
+The result of a job is in its run's manifest: sealed, or recovered here if the process died. A
+process that died before its run had a folder has touched no station.
 """
 
 from __future__ import annotations
@@ -28,7 +28,11 @@ from jbclog.record.find_runs import Filter, Found, find
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.recover import recover
 
-ENDED_BY: Final = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
+ENDED_BY: Final = {
+    signal.SIGINT: Exit.INTERRUPTED,
+    signal.SIGTERM: Exit.TERMINATED,
+    signal.SIGHUP: Exit.TERMINATED,
+}
 ATTEMPT: Final = "attempt"  # a tag of the run
 CUT_SHORT: Final = (Exit.INTERRUPTED.value, Exit.TERMINATED.value)
 RECOVERING_MOST: Final = 4  # at once
@@ -72,7 +76,9 @@ class Processes(Protocol):
 class SystemProcesses:
     """Processes of this computer, with the folders of their jobs below `folder`."""
 
-    def __init__(self, folder: Path, specs: dict[str, JobSpec], store: BatchStore | None = None) -> None:
+    def __init__(
+        self, folder: Path, specs: dict[str, JobSpec], store: BatchStore | None = None
+    ) -> None:
         self._folder = folder
         self._store = store or BatchStore(folder)
         self._specs = specs
@@ -95,7 +101,14 @@ class SystemProcesses:
         try:
             with (job_dir.folder / NOTES).open("ab") as notes:
                 # -P: a user's file in the current folder must not be imported as a module
-                command = [sys.executable, "-P", "-m", "jbclog.app.batch.child", str(job_dir.folder.absolute()), str(descriptor)]
+                command = [
+                    sys.executable,
+                    "-P",
+                    "-m",
+                    "jbclog.app.batch.child",
+                    str(job_dir.folder.absolute()),
+                    str(descriptor),
+                ]
                 self._children[job_dir.folder] = subprocess.Popen(
                     command,
                     stdin=subprocess.DEVNULL,
@@ -113,7 +126,11 @@ class SystemProcesses:
         if spec.units_from is None:
             return spec
         same = [other for other, one in self._specs.items() if one.units_from == spec.units_from]
-        before = [JobDir(path, self._store) for path in (self._folder / "jobs").glob("*") if path.name.rpartition("-")[0] in same]
+        before = [
+            JobDir(path, self._store)
+            for path in (self._folder / "jobs").glob("*")
+            if path.name.rpartition("-")[0] in same
+        ]
         return replace(spec, first_unit=unread_serial(before))
 
     def runs(self, name: str, attempt: int) -> bool:
@@ -130,7 +147,8 @@ class SystemProcesses:
     def request_end(self, name: str, attempt: int, number: signal.Signals) -> bool:
         job_dir = self.job_dir(name, attempt)
         child = self._children.get(job_dir.folder)
-        sent = signal.SIGTERM if number is signal.SIGHUP else number  # jobs of a batch under `nohup` ignore SIGHUP
+        # jobs of a batch under `nohup` ignore SIGHUP
+        sent = signal.SIGTERM if number is signal.SIGHUP else number
         if child is not None:
             child.send_signal(sent)
             self._signals[job_dir.folder] = number
@@ -153,12 +171,15 @@ class SystemProcesses:
             return None
         try:
             return future.result()
-        except Exception as error:  # an internal error: the state of the tools is unknown, and the other jobs continue
+        # an internal error: the state of the tools is unknown, and the other jobs continue
+        except Exception as error:
             text = f"its result could not be determined, {unexpected_error_text(error)}"
             return AttemptResult(State.HALF, Unsafe.exit_code, text, job_dir.run())
 
     def next_step(self, name: str, attempt: int) -> str:
-        """Describe what `settle` would do with an attempt that the journal has as running; changes nothing."""
+        """Describe what `settle` would do with an attempt that the journal has as running; changes
+        nothing.
+        """
         job_dir = self.job_dir(name, attempt)
         if job_dir.is_running():
             return f"still runs (process {job_dir.process() or 'just starting'}): it is followed"
@@ -167,11 +188,16 @@ class SystemProcesses:
             return "had not begun: it is started"
         ended = _ended(run)
         if ended is None:
-            return f"was cut off by a crash: {run.name} is recovered and recorded as half done, and the job is done again"
+            return (
+                f"was cut off by a crash: {run.name} is recovered and recorded as half done, and"
+                " the job is done again"
+            )
         return f"ended meanwhile with exit code {ended.exit_code} ({run.name})"
 
 
-def result_of(job_dir: JobDir, number: signal.Signals | None = None, recorded: Path | None = None) -> AttemptResult:
+def result_of(
+    job_dir: JobDir, number: signal.Signals | None = None, recorded: Path | None = None
+) -> AttemptResult:
     """Return the result of an attempt whose process has ended; recovers its run if necessary.
 
     `number` is the signal that asked it to end, `recorded` the run that the journal has for it.
@@ -204,7 +230,9 @@ def result_of(job_dir: JobDir, number: signal.Signals | None = None, recorded: P
 
 
 def tagged(spec: JobSpec, job_dir: JobDir) -> JobSpec:
-    """Return the job with its attempt as a tag of the run, by which the run is found even if the job's folder lacks its name."""
+    """Return the job with its attempt as a tag of the run, by which the run is found even if the
+    job's folder lacks its name.
+    """
     options = spec.job.wanted
     metadata = options.metadata or Metadata()
     metadata = replace(metadata, tags=metadata.tags | {ATTEMPT: _attempt(job_dir)})
@@ -252,4 +280,6 @@ def _recovered(run: Path) -> AttemptResult:
     manifest = _ended(run)
     code = RecordError.exit_code if done.is_safe else Unsafe.exit_code
     text = f"its process died while it ran; what it had recorded is sealed. {done.text}"
-    return AttemptResult(State.HALF, code, text, run, None if manifest is None else manifest.verdict)
+    return AttemptResult(
+        State.HALF, code, text, run, None if manifest is None else manifest.verdict
+    )

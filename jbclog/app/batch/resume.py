@@ -55,11 +55,13 @@ class PreparedBatch:
         return f"stays {job.state.value}"
 
 
-def prepare(plan: BatchPlan, out: Path, timing: Timing, zone: Zone, *, resume: bool, anew: bool) -> PreparedBatch:
+def prepare(
+    plan: BatchPlan, out: Path, timing: Timing, zone: Zone, *, resume: bool, anew: bool
+) -> PreparedBatch:
     """Return the batch of this jobs file below `out`, whose lock the caller holds (`hold`).
 
-    Raises `UsageError` if the jobs file has changed since an unfinished batch began, or if there is none to resume;
-    `Problems` if a date has passed; `RecordError`.
+    Raises `UsageError` if the jobs file has changed since an unfinished batch began, or if there is
+    none to resume; `Problems` if a date has passed; `RecordError`.
     """
     home = home_of(out, plan.file.path)
     last = newest(home, timing.utc)
@@ -70,7 +72,9 @@ def prepare(plan: BatchPlan, out: Path, timing: Timing, zone: Zone, *, resume: b
         _prepared(plan, last, is_new=False).executor(NullObserver(), timing).discard()
     if resume:
         ended = "none has begun" if last is None else f"the last one finished at {last.state.last}"
-        raise UsageError(f"{plan.file.path}: no batch to resume, {ended}; leave out --resume to start a new one")
+        raise UsageError(
+            f"{plan.file.path}: no batch to resume, {ended}; leave out --resume to start a new one"
+        )
     return _prepared(plan, _begin(plan, home, timing, zone), is_new=True)
 
 
@@ -78,12 +82,16 @@ def _prepared(plan: BatchPlan, journal: Journal, *, is_new: bool) -> PreparedBat
     processes = SystemProcesses(journal.folder, plan.specs, journal.store)
     for job in journal.state.running():
         if job.last is not None and job.last.run is not None:
-            processes.set_recorded_run(job.name, job.last.number, journal.folder.parent.parent / job.last.run)
+            processes.set_recorded_run(
+                job.name, job.last.number, journal.folder.parent.parent / job.last.run
+            )
     return PreparedBatch(plan, journal, processes, tuple(in_turn(plan.turns)), is_new)
 
 
 def _begin(plan: BatchPlan, home: Path, timing: Timing, zone: Zone) -> Journal:
-    """Begin a batch: the journal gets the settings of each job and its start time, which stay fixed from then on."""
+    """Begin a batch: the journal gets the settings of each job and its start time, which stay fixed
+    from then on.
+    """
     file, turns = plan.file, in_turn(plan.turns)
     due = due_times(turns, timing.utc(), zone)
     problems = [
@@ -95,22 +103,39 @@ def _begin(plan: BatchPlan, home: Path, timing: Timing, zone: Zone) -> Journal:
         raise Problems(problems)
     journal = begin(home, file.source.text, timing.utc)
     path = os.path.realpath(file.path)
-    journal.note(Entry("", EntryKind.BEGIN, f"A batch of {len(turns)} job{'' if len(turns) == 1 else 's'}.", asked=path))
+    journal.note(
+        Entry(
+            "",
+            EntryKind.BEGIN,
+            f"A batch of {len(turns)} job{'' if len(turns) == 1 else 's'}.",
+            asked=path,
+        )
+    )
     for job in file.jobs:
         moment = due.get(job.name)
-        entry = Entry("", EntryKind.JOB, "", job.name, asked=file.asked(job), on_failure=file.policy(job).value)
+        entry = Entry(
+            "",
+            EntryKind.JOB,
+            "",
+            job.name,
+            asked=file.asked(job),
+            on_failure=file.policy(job).value,
+        )
         journal.note(replace(entry, due=None if moment is None else iso(moment)))
     return journal
 
 
-# -- changes of the jobs file -------------------------------------------------------------------------------------------------
+# -- changes of the jobs file ----------------------------------------------------------------------
 
 
 def _expect_same(plan: BatchPlan, journal: Journal) -> None:
     """Raise `UsageError` if the jobs file differs from the one of the unfinished batch."""
     file, before = plan.file, journal.state
     kept = journal.folder / JOBS_FILE
-    way = f"`{ANEW}` discards it and starts a new one; or restore the jobs file: {shlex.quote(str(kept))}"
+    way = (
+        f"`{ANEW}` discards it and starts a new one; or restore the jobs file:"
+        f" {shlex.quote(str(kept))}"
+    )
     if before.file != os.path.realpath(file.path):
         held = f"{journal.folder.parent} has an unfinished batch of {before.file}"
         raise UsageError(f"{held}. {ANEW} discards it; or use another --out")

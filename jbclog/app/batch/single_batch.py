@@ -1,4 +1,6 @@
-"""Locks that allow one executor for a jobs file; the system releases them when their holder ends."""
+"""Locks that allow one executor for a jobs file; the system releases them when their holder
+ends.
+"""
 
 from __future__ import annotations
 
@@ -31,23 +33,39 @@ def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
         if not home.is_dir():
             home.mkdir(parents=True)
             sync_folder(home.absolute().parent)
-        descriptor = os.open(home / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
+        descriptor = os.open(
+            home / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644
+        )
     except OSError as error:
-        raise RecordError(f"{home} cannot be created or locked: {error.strerror or error}; nothing was started") from error
+        raise RecordError(
+            f"{home} cannot be created or locked: {error.strerror or error}; nothing was started"
+        ) from error
     try:
         if not _lock(descriptor):
-            raise UsageError(f"{jobs_file}: {_holder(home)}; nothing was started. End it there, or wait for its end")
+            raise UsageError(
+                f"{jobs_file}: {_holder(home)}; nothing was started. End it there, or wait for"
+                " its end"
+            )
         with open_foreign(jobs_file, Kind.SETTINGS, links=True) as file:
             if not _lock(file.fileno()):
-                raise UsageError(f"{jobs_file}: another batch of this file runs with another --out; nothing was started")
-            os.pwrite(descriptor, json.dumps({"pid": os.getpid(), "since": since}).ljust(WIDTH).encode(), 0)
+                raise UsageError(
+                    f"{jobs_file}: another batch of this file runs with another --out; nothing was"
+                    " started"
+                )
+            os.pwrite(
+                descriptor,
+                json.dumps({"pid": os.getpid(), "since": since}).ljust(WIDTH).encode(),
+                0,
+            )
             yield
     finally:
         os.close(descriptor)
 
 
 def _lock(descriptor: int) -> bool:
-    """Lock the file; False if another process holds it. A file system without locks counts as locked."""
+    """Lock the file; False if another process holds it. A file system without locks counts as
+    locked.
+    """
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -9,7 +9,7 @@ from enum import StrEnum
 
 from jbclog.config.job_order import OnFailure, Turn
 
-# -- journal entries ----------------------------------------------------------------------------------------------------------
+# -- journal entries -------------------------------------------------------------------------------
 # An entry is written before its action is taken.
 
 
@@ -18,7 +18,8 @@ class EntryKind(StrEnum):
 
     BEGIN = "begin"  # the batch: its jobs file
     JOB = "job"  # one job: its settings and its start time
-    EXECUTION = "sitting"  # a process carries out the batch; jobs that were cut off or held back are open again
+    # a process carries out the batch; jobs that were cut off or held back are open again
+    EXECUTION = "sitting"
     START = "start"  # a job is about to be started
     RUN = "run"  # its run has a folder
     END = "end"  # it ended, with its result
@@ -49,7 +50,8 @@ RECORDED = frozenset({State.DONE, State.NOT_FINE})
 class Entry:
     """An entry of the journal. Fields that do not belong to its kind are None.
 
-    `text` is for people. `again`: a resumed batch starts the job again. `asked`: the job's table in the jobs file, as JSON.
+    `text` is for people. `again`: a resumed batch starts the job again. `asked`: the job's table in
+    the jobs file, as JSON.
     """
 
     time: str
@@ -69,7 +71,7 @@ class Entry:
     prev_sha256: str = ""
 
 
-# -- state --------------------------------------------------------------------------------------------------------------------
+# -- state -----------------------------------------------------------------------------------------
 
 
 @dataclass(slots=True)
@@ -89,7 +91,9 @@ class Attempt:
 
 @dataclass(slots=True)
 class JobState:
-    """The state of a job. `due`: its earliest start, seconds since 1970 UTC. `asked`: its table in the jobs file, as JSON."""
+    """The state of a job. `due`: its earliest start, seconds since 1970 UTC. `asked`: its table in
+    the jobs file, as JSON.
+    """
 
     name: str
     asked: str = ""
@@ -109,7 +113,9 @@ class JobState:
 
 @dataclass(slots=True)
 class BatchState:
-    """The state of a batch. `stopped_by`: the job whose failure stopped it in this execution. `closing`: the text of its end."""
+    """The state of a batch. `stopped_by`: the job whose failure stopped it in this execution.
+    `closing`: the text of its end.
+    """
 
     jobs: dict[str, JobState] = field(default_factory=dict)
     policies: dict[str, OnFailure] = field(default_factory=dict)
@@ -180,7 +186,12 @@ class BatchState:
 
 
 def _is_again(job: JobState) -> bool:
-    return job.last is not None and job.state is job.last.state and job.last.again and job.state not in RECORDED
+    return (
+        job.last is not None
+        and job.state is job.last.state
+        and job.last.again
+        and job.state not in RECORDED
+    )
 
 
 def _seconds(time: str | None) -> float | None:
@@ -195,18 +206,21 @@ def batch_state(entries: Iterable[Entry]) -> BatchState:
     return state
 
 
-# -- queue --------------------------------------------------------------------------------------------------------------------
-# Jobs on the same station run one after another in the order of the file, jobs on different stations in parallel.
+# -- queue -----------------------------------------------------------------------------------------
+# Jobs on the same station run one after another in the order of the file, jobs on different
+# stations in parallel.
 #
-# A job that waits, for its time or for other jobs, keeps its position: later jobs that need the same station wait behind it. So
-# the order is that of the file, however long each job takes.
+# A job that waits, for its time or for other jobs, keeps its position: later jobs that need the
+# same station wait behind it. So the order is that of the file, however long each job takes.
 
 DONE_FOR = frozenset({State.FAILED, State.HALF, State.NOT_FINE})
 
 
 @dataclass(frozen=True, slots=True)
 class Waits:
-    """A job that cannot start yet. `why` is for people; `until` is its earliest start if it waits for nothing else."""
+    """A job that cannot start yet. `why` is for people; `until` is its earliest start if it waits
+    for nothing else.
+    """
 
     name: str
     why: str
@@ -225,7 +239,8 @@ class Next:
 def next_jobs(turns: Sequence[Turn], batch: BatchState, now: float) -> Next:
     """Return what comes next at `now` (seconds since 1970 UTC). `turns` are ordered by `in_turn`.
 
-    A stopped batch starts and skips no more jobs. Jobs to skip come alone, because they can change the state of others.
+    A stopped batch starts and skips no more jobs. Jobs to skip come alone, because they can change
+    the state of others.
     """
     if batch.stopped_by is not None or batch.ended_by is not None:
         return Next()
@@ -262,7 +277,9 @@ def _skipped(turns: Sequence[Turn], batch: BatchState) -> Iterator[tuple[str, st
         if batch.jobs[turn.name].state is State.WAITING:
             for other in turn.after:
                 state = batch.jobs[other].state
-                if state is State.SKIPPED or (state in DONE_FOR and policies[other] is OnFailure.SKIP):
+                if state is State.SKIPPED or (
+                    state in DONE_FOR and policies[other] is OnFailure.SKIP
+                ):
                     yield turn.name, f"it waits for {other}, which is {state.value}"
                     break
 

@@ -2,13 +2,14 @@
 
 The rules:
 
-1. What `transaction` wrote is synced when it returns, except with ``synced=False``: after a power cut the store is consistent,
-   and such rows may be missing.
-2. Several processes write, the executor and each job. A transaction is a few statements; others wait for it, `BUSY_S` at most.
-   A process killed in a transaction leaves nothing of it.
-3. SQLite does not detect a row that was changed or deleted. The lines of the journal are chained by their hashes, so they do.
-4. A batch of an earlier release has files in place of the store. They are read, and `import_files` copies them once the batch
-   is resumed.
+1. What `transaction` wrote is synced when it returns, except with ``synced=False``: after a power
+   cut the store is consistent, and such rows may be missing.
+2. Several processes write, the executor and each job. A transaction is a few statements; others
+   wait for it, `BUSY_S` at most. A process killed in a transaction leaves nothing of it.
+3. SQLite does not detect a row that was changed or deleted. The lines of the journal are chained by
+   their hashes, so they do.
+4. A batch of an earlier release has files in place of the store. They are read, and `import_files`
+   copies them once the batch is resumed.
 """
 
 from __future__ import annotations
@@ -35,15 +36,23 @@ COLUMNS: Final = {
 }
 _CREATE: Final = (
     "CREATE TABLE IF NOT EXISTS journal (number INTEGER PRIMARY KEY, line BLOB NOT NULL)",
-    "CREATE TABLE IF NOT EXISTS attempt (name TEXT PRIMARY KEY, spec BLOB, run TEXT, progress TEXT, result TEXT, ended REAL)",
-    "CREATE TABLE IF NOT EXISTS event (number INTEGER PRIMARY KEY, attempt TEXT NOT NULL, line TEXT NOT NULL)",
+    (
+        "CREATE TABLE IF NOT EXISTS attempt (name TEXT PRIMARY KEY, spec BLOB, run TEXT, progress"
+        " TEXT, result TEXT, ended REAL)"
+    ),
+    (
+        "CREATE TABLE IF NOT EXISTS event (number INTEGER PRIMARY KEY, attempt TEXT NOT NULL, line"
+        " TEXT NOT NULL)"
+    ),
 )
 ADD_LINE: Final = "INSERT INTO journal (line) VALUES (?)"
 ADD_EVENT: Final = "INSERT INTO event (attempt, line) VALUES (?, ?)"
 
 
 class BatchStore:
-    """The store in the folder of a batch, opened when it is first used. Callers may be in any thread. Methods raise OSError."""
+    """The store in the folder of a batch, opened when it is first used. Callers may be in any
+    thread. Methods raise OSError.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / NAME
@@ -85,7 +94,8 @@ class BatchStore:
                 self._db = None
 
     def _opened(self) -> Database:
-        if self._db is not None and not self.path.exists():  # SQLite would write to a file that nobody can open any more
+        # SQLite would write to a file that nobody can open any more
+        if self._db is not None and not self.path.exists():
             raise FileNotFoundError(errno.ENOENT, "it was removed")
         if self._db is None:
             if self.path.is_symlink() or self.path.exists():
@@ -119,7 +129,7 @@ def _as_os_error() -> Iterator[None]:
         raise OSError(getattr(error, "sqlite_errorcode", 0), str(error)) from error
 
 
-# -- batches of earlier releases ----------------------------------------------------------------------------------------------
+# -- batches of earlier releases -------------------------------------------------------------------
 
 OLD_JOURNAL: Final = "journal.jsonl"
 OLD_SPEC, OLD_RUN, OLD_RESULT, OLD_EVENTS = "job.json", "run.json", "said.json", "events.jsonl"
@@ -127,7 +137,9 @@ _ADD_ATTEMPT: Final = "INSERT INTO attempt (name, spec, run, result, ended) VALU
 
 
 def import_files(store: BatchStore, lines: list[bytes], attempts: list[Path]) -> None:
-    """Copy the lines of an old journal and the files of its attempts, once, in one transaction. Raises OSError."""
+    """Copy the lines of an old journal and the files of its attempts, once, in one transaction.
+    Raises OSError.
+    """
     with store.transaction() as db:
         if db.execute("SELECT 1 FROM journal LIMIT 1").fetchone():
             return
@@ -136,7 +148,9 @@ def import_files(store: BatchStore, lines: list[bytes], attempts: list[Path]) ->
             result = _old_text(folder / OLD_RESULT)
             ended = None if result is None else (folder / OLD_RESULT).stat().st_mtime
             spec = (_old_text(folder / OLD_SPEC) or "").encode()
-            db.execute(_ADD_ATTEMPT, (folder.name, spec, _old_text(folder / OLD_RUN), result, ended))
+            db.execute(
+                _ADD_ATTEMPT, (folder.name, spec, _old_text(folder / OLD_RUN), result, ended)
+            )
             events = (_old_text(folder / OLD_EVENTS) or "").splitlines()
             db.executemany(ADD_EVENT, [(folder.name, line) for line in events])
 

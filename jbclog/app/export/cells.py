@@ -1,4 +1,6 @@
-"""Rows as spreadsheets and CSV readers take them: times as text in UTC, and no text that is evaluated as a formula."""
+"""Rows as spreadsheets and CSV readers take them: times as text in UTC, and no text that is
+evaluated as a formula.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,9 @@ ISO: Final = "%Y-%m-%dT%H:%M:%SZ"  # of a time in microseconds: Arrow's seconds 
 
 
 def cells(piece: pa.Table) -> pa.Table:
-    """Return the rows with times in ISO 8601 and each text disarmed (`jbclog.core.text.csv_cell`); numbers and flags stay."""
+    """Return the rows with times in ISO 8601 and each text disarmed (`jbclog.core.text.csv_cell`);
+    numbers and flags stay.
+    """
     columns = [_disarmed(_timed(column)) for column in piece.itercolumns()]
     return pa.table(columns, names=piece.column_names)
 

@@ -1,6 +1,8 @@
-"""CSV: a file for each table as RFC 4180 has it, UTF-8 with a byte order mark, and `csv-metadata.json` with units and facts.
+"""CSV: a file for each table as RFC 4180 has it, UTF-8 with a byte order mark, and
+`csv-metadata.json` with units and facts.
 
-The metadata follow "Metadata Vocabulary for Tabular Data" (W3C Recommendation, 17 December 2015, sections 5.3 to 5.6).
+The metadata follow "Metadata Vocabulary for Tabular Data" (W3C Recommendation, 17 December 2015,
+sections 5.3 to 5.6).
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from jbclog.app.export.cells import cells
 from jbclog.app.export.source import SCHEMA_OF, Source
 from jbclog.core.text import BOM
 
-METADATA: Final = "csv-metadata.json"  # the name that section 5 of "Model for Tabular Data and Metadata on the Web" gives it
+# the name that section 5 of "Model for Tabular Data and Metadata on the Web" gives it
+METADATA: Final = "csv-metadata.json"
 NAMESPACE: Final = "http://www.w3.org/ns/csvw"
 DATATYPES: Final[Mapping[pa.DataType, str]] = {
     pa.timestamp("us", tz="UTC"): "dateTimeStamp",
@@ -29,10 +32,14 @@ DATATYPES: Final[Mapping[pa.DataType, str]] = {
 
 
 def write(source: Source, folder: Path) -> dict[str, int]:
-    """Write the tables and their metadata into a new folder; return the rows of each table. Raises OSError, RecordError."""
+    """Write the tables and their metadata into a new folder; return the rows of each table. Raises
+    OSError, RecordError.
+    """
     folder.mkdir()
     rows = {table: _write_table(source, table, folder / f"{table}.csv") for table in source.tables}
-    (folder / METADATA).write_text(json.dumps(_metadata(source, rows), indent=1, ensure_ascii=False) + "\n", "utf-8")
+    (folder / METADATA).write_text(
+        json.dumps(_metadata(source, rows), indent=1, ensure_ascii=False) + "\n", "utf-8"
+    )
     return rows
 
 
@@ -57,16 +64,34 @@ def _write(piece: pa.Table, file: BinaryIO, *, header: bool) -> None:
 def _metadata(source: Source, rows: Mapping[str, int]) -> dict[str, object]:
     tables = [_table(table, rows[table]) for table in source.tables]
     facts = [{"schema:name": name, "schema:value": text} for name, text in source.facts.items()]
-    return {"@context": NAMESPACE, "dc:title": source.title, "schema:additionalProperty": facts, "tables": tables}
+    return {
+        "@context": NAMESPACE,
+        "dc:title": source.title,
+        "schema:additionalProperty": facts,
+        "tables": tables,
+    }
 
 
 def _table(table: str, rows: int) -> dict[str, object]:
     columns = [_column(field) for field in SCHEMA_OF[table]]
-    return {"url": f"{table}.csv", "schema:numberOfItems": rows, "tableSchema": {"columns": columns}}
+    return {
+        "url": f"{table}.csv",
+        "schema:numberOfItems": rows,
+        "tableSchema": {"columns": columns},
+    }
 
 
 def _column(field: pa.Field) -> dict[str, object]:
     found = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}
-    more = {"schema:unitText": found.get("unit"), "dc:description": found.get("definition"), "dc:source": found.get("command")}
-    plain = {"name": field.name, "titles": field.name, "datatype": DATATYPES[field.type], "required": not field.nullable}
+    more = {
+        "schema:unitText": found.get("unit"),
+        "dc:description": found.get("definition"),
+        "dc:source": found.get("command"),
+    }
+    plain = {
+        "name": field.name,
+        "titles": field.name,
+        "datatype": DATATYPES[field.type],
+        "required": not field.nullable,
+    }
     return plain | {key: text for key, text in more.items() if text}

@@ -1,7 +1,9 @@
-"""ASAM MDF 4.10: a channel group for each port with its samples, one with its joints, and one for each other table.
+"""ASAM MDF 4.10: a channel group for each port with its samples, one with its joints, and one for
+each other table.
 
-The master of a group is its time in seconds since the start of the file, which has a time in UTC. Where a value is not known, its
-invalidation bit is set (MDF 4.1, "Invalidation bits"); a reader that ignores these bits finds NaN or `-`.
+The master of a group is its time in seconds since the start of the file, which has a time in UTC.
+Where a value is not known, its invalidation bit is set (MDF 4.1, "Invalidation bits"); a reader
+that ignores these bits finds NaN or `-`.
 """
 
 from __future__ import annotations
@@ -48,7 +50,9 @@ class Channel(Protocol):
 
 
 class Numbers:
-    """Numbers, flags as 0 and 1, times as microseconds. A null is NaN, for readers that ignore invalidation bits."""
+    """Numbers, flags as 0 and 1, times as microseconds. A null is NaN, for readers that ignore
+    invalidation bits.
+    """
 
     def __init__(self, field: pa.Field) -> None:
         self._kind = pa.float64() if field.nullable else pa.int64()
@@ -72,7 +76,10 @@ class Choices:
 
     def values(self, column: pa.ChunkedArray) -> Values:
         coded = column.combine_chunks().dictionary_encode()
-        numbers = [self._numbers.setdefault(text, len(self._numbers)) for text in coded.dictionary.to_pylist()]
+        numbers = [
+            self._numbers.setdefault(text, len(self._numbers))
+            for text in coded.dictionary.to_pylist()
+        ]
         places = coded.indices.cast(pa.int64()).fill_null(len(numbers)).to_numpy()
         found: Values = np.array([*numbers, 0], dtype=np.uint32)[places]
         return found
@@ -91,14 +98,18 @@ class Texts:
     """Texts as they are, in UTF-8."""
 
     def values(self, column: pa.ChunkedArray) -> Values:
-        return np.array([(text or "").encode() for text in column.to_pylist()] or [b""], dtype=bytes)[: len(column)]
+        return np.array(
+            [(text or "").encode() for text in column.to_pylist()] or [b""], dtype=bytes
+        )[: len(column)]
 
     def conversion(self) -> None:
         return None
 
 
 class Group(NamedTuple):
-    """A channel group in the making: the fields of its channels, and its number once its first rows are written."""
+    """A channel group in the making: the fields of its channels, and its number once its first rows
+    are written.
+    """
 
     name: str
     comment: str
@@ -110,18 +121,29 @@ class Group(NamedTuple):
     def of(cls, name: str, comment: str, fields: Sequence[pa.Field], *, recur: bool) -> Group:
         """Return a group without rows; its texts recur, or are each different."""
         texts = Choices if recur else Texts
-        return cls(name, comment, fields, [texts() if pa.types.is_string(one.type) else Numbers(one) for one in fields], [])
+        return cls(
+            name,
+            comment,
+            fields,
+            [texts() if pa.types.is_string(one.type) else Numbers(one) for one in fields],
+            [],
+        )
 
     def add(self, file: MDF, seconds: Values, rows: pa.Table) -> None:
         """Write rows behind those written before."""
         pairs = [
-            (channel.values(rows[one.name]), _bits(rows, one)) for one, channel in zip(self.fields, self.channels, strict=True)
+            (channel.values(rows[one.name]), _bits(rows, one))
+            for one, channel in zip(self.fields, self.channels, strict=True)
         ]
         if self.number:
             file.extend(self.number[0], [(seconds, None), *pairs])
             return
-        signals = [_signal(one, seconds, *pair) for one, pair in zip(self.fields, pairs, strict=True)]
-        number = file.append(signals, acq_name=self.name, comment=self.comment, common_timebase=True)
+        signals = [
+            _signal(one, seconds, *pair) for one, pair in zip(self.fields, pairs, strict=True)
+        ]
+        number = file.append(
+            signals, acq_name=self.name, comment=self.comment, common_timebase=True
+        )
         assert number is not None
         self.number.append(number)
 
@@ -156,7 +178,9 @@ def _write_table(file: MDF, source: Source, table: str, t0_us: int) -> int:
         return _write_joints(file, source)
     rows, group = 0, Group.of(table, f"{table} of {source.run.name}", SCHEMA_OF[table], recur=False)
     for piece in source.pieces(table):
-        ordered = piece.take(pc.sort_indices(piece, sort_keys=[(MASTER.get(table, "time"), "ascending")]))
+        ordered = piece.take(
+            pc.sort_indices(piece, sort_keys=[(MASTER.get(table, "time"), "ascending")])
+        )
         micros = ordered[MASTER.get(table, "time")].cast(pa.int64()).to_numpy()
         group.add(file, (micros - t0_us) / 1e6, ordered)
         rows += piece.num_rows
@@ -166,7 +190,9 @@ def _write_table(file: MDF, source: Source, table: str, t0_us: int) -> int:
 def _write_joints(file: MDF, source: Source) -> int:
     """Write a group for each port; joints of a port have one time axis."""
     for station, port, rows in _ports_in(source.joints):
-        group = Group.of(f"{station} port {port} joints", "joints", SCHEMA_OF["joints"], recur=False)
+        group = Group.of(
+            f"{station} port {port} joints", "joints", SCHEMA_OF["joints"], recur=False
+        )
         group.add(file, rows["start_s"].to_numpy(), rows)
     return int(source.joints.num_rows)
 
@@ -191,7 +217,10 @@ class _Samples:
             if key not in self._groups:
                 self._groups[key] = self._new(key)
             rows, (group, clock) = pa.concat_tables(pieces), self._groups[key]
-            ticks, micros = rows["tick"].to_numpy().astype(np.float64), rows["time"].cast(pa.int64()).to_numpy()
+            ticks, micros = (
+                rows["tick"].to_numpy().astype(np.float64),
+                rows["time"].cast(pa.int64()).to_numpy(),
+            )
             group.add(file, clock.seconds(ticks, micros), rows)
         self._held.clear()
 
@@ -201,7 +230,11 @@ class _Samples:
 
     def _new(self, key: Key) -> tuple[Group, Clock]:
         facts = self._facts.get(key[0])
-        about = "" if facts is None else f"{facts.model or facts.family}, tool {facts.tools.get(key[1], 'not known')}"
+        about = (
+            ""
+            if facts is None
+            else f"{facts.model or facts.family}, tool {facts.tools.get(key[1], 'not known')}"
+        )
         clock = Clock(facts.period_s if facts is not None else None, self._steps, self._t0_us)
         return Group.of(f"{key[0]} port {key[1]}", about, _fields_of(facts), recur=True), clock
 
@@ -220,11 +253,15 @@ def _write_samples(file: MDF, source: Source, t0_us: int) -> int:
 
 
 def _fields_of(facts: StationFacts | None) -> list[pa.Field]:
-    """Return the columns that a station's family can fill; all where that is not known. The group names station and port."""
+    """Return the columns that a station's family can fill; all where that is not known. The group
+    names station and port.
+    """
     fields = [field for field in SCHEMA_OF["samples"] if field.name not in ("station", "port")]
     if facts is None or not facts.signals:
         return fields
-    return [one for one in fields if SIGNAL_OF_COLUMN.get(one.name, facts.signals[0]) in facts.signals]
+    return [
+        one for one in fields if SIGNAL_OF_COLUMN.get(one.name, facts.signals[0]) in facts.signals
+    ]
 
 
 def _ports_in(rows: pa.Table) -> Iterator[tuple[str, int, pa.Table]]:
@@ -252,10 +289,17 @@ def _signal(field: pa.Field, seconds: Values, values: Values, bits: Bits | None)
     comment = found.get("definition") or found.get("command", "")
     encoding = "utf-8" if values.dtype.kind == "S" else None
     name = UTC_NAMES.get(field.name, field.name)
-    return Signal(values, seconds, unit, name, comment=comment, encoding=encoding, invalidation_bits=bits)
+    return Signal(
+        values, seconds, unit, name, comment=comment, encoding=encoding, invalidation_bits=bits
+    )
 
 
 def _comment(source: Source) -> str:
-    """Return the comment of the file's header in XML, with a property for each fact (MDF 4.1, "HDcomment")."""
-    facts = "".join(f"<e name={quoteattr(name)}>{escape(text)}</e>" for name, text in source.facts.items())
-    return f"<HDcomment><TX>{escape(source.title)}</TX><common_properties>{facts}</common_properties></HDcomment>"
+    """Return the comment of the file's header in XML, with a property for each fact (MDF 4.1,
+    "HDcomment").
+    """
+    facts = "".join(
+        f"<e name={quoteattr(name)}>{escape(text)}</e>" for name, text in source.facts.items()
+    )
+    title = f"<TX>{escape(source.title)}</TX>"
+    return f"<HDcomment>{title}<common_properties>{facts}</common_properties></HDcomment>"

@@ -1,4 +1,6 @@
-"""Where an export is written: complete or not at all, never into a run, never over anything without `force`."""
+"""Where an export is written: complete or not at all, never into a run, never over anything without
+`force`.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ def expect_place(out: Path, run: Path, *, is_folder: bool, force: bool) -> None:
     """Raise `UsageError` if nothing can or must be written to `out`; nothing was written then."""
     real, real_run = Path(os.path.realpath(out)), Path(os.path.realpath(run))
     if real.is_relative_to(real_run):
-        raise UsageError(f"--out {out}: inside the run's folder, which never changes; give a place outside of it")
+        raise UsageError(
+            f"--out {out}: inside the run's folder, which never changes; give a place outside of it"
+        )
     if not real.parent.is_dir():
         raise UsageError(f"--out {out}: {real.parent} is no folder; create it first")
     if real == real.parent or real_run.is_relative_to(real):
@@ -30,32 +34,43 @@ def expect_place(out: Path, run: Path, *, is_folder: bool, force: bool) -> None:
     if is_folder and out.exists():
         _expect_replaceable(out, force=force)
     elif out.exists() and not (force and out.is_file()):
-        raise UsageError(f"--out {out}: exists; --force replaces it" if out.is_file() else f"--out {out}: is no regular file")
+        raise UsageError(
+            f"--out {out}: exists; --force replaces it"
+            if out.is_file()
+            else f"--out {out}: is no regular file"
+        )
 
 
 def _expect_replaceable(out: Path, *, force: bool) -> None:
     held = sorted(out.iterdir())
     foreign = [path.name for path in held if path.suffix not in OURS or not path.is_file()]
     if foreign:
-        raise UsageError(f"--out {out}: holds {foreign[0]}, which is no export; give another folder")
+        raise UsageError(
+            f"--out {out}: holds {foreign[0]}, which is no export; give another folder"
+        )
     if held and not force:
         raise UsageError(f"--out {out}: is not empty; --force replaces it")
 
 
 @contextmanager
 def written(out: Path) -> Iterator[Path]:
-    """Yield a path beside `out` to write a file or folder to, which takes its place, synced, when a `with` ends well.
+    """Yield a path beside `out` to write a file or folder to, which takes its place, synced, when a
+    `with` ends well.
 
     Whatever fails, nothing new is left. Raises `RecordError` where the disk does not take it.
     """
     real = Path(os.path.realpath(out))
     aside: Path | None = None
     try:
-        aside = Path(tempfile.mkdtemp(prefix=f".{real.name[:100]}.", suffix=".tmp", dir=real.parent))
+        aside = Path(
+            tempfile.mkdtemp(prefix=f".{real.name[:100]}.", suffix=".tmp", dir=real.parent)
+        )
         yield aside / real.name
         _replace(aside / real.name, real, aside)
     except OSError as error:
-        raise RecordError(f"{out}: cannot be written: {error.strerror or error}; nothing of it is left") from error
+        raise RecordError(
+            f"{out}: cannot be written: {error.strerror or error}; nothing of it is left"
+        ) from error
     finally:
         if aside is not None:
             shutil.rmtree(aside, ignore_errors=True)

@@ -1,9 +1,10 @@
 """Q-DAS: the features of joints as characteristics, a file (.dfq) for each port with tips.
 
-The format is the Q-DAS ASCII transfer format, V12 (2015), of the AQDEF working group: `Kxxxx/n TEXT` on a line, n the number of the
-characteristic; then a line for each joint, characteristics separated by the character 15, their fields by 20: value (K0001),
-attribute (K0002), time (K0004). Hexagon's pages "Defined contents K00xx" and "Defined contents K2xxx" repeat the contents of
-K0002, K0004 and K2004. docs/reference/export.md lists what is written.
+The format is the Q-DAS ASCII transfer format, V12 (2015), of the AQDEF working group:
+`Kxxxx/n TEXT` on a line, n the number of the characteristic; then a line for each joint,
+characteristics separated by the character 15, their fields by 20: value (K0001), attribute (K0002),
+time (K0004). Hexagon's pages "Defined contents K00xx" and "Defined contents K2xxx" repeat the
+contents of K0002, K0004 and K2004. docs/reference/export.md lists what is written.
 """
 
 from __future__ import annotations
@@ -29,8 +30,11 @@ from jbclog.record.folder import recipe_table
 BETWEEN_CHARACTERISTICS: Final = "\x0f"
 BETWEEN_FIELDS: Final = "\x14"
 VALID, NOT_EVALUATED, PLACEHOLDER = 0, 129, 255
-"""K0002: a valid value; one that is shown and not included in calculations; a placeholder, which is not shown."""
-MISSING: Final = "-99999"  # stands before the attribute 255: no joint has it, whatever a reader makes of the attribute
+"""K0002: a valid value; one that is shown and not included in calculations; a placeholder, which is
+not shown.
+"""
+# stands before the attribute 255: no joint has it, whatever a reader makes of the attribute
+MISSING: Final = "-99999"
 NO_LIMIT, LIMIT, NATURAL = 0, 1, 2
 """K2120 and K2121: the type of a limit."""
 UNDEFINED, TEMPERATURE, TIME = 0, 250, 800
@@ -38,12 +42,16 @@ UNDEFINED, TEMPERATURE, TIME = 0, 250, 800
 DECIMALS: Final = 3  # as the table of joints has them
 JOINT: Final = "joint"  # the kind of what is certainly one
 NOT_STATED: Final = "not stated"
-OF_95_JOINTS: Final = "The recipe limits the time of 95 of 100 joints (recovery_p95_s), not of each joint"
+OF_95_JOINTS: Final = (
+    "The recipe limits the time of 95 of 100 joints (recovery_p95_s), not of each joint"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Characteristic:
-    """A feature of joints. `is_natural`: it cannot be below 0. `needs_power`: known only where the rated power is declared."""
+    """A feature of joints. `is_natural`: it cannot be below 0. `needs_power`: known only where the
+    rated power is declared.
+    """
 
     column: str
     text: str
@@ -57,17 +65,36 @@ CHARACTERISTICS: Final = (
     Characteristic("dwell_s", "Dwell time", "s", TIME),
     Characteristic("recovery_s", "Recovery time", "s", TIME),
     Characteristic("depth_c", "Temperature drop", "degC", TEMPERATURE),
-    Characteristic("deficit_c", "Setpoint minus temperature at start", "degC", TEMPERATURE, is_natural=False),
-    Characteristic("resting_below_c", "Resting level minus temperature at start", "degC", TEMPERATURE, is_natural=False),
+    Characteristic(
+        "deficit_c", "Setpoint minus temperature at start", "degC", TEMPERATURE, is_natural=False
+    ),
+    Characteristic(
+        "resting_below_c",
+        "Resting level minus temperature at start",
+        "degC",
+        TEMPERATURE,
+        is_natural=False,
+    ),
     Characteristic("peak_permille", "Peak heat flow", "permille"),
     Characteristic("heat_permille_s", "Heat into the joint", "permille*s"),
     Characteristic("energy_permille_s", "Energy above holding power", "permille*s"),
     Characteristic("heat_j", "Heat into the joint", "J", needs_power=True),
     Characteristic("energy_j", "Energy above holding power", "J", needs_power=True),
 )
-"""What a quality engineer evaluates; units in ASCII, so that a file reads the same in every code page."""
+"""What a quality engineer evaluates; units in ASCII, so that a file reads the same in every code
+page.
+"""
 
-LENGTHS: Final = {"K1001": 30, "K1002": 80, "K1004": 20, "K1053": 40, "K1081": 24, "K1082": 40, "K1342": 40, "K1900": 255}
+LENGTHS: Final = {
+    "K1001": 30,
+    "K1002": 80,
+    "K1004": 20,
+    "K1053": 40,
+    "K1081": 24,
+    "K1082": 40,
+    "K1342": 40,
+    "K1900": 255,
+}
 """The longest texts of the fields in which foreign text stands."""
 
 
@@ -76,9 +103,17 @@ def write(source: Source, folder: Path) -> dict[str, int]:
 
     Raises OSError, UsageError, RecordError.
     """
-    ports = [(facts, port) for facts in source.run.stations if kind_of(facts) == "tip" for port in facts.ports]
+    ports = [
+        (facts, port)
+        for facts in source.run.stations
+        if kind_of(facts) == "tip"
+        for port in facts.ports
+    ]
     if not ports:
-        raise UsageError(f"{source.run.folder}: no station with tips, so no joints; Q-DAS takes features of joints")
+        raise UsageError(
+            f"{source.run.folder}: no station with tips, so no joints; Q-DAS takes features of"
+            " joints"
+        )
     folder.mkdir()
     for facts, port in ports:
         text = "\r\n".join(_lines(source, facts, port)) + "\r\n"
@@ -88,12 +123,16 @@ def write(source: Source, folder: Path) -> dict[str, int]:
 
 
 def file_name(station: str, port: int) -> str:
-    """Return the name of a port's file; signs that a name of a station cannot have become underscores."""
+    """Return the name of a port's file; signs that a name of a station cannot have become
+    underscores.
+    """
     return f"{re.sub('[^A-Za-z0-9._-]', '_', station)}-port{port}.dfq"
 
 
 def _lines(source: Source, facts: StationFacts, port: int) -> Iterator[str]:
-    chosen = [one for one in CHARACTERISTICS if facts.rated_power_w is not None or not one.needs_power]
+    chosen = [
+        one for one in CHARACTERISTICS if facts.rated_power_w is not None or not one.needs_power
+    ]
     yield f"K0100 {len(chosen)}"
     yield from _part(source, facts, port)
     limit = recovery_limit(source.run.folder, facts)
@@ -122,19 +161,37 @@ def _part(source: Source, facts: StationFacts, port: int) -> Iterator[str]:
 
 
 def _remark(source: Source) -> str:
-    """Return where the values are from: run, fingerprint, verdict, version, check; the most important first."""
+    """Return where the values are from: run, fingerprint, verdict, version, check; the most
+    important first.
+    """
     facts = source.facts
-    print_of = short_head(facts["fingerprint"]) if " " not in facts["fingerprint"] else facts["fingerprint"]
-    texts = [f"run {source.run.name}", f"fingerprint {print_of}", facts["exported by"], facts["integrity"], "times in UTC"]
+    print_of = (
+        short_head(facts["fingerprint"])
+        if " " not in facts["fingerprint"]
+        else facts["fingerprint"]
+    )
+    texts = [
+        f"run {source.run.name}",
+        f"fingerprint {print_of}",
+        facts["exported by"],
+        facts["integrity"],
+        "times in UTC",
+    ]
     texts += [f"{name} {facts[name]}" for name in ("verdict", "state", "tips") if name in facts]
     return "; ".join(texts)
 
 
 def _described(one: Characteristic, upper: float | None) -> dict[str, str]:
-    """Return the fields of a characteristic; `upper` is its upper limit, where the recipe states one."""
+    """Return the fields of a characteristic; `upper` is its upper limit, where the recipe states
+    one.
+    """
     definition = (SCHEMA_OF["joints"].field(one.column).metadata or {})[b"definition"].decode()
     lower = {"K2110": "0", "K2120": str(NATURAL)} if one.is_natural else {"K2120": str(NO_LIMIT)}
-    above = {"K2111": f"{upper:g}", "K2121": str(LIMIT)} if upper is not None else {"K2121": str(NO_LIMIT)}
+    above = (
+        {"K2111": f"{upper:g}", "K2121": str(LIMIT)}
+        if upper is not None
+        else {"K2121": str(NO_LIMIT)}
+    )
     return {
         "K2001": one.column,
         "K2002": one.text,
@@ -148,10 +205,14 @@ def _described(one: Characteristic, upper: float | None) -> dict[str, str]:
 
 
 def _values(joints: pa.Table, chosen: list[Characteristic]) -> Iterator[str]:
-    """Yield a line for each joint, and one with the serial of its unit (K0014, for all characteristics) where that is known."""
+    """Yield a line for each joint, and one with the serial of its unit (K0014, for all
+    characteristics) where that is known.
+    """
     for row in joints.to_pylist():
         time = _time(row["start"])
-        yield BETWEEN_CHARACTERISTICS.join(_value(row[one.column], row["kind"], time) for one in chosen)
+        yield BETWEEN_CHARACTERISTICS.join(
+            _value(row[one.column], row["kind"], time) for one in chosen
+        )
         if row["unit"]:
             yield f"K0014/0 {_fitted('K0014', row['unit'])}"
 
@@ -159,7 +220,9 @@ def _values(joints: pa.Table, chosen: list[Characteristic]) -> Iterator[str]:
 def _value(value: float | None, kind: str, time: str) -> str:
     if value is None:
         return BETWEEN_FIELDS.join([MISSING, str(PLACEHOLDER), time])
-    return BETWEEN_FIELDS.join([f"{value:.{DECIMALS}f}", str(VALID if kind == JOINT else NOT_EVALUATED), time])
+    return BETWEEN_FIELDS.join(
+        [f"{value:.{DECIMALS}f}", str(VALID if kind == JOINT else NOT_EVALUATED), time]
+    )
 
 
 def _time(moment: datetime) -> str:
@@ -182,6 +245,8 @@ def _ascii(text: str) -> str:
 
 
 def recovery_limit(run: Path, facts: StationFacts) -> float | None:
-    """Return the recipe's limit of recovery in s; None if it states none, or is missing or unreadable."""
+    """Return the recipe's limit of recovery in s; None if it states none, or is missing or
+    unreadable.
+    """
     limit = recipe_table(run, facts, "acceptance").get("recovery_p95_s")
     return float(limit) if isinstance(limit, int | float) and not isinstance(limit, bool) else None

@@ -1,4 +1,6 @@
-"""What is exported: the tables of a run piece by piece, and the facts that say where they are from."""
+"""What is exported: the tables of a run piece by piece, and the facts that say where they are
+from.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ from jbclog.record.schema import SCHEMAS, TEXT
 
 SCHEMA_OF: Final[Mapping[str, pa.Schema]] = {
     **SCHEMAS,
-    "joints": JOINTS_SCHEMA.insert(0, pa.field("unit", TEXT, metadata={"definition": "serial of the unit, where it is known"})),
+    "joints": JOINTS_SCHEMA.insert(
+        0, pa.field("unit", TEXT, metadata={"definition": "serial of the unit, where it is known"})
+    ),
     "alarms": ALARMS_SCHEMA,
 }
 """The columns of each table that can be exported, with units."""
@@ -35,11 +39,16 @@ NOT_CHECKED: Final = "not checked (--unchecked)"
 
 
 def expect_whole(run: Run) -> None:
-    """Raise `RecordError` where `jbclog check` finds anything: the run is damaged, changed, or not sealed."""
+    """Raise `RecordError` where `jbclog check` finds anything: the run is damaged, changed, or not
+    sealed.
+    """
     found = check(run.folder)
     if found:
         more = f" and {len(found) - 1} more" if len(found) > 1 else ""
-        text = f"{run.folder}: not exported, because its check finds: {found[0]}{more}; `jbclog check` lists all findings"
+        text = (
+            f"{run.folder}: not exported, because its check finds: {found[0]}{more}; `jbclog check`"
+            " lists all findings"
+        )
         raise RecordError(f"{text}, --unchecked exports what can be read")
 
 
@@ -51,8 +60,14 @@ class Source:
         self.tables = [name for name in SCHEMA_OF if not tables or name in tables]
 
     def pieces(self, table: str) -> Iterator[pa.Table]:
-        """Yield the rows of a table in order, at most one row group at a time; no piece is empty. Raises `RecordError`."""
-        pieces = self.run.groups(table, SCHEMAS[table].names) if table in SCHEMAS else iter([self._computed(table)])
+        """Yield the rows of a table in order, at most one row group at a time; no piece is empty.
+        Raises `RecordError`.
+        """
+        pieces = (
+            self.run.groups(table, SCHEMAS[table].names)
+            if table in SCHEMAS
+            else iter([self._computed(table)])
+        )
         return (piece for piece in pieces if piece.num_rows)
 
     @cached_property
@@ -62,7 +77,9 @@ class Source:
 
     @cached_property
     def facts(self) -> dict[str, str]:
-        """Where the data are from: name -> text without hidden characters, in the order in which they are shown."""
+        """Where the data are from: name -> text without hidden characters, in the order in which
+        they are shown.
+        """
         facts = {**self._run_facts(), **self._said(), **self._notes()}
         facts["integrity"] = CHECKED if self.is_checked else NOT_CHECKED
         facts["times"] = "UTC"
@@ -80,11 +97,19 @@ class Source:
     def _run_facts(self) -> dict[str, str]:
         manifest = self.run.manifest
         is_sealed = manifest.state == RunState.SEALED
-        recipes = [f"{one.name} revision {one.revision} (SHA-256 {one.sha256})" for one in manifest.recipes]
+        recipes = [
+            f"{one.name} revision {one.revision} (SHA-256 {one.sha256})" for one in manifest.recipes
+        ]
         return {
             "run": self.run.name,
-            "fingerprint": manifest_sha256(self.run.folder) if is_sealed else "none: the run is not sealed",
-            "state": ending(manifest.exit_status, SEALED) if is_sealed else "not sealed: being recorded, or cut off by a crash",
+            "fingerprint": (
+                manifest_sha256(self.run.folder) if is_sealed else "none: the run is not sealed"
+            ),
+            "state": (
+                ending(manifest.exit_status, SEALED)
+                if is_sealed
+                else "not sealed: being recorded, or cut off by a crash"
+            ),
             "lost": manifest.lost.text if manifest.lost is not None else "",
             "started": manifest.started or "",
             "ended": manifest.ended or "",
@@ -94,20 +119,33 @@ class Source:
         }
 
     def _said(self) -> dict[str, str]:
-        """Return what people stated. A tag has the word before its name, so that none replaces a fact."""
+        """Return what people stated. A tag has the word before its name, so that none replaces a
+        fact.
+        """
         said = self.run.manifest.metadata
         several = {"wire lots": said.wire_lots, "flux lots": said.flux_lots, "tips": said.tips}
         single = {"operator": said.operator, "order": said.order, "product": said.product}
-        texts = {name: text or "" for name, text in single.items()} | {name: ", ".join(texts) for name, texts in several.items()}
-        return texts | {"units": ", ".join(self._serials())} | {f"tag {name}": text for name, text in said.tags.items()}
+        texts = {name: text or "" for name, text in single.items()} | {
+            name: ", ".join(texts) for name, texts in several.items()
+        }
+        return (
+            texts
+            | {"units": ", ".join(self._serials())}
+            | {f"tag {name}": text for name, text in said.tags.items()}
+        )
 
     def _serials(self) -> list[str]:
         late = late_serials(self.run.folder) if self.run.manifest.state == RunState.SEALED else []
         return list(dict.fromkeys([*self.run.manifest.serials(), *late]))
 
     def _notes(self) -> dict[str, str]:
-        """Return the annotations of a sealed run: what was added later. Acknowledgements also stand in the table of alarms."""
+        """Return the annotations of a sealed run: what was added later. Acknowledgements also stand
+        in the table of alarms.
+        """
         if self.run.manifest.state != RunState.SEALED:
             return {}
         said = read_annotations(self.run.folder).said
-        return {f"note {one.seq}": f"{one.time} {one.kind} by {one.who}: {one.what} ({one.why})" for one in said}
+        return {
+            f"note {one.seq}": f"{one.time} {one.kind} by {one.who}: {one.what} ({one.why})"
+            for one in said
+        }

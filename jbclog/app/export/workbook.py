@@ -1,7 +1,7 @@
 """Excel workbooks: a sheet `about` with facts and units, and a sheet for each table.
 
-A table of more rows than a sheet holds continues on further sheets, `samples 2` and so on; `about` lists the sheets of each table.
-Nothing in a workbook is a formula or a link.
+A table of more rows than a sheet holds continues on further sheets, `samples 2` and so on; `about`
+lists the sheets of each table. Nothing in a workbook is a formula or a link.
 """
 
 from __future__ import annotations
@@ -22,8 +22,10 @@ from jbclog.app.export.csv_files import DATATYPES
 from jbclog.app.export.source import SCHEMA_OF, Source
 from jbclog.core.text import csv_cell, shortened
 
-MOST_ROWS: Final = 1_048_576  # of a sheet, with its header (Microsoft: "Excel specifications and limits")
-MOST_CHARACTERS: Final = 32_000  # of a cell: Excel takes 32 767, and what is left out is stated behind
+# of a sheet, with its header (Microsoft: "Excel specifications and limits")
+MOST_ROWS: Final = 1_048_576
+# of a cell: Excel takes 32 767, and what is left out is stated behind
+MOST_CHARACTERS: Final = 32_000
 ABOUT: Final = "about"
 WriteCell = Callable[[int, int, Any], object]
 """Writes a value into a row and a column."""
@@ -31,7 +33,12 @@ WriteCell = Callable[[int, int, Any], object]
 
 def write(source: Source, path: Path) -> dict[str, int]:
     """Write a workbook; return the rows of each table. Raises OSError, RecordError."""
-    options = {"constant_memory": True, "strings_to_formulas": False, "strings_to_urls": False, "tmpdir": str(path.parent)}
+    options = {
+        "constant_memory": True,
+        "strings_to_formulas": False,
+        "strings_to_urls": False,
+        "tmpdir": str(path.parent),
+    }
     book = Workbook(str(path), options)
     book.use_zip64()
     book.set_properties({"title": source.title, "created": _created(source)})
@@ -49,11 +56,17 @@ def _close(book: Workbook) -> None:
     try:
         book.close()
     except FileCreateError as error:
-        raise error.args[0] if error.args and isinstance(error.args[0], OSError) else OSError(str(error)) from error
+        raise (
+            error.args[0]
+            if error.args and isinstance(error.args[0], OSError)
+            else OSError(str(error))
+        ) from error
 
 
 def _created(source: Source) -> datetime:
-    """Return the start of the run, so that the same run and version give the same bytes; without one, the first day of 1980."""
+    """Return the start of the run, so that the same run and version give the same bytes; without
+    one, the first day of 1980.
+    """
     started = source.run.manifest.started
     moment = datetime(1980, 1, 1) if started is None else datetime.fromisoformat(started)  # noqa: DTZ001  # Excel has no zones
     return moment.replace(tzinfo=None, microsecond=0)
@@ -84,7 +97,9 @@ def _next_sheet(book: Workbook, table: str, names: list[str], filled: dict[str, 
 
 
 def _write_columns(sheet: Worksheet, row: int, part: pa.Table) -> None:
-    """Write the cells of some rows, each by the type of its column; a value that is not known stays an empty cell."""
+    """Write the cells of some rows, each by the type of its column; a value that is not known stays
+    an empty cell.
+    """
     writers = [_writer(sheet, field.type) for field in part.schema]
     columns = [column.to_pylist() for column in part.itercolumns()]
     for number, values in enumerate(zip(*columns, strict=True), row):
@@ -95,7 +110,9 @@ def _write_columns(sheet: Worksheet, row: int, part: pa.Table) -> None:
 
 def _writer(sheet: Worksheet, kind: pa.DataType) -> WriteCell:
     if pa.types.is_string(kind):
-        return lambda row, place, text: sheet.write_string(row, place, shortened(text, MOST_CHARACTERS))
+        return lambda row, place, text: sheet.write_string(
+            row, place, shortened(text, MOST_CHARACTERS)
+        )
     writer: WriteCell = sheet.write_boolean if pa.types.is_boolean(kind) else sheet.write_number
     return writer
 
@@ -111,7 +128,9 @@ def _write_rows(sheet: Worksheet, row: int, rows: Iterable[Iterable[object]]) ->
 
 
 def _about(source: Source, sheets: dict[str, dict[str, int]]) -> Iterator[Sequence[object]]:
-    """Yield the rows of `about`: the facts, the sheets of each table, the columns with their units."""
+    """Yield the rows of `about`: the facts, the sheets of each table, the columns with their
+    units.
+    """
     yield [source.title]
     yield from ([name, text] for name, text in source.facts.items())
     yield []
@@ -119,7 +138,10 @@ def _about(source: Source, sheets: dict[str, dict[str, int]]) -> Iterator[Sequen
     for table, filled in sheets.items():
         yield from ([table, sheet, rows] for sheet, rows in filled.items())
         if len(filled) > 1:
-            text = f"{table} has more rows than a sheet holds ({MOST_ROWS - 1}); it continues on {len(filled) - 1} further sheet(s)"
+            text = (
+                f"{table} has more rows than a sheet holds ({MOST_ROWS - 1}); it continues on"
+                f" {len(filled) - 1} further sheet(s)"
+            )
             yield [table, text]
     yield []
     yield ["table", "column", "unit", "type", "meaning"]
@@ -129,4 +151,10 @@ def _about(source: Source, sheets: dict[str, dict[str, int]]) -> Iterator[Sequen
 
 def _described(table: str, field: pa.Field) -> list[object]:
     found = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}
-    return [table, field.name, found.get("unit", ""), DATATYPES[field.type], found.get("definition") or found.get("command", "")]
+    return [
+        table,
+        field.name,
+        found.get("unit", ""),
+        DATATYPES[field.type],
+        found.get("definition") or found.get("command", ""),
+    ]

@@ -1,7 +1,9 @@
-"""The index's file: entries of bytes in one SQLite table, each with a stamp of what it was made from and a check sum.
+"""The index's file: entries of bytes in one SQLite table, each with a stamp of what it was made
+from and a check sum.
 
-The file is the user's own. What is damaged, of another version or not ours is removed and built anew; where the folder cannot be
-written there is no index. None of that is an error. Nothing is synced: a power cut costs the index at most.
+The file is the user's own. What is damaged, of another version or not ours is removed and built
+anew; where the folder cannot be written there is no index. None of that is an error. Nothing is
+synced: a power cut costs the index at most.
 """
 
 from __future__ import annotations
@@ -23,7 +25,10 @@ from jbclog.core.foreign.files import LIMITS, Kind, NotReadable, expect_regular
 
 NAME: Final = "runs-1.sqlite"  # the number: of this table
 COLUMNS: Final = {"entries": ("place", "kind", "run", "stamp", "data", "sum")}
-CREATE: Final = f"CREATE TABLE entries ({', '.join(COLUMNS['entries'])}, PRIMARY KEY (place, kind, run)) WITHOUT ROWID"
+CREATE: Final = (
+    f"CREATE TABLE entries ({', '.join(COLUMNS['entries'])}, PRIMARY KEY (place, kind, run))"
+    " WITHOUT ROWID"
+)
 DIGEST: Final = 16
 BY: Final = f"jbclog {__version__}".encode()  # another version may read a run otherwise
 BUSY_S: Final = 2.0  # for another program that writes; then this one does without
@@ -32,14 +37,22 @@ MOST_WAITING, MOST_WAIT_S = 20_000, 5.0  # entries, and the time after which the
 PAGE: Final = 4096
 SPARE_PAGES: Final = 1000
 UNUSABLE: Final = (
-    *(sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_IOERR),
+    *(
+        sqlite3.SQLITE_BUSY,
+        sqlite3.SQLITE_LOCKED,
+        sqlite3.SQLITE_READONLY,
+        sqlite3.SQLITE_CANTOPEN,
+        sqlite3.SQLITE_IOERR,
+    ),
     *(sqlite3.SQLITE_PERM, sqlite3.SQLITE_AUTH, sqlite3.SQLITE_NOMEM, sqlite3.SQLITE_INTERRUPT),
 )
 """Errors that do not come from the file's content; all others remove it, as does a full disk."""
 
 
 def cache_folder() -> Path | None:
-    """Return jbclog's folder in the user's cache folder, created if missing; None where there is none that only the user writes."""
+    """Return jbclog's folder in the user's cache folder, created if missing; None where there is
+    none that only the user writes.
+    """
     given = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
         folder = (given if given.is_absolute() else Path.home() / ".cache") / "jbclog"
@@ -49,7 +62,11 @@ def cache_folder() -> Path | None:
         there = folder.lstat()
     except (OSError, RuntimeError):
         return None
-    is_ours = stat.S_ISDIR(there.st_mode) and there.st_uid == os.geteuid() and not there.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    is_ours = (
+        stat.S_ISDIR(there.st_mode)
+        and there.st_uid == os.geteuid()
+        and not there.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    )
     return folder if is_ours else None
 
 
@@ -82,14 +99,22 @@ class IndexFile:
     def entries(self, place: bytes, kind: str) -> Entries:
         """Return the entries of a place and kind, not checked yet (`data_of`)."""
         if (place, kind) not in self._known:
-            waiting = {key[2]: entry for key, entry in self._waiting.items() if key[:2] == (place, kind)}
+            waiting = {
+                key[2]: entry for key, entry in self._waiting.items() if key[:2] == (place, kind)
+            }
             self._known[place, kind] = self._read(place, kind) | waiting
         return self._known[place, kind]
 
     def data_of(self, place: bytes, kind: str, run: bytes, stamp: bytes) -> bytes | None:
-        """Return the data of a run if they were made from files with this stamp, by this program, and are whole."""
+        """Return the data of a run if they were made from files with this stamp, by this program,
+        and are whole.
+        """
         entry = self.entries(place, kind).get(run)
-        if entry is None or entry.stamp != stamp or entry.sum != self._sum(place, kind, run, entry.stamp, entry.data):
+        if (
+            entry is None
+            or entry.stamp != stamp
+            or entry.sum != self._sum(place, kind, run, entry.stamp, entry.data)
+        ):
             return None
         return entry.data
 
@@ -103,7 +128,9 @@ class IndexFile:
             self.write()
 
     def keep_only(self, place: bytes, kind: str, runs: AbstractSet[bytes]) -> None:
-        """Write, and remove from all kinds of a place the runs whose entry of `kind` is of none of these."""
+        """Write, and remove from all kinds of a place the runs whose entry of `kind` is of none of
+        these.
+        """
         self.write()
         gone = self.entries(place, kind).keys() - runs
         if not gone:
@@ -118,7 +145,11 @@ class IndexFile:
         waiting, self._waiting, self._written_s = self._waiting, {}, time.monotonic()
         rows = [(*key, *entry) for key, entry in waiting.items()]
         if rows:
-            self._change(lambda database: database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?, ?, ?)", rows))
+            self._change(
+                lambda database: database.executemany(
+                    "INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?, ?, ?)", rows
+                )
+            )
 
     def _change(self, change: Callable[[Database], object]) -> None:
         """Make a change as a whole or not at all."""
@@ -153,11 +184,17 @@ class IndexFile:
         except sqlite3.Error as error:
             self._give_up(error)
             return {}
-        return {run: Entry(*found) for run, *found in rows if all(isinstance(one, bytes) for one in (run, *found))}
+        return {
+            run: Entry(*found)
+            for run, *found in rows
+            if all(isinstance(one, bytes) for one in (run, *found))
+        }
 
     @staticmethod
     def _sum(place: bytes, kind: str, run: bytes, stamp: bytes, data: bytes) -> bytes:
-        return blake2b(b"\0".join((BY, place, stamp, kind.encode(), run, data)), digest_size=DIGEST).digest()
+        return blake2b(
+            b"\0".join((BY, place, stamp, kind.encode(), run, data)), digest_size=DIGEST
+        ).digest()
 
     def _opened(self, path: Path) -> Database | None:
         for _ in range(2):
@@ -181,7 +218,9 @@ class IndexFile:
 
 
 def _delete(database: Database, place: bytes, runs: AbstractSet[bytes]) -> None:
-    kinds = database.execute("SELECT DISTINCT kind FROM entries WHERE place = ?", (place,)).fetchall()
+    kinds = database.execute(
+        "SELECT DISTINCT kind FROM entries WHERE place = ?", (place,)
+    ).fetchall()
     these = [(place, kind, run) for (kind,) in kinds for run in runs]
     database.executemany("DELETE FROM entries WHERE place = ? AND kind = ? AND run = ?", these)
 

@@ -4,11 +4,13 @@
         for one in index.find(Path("runs"), Filter(order="88123")):
             ...  # as `find_runs.find` yields them
 
-An entry belongs to files by their sizes, inodes and times, which are looked at each time; any write changes the time of the last
-change, which nobody can set. Files written just now are not entered, because a second write could leave the same time. A run that
-continues or was cut off, and one that cannot be read, is read each time.
+An entry belongs to files by their sizes, inodes and times, which are looked at each time; any write
+changes the time of the last change, which nobody can set. Files written just now are not entered,
+because a second write could leave the same time. A run that continues or was cut off, and one that
+cannot be read, is read each time.
 
-No entry is the truth: `check` and `report` read no index, `where-used` hashes again what it names, and ``--no-cache`` does without.
+No entry is the truth: `check` and `report` read no index, `where-used` hashes again what it names,
+and ``--no-cache`` does without.
 """
 
 from __future__ import annotations
@@ -28,7 +30,16 @@ import msgspec
 from jbclog.app.index.index_file import DIGEST, NAME, IndexFile, cache_folder
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT
-from jbclog.record.find_runs import ALL, SEALED, Filter, Found, Unreadable, find, runs_in, summary_of
+from jbclog.record.find_runs import (
+    ALL,
+    SEALED,
+    Filter,
+    Found,
+    Unreadable,
+    find,
+    runs_in,
+    summary_of,
+)
 from jbclog.record.folder import FOLDER as RECIPES
 from jbclog.record.folder import METRICS_CACHE
 from jbclog.record.manifest import NAME as MANIFEST
@@ -37,13 +48,17 @@ from jbclog.record.schema import TABLES
 if TYPE_CHECKING:
     from jbclog.analysis.stored_tables import MetricRow
 
-OF_METRICS: Final = (MANIFEST, ANNOTATIONS, REPORT, METRICS_CACHE)  # beside the tables and the recipes
+# beside the tables and the recipes
+OF_METRICS: Final = (MANIFEST, ANNOTATIONS, REPORT, METRICS_CACHE)
 FOUND: Final = "run"  # the kind of entries of runs
 SETTLED_NS: Final = 2_000_000_000  # the coarsest clock of a file system
 _TYPES: Final = {name: kind for name, kind in get_type_hints(Found).items() if name != "folder"}
 _values_of: Final = attrgetter(*_TYPES)
 _read_values: Final = msgspec.msgpack.Decoder(tuple.__class_getitem__(tuple(_TYPES.values())))
-_figures_of: Final = attrgetter("station", "port", "value", "unit", "n", "coverage", "resolution", "why")  # of a `MetricRow`
+# of a `MetricRow`
+_figures_of: Final = attrgetter(
+    "station", "port", "value", "unit", "n", "coverage", "resolution", "why"
+)
 _read_figures: Final = msgspec.msgpack.Decoder(
     list[tuple[str, int, float | None, str, int, float | None, float | None, str | None]]
 )
@@ -64,7 +79,9 @@ class Look(NamedTuple):
 
 
 class RunIndex:
-    """Runs and their metrics as `Records` reads them, with an index before it. A `Source` of `Runs`."""
+    """Runs and their metrics as `Records` reads them, with an index before it. A `Source` of
+    `Runs`.
+    """
 
     def __init__(self, file: IndexFile) -> None:
         self._file = file
@@ -84,8 +101,12 @@ class RunIndex:
                     yield run
         self._file.keep_only(place, FOUND, {os.fsencode(path.name) for path in paths})
 
-    def metrics(self, run: Found, names: Collection[str], station: str | None = None) -> list[MetricRow]:
-        """Return at least the metrics `names` of a run, as `Records` gives them. Raises `RecordError`."""
+    def metrics(
+        self, run: Found, names: Collection[str], station: str | None = None
+    ) -> list[MetricRow]:
+        """Return at least the metrics `names` of a run, as `Records` gives them. Raises
+        `RecordError`.
+        """
         from jbclog.analysis.runs import Records
         from jbclog.analysis.stored_tables import METRIC_NAMES
 
@@ -101,23 +122,37 @@ class RunIndex:
                 self._put_metrics(place, name, seen.stamp, rows)
         return [row for row in rows if station in (None, row.station)]
 
-    def _put_metrics(self, place: bytes, run: bytes, stamp: bytes, rows: Iterable[MetricRow]) -> None:
+    def _put_metrics(
+        self, place: bytes, run: bytes, stamp: bytes, rows: Iterable[MetricRow]
+    ) -> None:
         from jbclog.analysis.stored_tables import METRIC_NAMES
 
         figures: dict[str, list[object]] = {metric: [] for metric in METRIC_NAMES}
         for row in rows:
             figures.get(row.metric, []).append(_figures_of(row))
         for metric, those in figures.items():
-            self._file.put(place, metric, run, stamp, msgspec.msgpack.encode(those, enc_hook=methodcaller("item")))  # of numpy
+            # of numpy
+            self._file.put(
+                place,
+                metric,
+                run,
+                stamp,
+                msgspec.msgpack.encode(those, enc_hook=methodcaller("item")),
+            )
 
     def _place(self, folder: Path) -> bytes:
         """Return what stands for a folder of runs, however its path is written."""
         if folder not in self._places:
-            self._places[folder] = blake2b(os.fsencode(os.path.realpath(folder)), digest_size=DIGEST).digest()
+            self._places[folder] = blake2b(
+                os.fsencode(os.path.realpath(folder)), digest_size=DIGEST
+            ).digest()
         return self._places[folder]
 
     def _summary(self, place: bytes, path: Path, wanted: Filter) -> Found | Unreadable | None:
-        seen, name = _look([f"{path}/{MANIFEST}", f"{path}/{ANNOTATIONS}"], len(str(path))), os.fsencode(path.name)
+        seen, name = (
+            _look([f"{path}/{MANIFEST}", f"{path}/{ANNOTATIONS}"], len(str(path))),
+            os.fsencode(path.name),
+        )
         data = self._file.data_of(place, FOUND, name, seen.stamp)
         values = None if data is None else _decoded(_read_values, data)
         if values is not None:
@@ -129,7 +164,9 @@ class RunIndex:
             self._file.put(place, FOUND, name, seen.stamp, msgspec.msgpack.encode(_values_of(run)))
         return run
 
-    def _metrics(self, place: bytes, run: bytes, stamp: bytes, names: Collection[str]) -> list[MetricRow] | None:
+    def _metrics(
+        self, place: bytes, run: bytes, stamp: bytes, names: Collection[str]
+    ) -> list[MetricRow] | None:
         """Return the rows of these metrics; None unless the index has all of them."""
         from jbclog.analysis.stored_tables import MetricRow
 
@@ -155,7 +192,9 @@ def run_index() -> Iterator[RunIndex]:
 
 
 def _look_at_record(run: Path) -> Look | None:
-    """Look at all files on which the metrics of a run can depend; None where that is not possible."""
+    """Look at all files on which the metrics of a run can depend; None where that is not
+    possible.
+    """
     from jbclog.analysis.stored_tables import METHODS_TEXT
 
     there = [f"{run}/{name}" for name in OF_METRICS]
@@ -169,7 +208,9 @@ def _look_at_record(run: Path) -> Look | None:
 
 
 def _look(paths: Iterable[str], run: int, by: str = "") -> Look:
-    """Look at these files of a run, whose own path has so many characters. `by`: what reads them."""
+    """Look at these files of a run, whose own path has so many characters. `by`: what reads
+    them.
+    """
     now, times, facts = time.time_ns(), list[int](), list[object]([by])
     for path in paths:
         try:
@@ -178,9 +219,22 @@ def _look(paths: Iterable[str], run: int, by: str = "") -> Look:
             facts.append(error.errno)
             times += [] if error.errno == errno.ENOENT else [now]
         else:
-            facts.append((path[run:], found.st_mode, found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino))
+            facts.append(
+                (
+                    path[run:],
+                    found.st_mode,
+                    found.st_size,
+                    found.st_mtime_ns,
+                    found.st_ctime_ns,
+                    found.st_ino,
+                )
+            )
             times += [found.st_mtime_ns, found.st_ctime_ns]
-    return Look(blake2b(repr(facts).encode(errors="surrogateescape"), digest_size=DIGEST).digest(), times, now)
+    return Look(
+        blake2b(repr(facts).encode(errors="surrogateescape"), digest_size=DIGEST).digest(),
+        times,
+        now,
+    )
 
 
 def _decoded(decoder: msgspec.msgpack.Decoder[T], data: bytes) -> T | None:

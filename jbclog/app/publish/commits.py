@@ -1,11 +1,13 @@
-"""The commits of a publisher. Nothing is atomic across tables, so `runs` is last, and what it does not name does not count.
+"""The commits of a publisher. Nothing is atomic across tables, so `runs` is last, and what it does
+not name does not count.
 
-Commits to `runs` exclude each other: each records the same application, and the library refuses a commit if another one recorded it
-since the table was read. So a publisher reads `runs`, decides, and commits; where another was first, it reads and decides anew. The
-library does not refuse a repetition by itself: that the run is there already is for the publisher to find.
+Commits to `runs` exclude each other: each records the same application, and the library refuses a
+commit if another one recorded it since the table was read. So a publisher reads `runs`, decides,
+and commits; where another was first, it reads and decides anew. The library does not refuse a
+repetition by itself: that the run is there already is for the publisher to find.
 
-What an interrupted publisher left may be removed only after a commit to `runs` that says so (`fence`): a publisher that was merely
-slow finds it there, and does not name rows that are gone.
+What an interrupted publisher left may be removed only after a commit to `runs` that says so
+(`fence`): a publisher that was merely slow finds it there, and does not name rows that are gone.
 """
 
 from __future__ import annotations
@@ -36,7 +38,9 @@ CONFIGURATION: Final = {PROPERTY: str(SCHEMA)}
 
 
 def create_tables(place: Place) -> None:
-    """Create what is missing of the tables. Raises `StoreError`, also for a store of a newer jbclog."""
+    """Create what is missing of the tables. Raises `StoreError`, also for a store of a newer
+    jbclog.
+    """
     from deltalake import DeltaTable
 
     for name in TABLES:
@@ -63,8 +67,11 @@ def _create(place: Place, name: str) -> None:
         )
 
 
-def append(place: Place, name: str, publication: str, rows: Callable[[], Iterator[pa.RecordBatch]]) -> int:
-    """Commit the rows to a table and return their number, some batches a commit: the library may take a whole commit into memory.
+def append(
+    place: Place, name: str, publication: str, rows: Callable[[], Iterator[pa.RecordBatch]]
+) -> int:
+    """Commit the rows to a table and return their number, some batches a commit: the library may
+    take a whole commit into memory.
 
     Raises `StoreError`, and whatever the rows raise.
     """
@@ -72,7 +79,9 @@ def append(place: Place, name: str, publication: str, rows: Callable[[], Iterato
         counted, done = _Counted(rows()), True
         for first in counted:
             before = counted.rows - first.num_rows
-            done = _append(place, name, publication, counted, chain([first], islice(counted, BATCHES - 1)))
+            done = _append(
+                place, name, publication, counted, chain([first], islice(counted, BATCHES - 1))
+            )
             if not done and before:
                 raise StoreError(f"{place}: {name} changed meanwhile; publish again")
             if not done:
@@ -82,7 +91,9 @@ def append(place: Place, name: str, publication: str, rows: Callable[[], Iterato
     raise StoreError(f"{place}: {name} changed too often; publish again")
 
 
-def _append(place: Place, name: str, publication: str, counted: _Counted, batches: Iterator[pa.RecordBatch]) -> bool:
+def _append(
+    place: Place, name: str, publication: str, counted: _Counted, batches: Iterator[pa.RecordBatch]
+) -> bool:
     from deltalake import write_deltalake
 
     table, reader = opened(place, name), pa.RecordBatchReader.from_batches(schema_of(name), batches)
@@ -91,7 +102,12 @@ def _append(place: Place, name: str, publication: str, counted: _Counted, batche
         return committed(
             place,
             lambda: write_deltalake(
-                table, reader, mode="append", schema_mode="merge", writer_properties=writer(), commit_properties=done
+                table,
+                reader,
+                mode="append",
+                schema_mode="merge",
+                writer_properties=writer(),
+                commit_properties=done,
             ),
         )
     except Exception:
@@ -101,7 +117,9 @@ def _append(place: Place, name: str, publication: str, counted: _Counted, batche
 
 
 class _Counted(Iterator[pa.RecordBatch]):
-    """Counts the rows that pass, and keeps the error of the run that they come from: the library would make it one of the store."""
+    """Counts the rows that pass, and keeps the error of the run that they come from: the library
+    would make it one of the store.
+    """
 
     def __init__(self, batches: Iterator[pa.RecordBatch]) -> None:
         self._batches = batches
@@ -120,8 +138,12 @@ class _Counted(Iterator[pa.RecordBatch]):
         return batch
 
 
-def commit_run(place: Place, publication: str, row: Callable[[DeltaTable], pa.Table | None]) -> bool:
-    """Commit to `runs` the row that `row` decides on from the table as it is; False if it decides on none. Raises `StoreError`."""
+def commit_run(
+    place: Place, publication: str, row: Callable[[DeltaTable], pa.Table | None]
+) -> bool:
+    """Commit to `runs` the row that `row` decides on from the table as it is; False if it decides
+    on none. Raises `StoreError`.
+    """
     from deltalake import write_deltalake
 
     for _ in range(TRIES):
@@ -134,7 +156,12 @@ def commit_run(place: Place, publication: str, row: Callable[[DeltaTable], pa.Ta
         if committed(
             place,
             lambda runs=runs, chosen=chosen, done=done: write_deltalake(  # type: ignore[misc]  # of this turn of the loop
-                runs, chosen, mode="append", schema_mode="merge", writer_properties=writer(), commit_properties=done
+                runs,
+                chosen,
+                mode="append",
+                schema_mode="merge",
+                writer_properties=writer(),
+                commit_properties=done,
             ),
         ):
             return True
@@ -142,7 +169,9 @@ def commit_run(place: Place, publication: str, row: Callable[[DeltaTable], pa.Ta
 
 
 def fence(place: Place, publications: Callable[[DeltaTable], Iterable[str]]) -> list[str]:
-    """Commit to `runs` that what `publications` decides on will be removed; return it. Raises `StoreError`."""
+    """Commit to `runs` that what `publications` decides on will be removed; return it. Raises
+    `StoreError`.
+    """
     for _ in range(TRIES):
         runs = opened(place, RUNS)
         chosen = sorted(publications(runs))
@@ -162,17 +191,24 @@ def fence(place: Place, publications: Callable[[DeltaTable], Iterable[str]]) -> 
 def expect_not_fenced(place: Place, runs: DeltaTable, publication: str) -> None:
     """Raise `StoreError` if `store check` took this publication for one that was interrupted."""
     if runs.transaction_version(f"{FENCE}{publication}") is not None:
-        raise StoreError(f"{place}: `store check` removed what was written so far, as of an interrupted publisher; publish again")
+        raise StoreError(
+            f"{place}: `store check` removed what was written so far, as of an interrupted"
+            " publisher; publish again"
+        )
 
 
 def remove(place: Place, name: str, publication: str) -> None:
-    """Remove the rows of a publication from a table; its files stay until `store vacuum`. Raises `StoreError`."""
+    """Remove the rows of a publication from a table; its files stay until `store vacuum`. Raises
+    `StoreError`.
+    """
     for _ in range(TRIES):
         table = opened(place, name)
         done = properties(removed=publication)
         if committed(
             place,
-            lambda table=table, done=done: table.delete(f"publication = '{publication}'", commit_properties=done),  # type: ignore[misc]
+            lambda table=table, done=done: table.delete(
+                f"publication = '{publication}'", commit_properties=done
+            ),  # type: ignore[misc]
         ):
             return
     raise StoreError(f"{place}: {name} changed too often; check again")
@@ -198,7 +234,9 @@ def writer() -> WriterProperties:
 
 
 def committed(place: Place, commit: Callable[[], object]) -> bool:
-    """Whether the commit was made; False, after a pause, if another one came before. Raises `StoreError`."""
+    """Whether the commit was made; False, after a pause, if another one came before. Raises
+    `StoreError`.
+    """
     from deltalake.exceptions import CommitFailedError
 
     with explained(place.url):

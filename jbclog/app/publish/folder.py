@@ -27,7 +27,8 @@ class Skipped:
 
 
 def publish_all(publisher: Publisher, folder: Path) -> Iterator[Outcome | Skipped]:
-    """Publish the sealed runs directly below `folder`, or `folder` itself; yield what became of each.
+    """Publish the sealed runs directly below `folder`, or `folder` itself; yield what became of
+    each.
 
     Raises `StoreError`: where the store is away, no other run is tried.
     """

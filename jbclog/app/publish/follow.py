@@ -1,7 +1,8 @@
 """Publishes what is sealed while a line runs, for days: also where the store is away for a while.
 
-An error of the store (`StoreError`) is no fault of a run: the run is tried again, after a pause that grows, and the trouble is
-named once. A run that is refused is tried again when one of its files changes.
+An error of the store (`StoreError`) is no fault of a run: the run is tried again, after a pause
+that grows, and the trouble is named once. A run that is refused is tried again when one of its
+files changes.
 """
 
 from __future__ import annotations
@@ -36,7 +37,9 @@ class Trouble:
 
 
 class Follower:
-    """Publishes what is sealed, or annotated, since it was asked last. Ask again after `pause_s`."""
+    """Publishes what is sealed, or annotated, since it was asked last. Ask again after
+    `pause_s`.
+    """
 
     def __init__(self, publisher: Publisher, folder: Path) -> None:
         self._publisher, self._folder = publisher, folder
@@ -46,7 +49,8 @@ class Follower:
         self.pause_s = LOOK_EVERY_S
 
     def poll(self) -> Iterator[Outcome | Skipped | Trouble]:
-        """Yield what became of each sealed run that is new or changed, and trouble where it begins and ends.
+        """Yield what became of each sealed run that is new or changed, and trouble where it begins
+        and ends.
 
         Raises `UsageError` if a store that was away comes back as one where commits are not safe.
         """
@@ -58,13 +62,17 @@ class Follower:
         except StoreError as error:
             yield from self._away(f"{error}; what is left is tried again until it is published")
         except OSError as error:
-            yield from self._away(f"{self._folder} cannot be read: {error.strerror or error}; it is tried again")
+            yield from self._away(
+                f"{self._folder} cannot be read: {error.strerror or error}; it is tried again"
+            )
         else:
             self._is_away, self.pause_s = False, LOOK_EVERY_S
             yield from self._back()
 
     def _changed(self) -> Iterator[Outcome | Skipped | Trouble]:
-        """Publish what changed; those for which the store failed come last, so that they block no other."""
+        """Publish what changed; those for which the store failed come last, so that they block no
+        other.
+        """
         for path in sorted(self._folder.iterdir(), key=lambda path: (self._failed[path], path)):
             look, before = self._seen.get(path, (_state, ()))
             now = look(path)
@@ -106,7 +114,11 @@ def _state(folder: Path) -> State:
 
 def _all_files(folder: Path) -> State:
     """Return what changes when somebody mends a run that was refused."""
-    return tuple((root, name, _facts(Path(root, name))) for root, _, names in os.walk(folder) for name in sorted(names))
+    return tuple(
+        (root, name, _facts(Path(root, name)))
+        for root, _, names in os.walk(folder)
+        for name in sorted(names)
+    )
 
 
 def _facts(file: Path) -> State:

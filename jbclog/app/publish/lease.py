@@ -1,7 +1,9 @@
-"""Which publishers are at work in a store, on any host: each has a lease there, renewed while it works.
+"""Which publishers are at work in a store, on any host: each has a lease there, renewed while it
+works.
 
-A lease is an empty table of Delta Lake below `_publishers`, whose description names host, boot and process. It keeps `store
-check` and `store vacuum` from working beside a publisher. What they do would be safe without it: see `commits.fence`.
+A lease is an empty table of Delta Lake below `_publishers`, whose description names host, boot and
+process. It keeps `store check` and `store vacuum` from working beside a publisher. What they do
+would be safe without it: see `commits.fence`.
 """
 
 from __future__ import annotations
@@ -82,7 +84,9 @@ class Found:
 
 
 class Lease:
-    """A publisher's own lease. `publisher` is its name; `new_publication` gives names to what it publishes."""
+    """A publisher's own lease. `publisher` is its name; `new_publication` gives names to what it
+    publishes.
+    """
 
     def __init__(self, place: Place) -> None:
         self.publisher = secrets.token_hex(6)
@@ -94,7 +98,12 @@ class Lease:
         from deltalake import DeltaTable
 
         said = json.dumps(asdict(Holder(socket.gethostname(), boot_id(), os.getpid())))
-        return DeltaTable.create(self._place.of(self._name), SCHEMA, description=said, storage_options=self._place.options)
+        return DeltaTable.create(
+            self._place.of(self._name),
+            SCHEMA,
+            description=said,
+            storage_options=self._place.options,
+        )
 
     @property
     def _name(self) -> str:
@@ -106,7 +115,9 @@ class Lease:
         return f"{self.publisher}-{self._count}"
 
     def renew(self) -> None:
-        """Show that the publisher works, at most once a minute. That it cannot is no error: nothing depends on a lease."""
+        """Show that the publisher works, at most once a minute. That it cannot is no error: nothing
+        depends on a lease.
+        """
         if time.monotonic() - self._renewed < RENEWED_S:
             return
         self._renewed = time.monotonic()
@@ -114,7 +125,9 @@ class Lease:
             self._renew()
 
     def _renew(self) -> None:
-        """Commit to the lease; make it anew if it was swept away. Where the whole store is gone, as a share is, make nothing."""
+        """Commit to the lease; make it anew if it was swept away. Where the whole store is gone, as
+        a share is, make nothing.
+        """
         if self._is_table(self._name):
             self._table.create_write_transaction([], "append", SCHEMA)
         elif self._is_table(RUNS):

@@ -1,7 +1,8 @@
-"""Removes the rows of publications that did not come as far as `runs`: a publisher's own after an error, others' by `store check`.
+"""Removes the rows of publications that did not come as far as `runs`: a publisher's own after an
+error, others' by `store check`.
 
-First a commit to `runs` records which publications are dead (`commits.fence`), so that no publisher that was merely slow, and no
-commit that is still on its way, names rows that are gone.
+First a commit to `runs` records which publications are dead (`commits.fence`), so that no publisher
+that was merely slow, and no commit that is still on its way, names rows that are gone.
 """
 
 from __future__ import annotations
@@ -18,8 +19,12 @@ Left = Mapping[str, AbstractSet[str]]
 
 
 def swept(place: Place, left: Left) -> Iterator[tuple[str, str]]:
-    """Remove the rows of those publications that `runs` does not name; yield table and publication. Raises `StoreError`."""
-    for publication in fence(place, lambda runs: left.keys() - named(Store(place, runs))) if left else ():
+    """Remove the rows of those publications that `runs` does not name; yield table and publication.
+    Raises `StoreError`.
+    """
+    for publication in (
+        fence(place, lambda runs: left.keys() - named(Store(place, runs))) if left else ()
+    ):
         for table in sorted(left[publication]):
             remove(place, table, publication)
             yield table, publication

@@ -1,7 +1,8 @@
 """Publishes sealed runs into a store: each once, whole, and anew where annotations were added.
 
-A run is looked up, checked, written table by table under a publication's name that nobody else has, and named in `runs` last. What
-does not come that far does not count, and is removed: by this publisher, or by `store check` if it was killed.
+A run is looked up, checked, written table by table under a publication's name that nobody else has,
+and named in `runs` last. What does not come that far does not count, and is removed: by this
+publisher, or by `store check` if it was killed.
 """
 
 from __future__ import annotations
@@ -63,9 +64,11 @@ class Outcome:
 
 
 class Publisher(AbstractContextManager["Publisher"]):
-    """Publishes runs into the store at `place`, which is created if it is missing; with a lease while a `with` lasts.
+    """Publishes runs into the store at `place`, which is created if it is missing; with a lease
+    while a `with` lasts.
 
-    Raises `UsageError` for a place where commits are not safe, `RecordError` for one that cannot be written.
+    Raises `UsageError` for a place where commits are not safe, `RecordError` for one that cannot be
+    written.
     """
 
     def __init__(self, place: Place) -> None:
@@ -88,7 +91,8 @@ class Publisher(AbstractContextManager["Publisher"]):
     def publish(self, folder: Path) -> Outcome:
         """Publish the sealed run in `folder`.
 
-        Raises `RecordError` for a run that is not sealed, not whole, or another one; `StoreError` where the store is away.
+        Raises `RecordError` for a run that is not sealed, not whole, or another one; `StoreError`
+        where the store is away.
         """
         for _ in range(TRIES):
             identity = identity_of(folder)
@@ -97,7 +101,9 @@ class Publisher(AbstractContextManager["Publisher"]):
                 return Outcome(identity.run, DONE[step], known.version)
             expect_whole(folder)
             self._sweep()
-            writing = _Writing(self.place, self._lease, open_run(folder), _summary(folder), identity)
+            writing = _Writing(
+                self.place, self._lease, open_run(folder), _summary(folder), identity
+            )
             try:
                 found = writing.publish(known if step is Step.FINDINGS else None)
             finally:
@@ -105,14 +111,17 @@ class Publisher(AbstractContextManager["Publisher"]):
                 self._seen.pop(identity.run, None)
             if found is not None:
                 return found
-        raise RecordError(f"{folder}: annotations were added while it was published; publish it again")
+        raise RecordError(
+            f"{folder}: annotations were added while it was published; publish it again"
+        )
 
     def renew(self) -> None:
         """Show that this publisher is at work."""
         self._lease.renew()
 
     def reopen(self) -> None:
-        """Try a store that was away. Raises `StoreError` if it still is, `UsageError` if commits are not safe there now.
+        """Try a store that was away. Raises `StoreError` if it still is, `UsageError` if commits
+        are not safe there now.
 
         It is never made anew: a share that is not mounted is an empty folder.
         """
@@ -127,7 +136,9 @@ class Publisher(AbstractContextManager["Publisher"]):
             self._left.clear()
 
     def _known(self, identity: Identity) -> tuple[Published | None, Step]:
-        """Return the run as the store has it, and what is left to publish. No run leaves a store, so what was seen is there."""
+        """Return the run as the store has it, and what is left to publish. No run leaves a store,
+        so what was seen is there.
+        """
         known = self._seen.get(identity.run)
         step = identity.step(known.identity if known else None)
         if step not in DONE:
@@ -141,8 +152,16 @@ class Publisher(AbstractContextManager["Publisher"]):
 class _Writing:
     """One publication of a run."""
 
-    def __init__(self, place: Place, lease: Lease, run: Run, found: Found, identity: Identity) -> None:
-        self._place, self._lease, self._run, self._found, self._identity = place, lease, run, found, identity
+    def __init__(
+        self, place: Place, lease: Lease, run: Run, found: Found, identity: Identity
+    ) -> None:
+        self._place, self._lease, self._run, self._found, self._identity = (
+            place,
+            lease,
+            run,
+            found,
+            identity,
+        )
         self._publication = lease.new_publication()
         self._files: list[tuple[str, bytes]] = []
         self._written: dict[str, int] = {}
@@ -150,9 +169,11 @@ class _Writing:
         self._decided: tuple[Outcome, frozenset[str]] | None = None
 
     def publish(self, known: Published | None) -> Outcome | None:
-        """Publish it whole, or only what is new against `known`; None if the run was annotated meanwhile.
+        """Publish it whole, or only what is new against `known`; None if the run was annotated
+        meanwhile.
 
-        An error of the commit to `runs` leaves open whether it was made: then nothing is removed here, see `left`.
+        An error of the commit to `runs` leaves open whether it was made: then nothing is removed
+        here, see `left`.
         """
         try:
             for table in DATA if known is None else FINDINGS:
@@ -177,7 +198,9 @@ class _Writing:
     def _append(self, table: str) -> int:
         def rows() -> Iterator[pa.RecordBatch]:
             pieces = self._renewing(rows_of(self._run, table))
-            return stamped(pieces, table, self._identity.run, self._publication, partition_of(self._found))
+            return stamped(
+                pieces, table, self._identity.run, self._publication, partition_of(self._found)
+            )
 
         return append(self._place, table, self._publication, rows)
 
@@ -200,21 +223,32 @@ class _Writing:
     def _new_row(self, known: Published | None) -> pa.Table:
         ours, version = self._publication, 1 if known is None else known.version + 1
         if known is None and self._written.keys() != set(DATA):
-            raise StoreError(f"{self._place}: {self._identity.run} was removed meanwhile; publish it again")
+            raise StoreError(
+                f"{self._place}: {self._identity.run} was removed meanwhile; publish it again"
+            )
         result = Result.PUBLISHED if known is None else Result.VERSIONED
-        self._decided = Outcome(self._identity.run, result, version), frozenset(DATA if known is None else FINDINGS)
+        self._decided = (
+            Outcome(self._identity.run, result, version),
+            frozenset(DATA if known is None else FINDINGS),
+        )
         return run_row(
             self._found,
             self._identity,
             version=version,
             publications=(ours if known is None else known.record, ours),
             publisher=socket.gethostname(),
-            rows=self._written if known is None else {**known.rows, **{table: self._written[table] for table in FINDINGS}},
+            rows=(
+                self._written
+                if known is None
+                else {**known.rows, **{table: self._written[table] for table in FINDINGS}}
+            ),
             files=self._files,
         )
 
     def _remove(self, named: frozenset[str]) -> None:
-        """Remove the rows that `runs` does not name. What fails here does not count anyway; it stays `left`."""
+        """Remove the rows that `runs` does not name. What fails here does not count anyway; it
+        stays `left`.
+        """
         self._begun -= named
         with suppress(StoreError):
             for table in sorted(self._begun):
@@ -225,10 +259,15 @@ class _Writing:
 
 def expect_whole(folder: Path) -> None:
     """Raise `RecordError` for a run in which `jbclog check` finds something."""
-    found = [str(one) for one in check(folder)] or check_verdict(folder, read_manifest(folder)).differing
+    found = [str(one) for one in check(folder)] or check_verdict(
+        folder, read_manifest(folder)
+    ).differing
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
-        raise RecordError(f"{folder}: {found[0]}{more}; nothing was published. `jbclog check {folder}` lists all findings")
+        raise RecordError(
+            f"{folder}: {found[0]}{more}; nothing was published. `jbclog check {folder}` lists all"
+            " findings"
+        )
 
 
 def _summary(folder: Path) -> Found:

@@ -1,8 +1,9 @@
 """Whether commits in a place exclude each other; a store is never written where they do not.
 
-A commit of Delta Lake is a file of the next number, which only one writer may create: in a folder by a hard link to a finished
-file, in S3 by a conditional write (`If-None-Match`). A share without hard links, or a server that ignores the condition, would
-let one publisher overwrite another's commit without notice. Both are tried in a folder of their own, which is removed again.
+A commit of Delta Lake is a file of the next number, which only one writer may create: in a folder
+by a hard link to a finished file, in S3 by a conditional write (`If-None-Match`). A share without
+hard links, or a server that ignores the condition, would let one publisher overwrite another's
+commit without notice. Both are tried in a folder of their own, which is removed again.
 """
 
 from __future__ import annotations
@@ -27,13 +28,26 @@ if TYPE_CHECKING:
 PROBE: Final = "_probe-"
 WRITERS: Final = 4
 ROUNDS: Final = 2
-GONE_OR_FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.ESTALE, errno.EROFS, errno.ENODEV, errno.ETIMEDOUT)
+GONE_OR_FULL: Final = (
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.EIO,
+    errno.ESTALE,
+    errno.EROFS,
+    errno.ENODEV,
+    errno.ETIMEDOUT,
+)
 SCHEMA: Final = pa.schema([pa.field("writer", pa.int64())])
-ADVICE: Final = "use a local disk, a share with hard links (NFS, SMB 3), or S3 with conditional writes; nothing was written"
+ADVICE: Final = (
+    "use a local disk, a share with hard links (NFS, SMB 3), or S3 with conditional writes; nothing"
+    " was written"
+)
 
 
 def expect_safe(place: Place) -> None:
-    """Raise `UsageError` where two publishers could overwrite each other's commits, `StoreError` where nothing can be written."""
+    """Raise `UsageError` where two publishers could overwrite each other's commits, `StoreError`
+    where nothing can be written.
+    """
     name = f"{PROBE}{secrets.token_hex(4)}"
     if not place.is_remote:
         _make(place)
@@ -53,7 +67,9 @@ def _make(place: Place) -> None:
 
 
 def _expect_exclusive_names(folder: Path, name: str) -> None:
-    """Raise `UsageError` unless a second link to a name is refused, and a rename keeps the content."""
+    """Raise `UsageError` unless a second link to a name is refused, and a rename keeps the
+    content.
+    """
     first, second, third = (folder / f"{name}.{end}" for end in ("a", "b", "c"))
     try:
         first.write_bytes(b"1")
@@ -64,12 +80,16 @@ def _expect_exclusive_names(folder: Path, name: str) -> None:
             second.rename(third)
             if third.stat().st_nlink == 2 and not second.exists():
                 return
-        raise UsageError(f"{folder}: this file system lets a second writer take the name of a finished file; {ADVICE}")
+        raise UsageError(
+            f"{folder}: this file system lets a second writer take the name of a finished file;"
+            f" {ADVICE}"
+        )
     except OSError as error:
         why = error.strerror or error
         if error.errno not in GONE_OR_FULL and first.exists() and not second.exists():
             raise UsageError(
-                f"{folder}: this file system has no hard links ({why}), so commits are not atomic; {ADVICE}"
+                f"{folder}: this file system has no hard links ({why}), so commits are not atomic;"
+                f" {ADVICE}"
             ) from error
         raise StoreError(f"{folder} cannot be a store: {why}") from error
     finally:
@@ -91,11 +111,15 @@ def _race(place: Place, name: str) -> None:
 
         start.wait()
         with explained(place.url):
-            table.create_write_transaction([], "append", SCHEMA, commit_properties=CommitProperties(max_commit_retries=20))
+            table.create_write_transaction(
+                [], "append", SCHEMA, commit_properties=CommitProperties(max_commit_retries=20)
+            )
 
     with ThreadPoolExecutor(WRITERS) as pool:
         [*pool.map(commit, tables)]
     last = place.table(name).version()
     if last != WRITERS:
         lost = f"of {WRITERS} commits at once {WRITERS - last} were overwritten"
-        raise UsageError(f"{place}: {lost}: this storage has no conditional writes (If-None-Match); {ADVICE}")
+        raise UsageError(
+            f"{place}: {lost}: this storage has no conditional writes (If-None-Match); {ADVICE}"
+        )

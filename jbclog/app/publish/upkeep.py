@@ -1,4 +1,6 @@
-"""Keeps a store: finds damage, removes what interrupted publishers left, joins small files, deletes files that no version needs."""
+"""Keeps a store: finds damage, removes what interrupted publishers left, joins small files, deletes
+files that no version needs.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ MOST_NAMED: Final = 20  # files or runs in a finding of their own
 
 @dataclass(slots=True)
 class Checked:
-    """What a check found: damage; what interrupted publishers left; what was removed; and what else to know."""
+    """What a check found: damage; what interrupted publishers left; what was removed; and what else
+    to know.
+    """
 
     runs: int = 0
     findings: list[str] = field(default_factory=list)
@@ -40,7 +44,8 @@ class Checked:
 
 
 def check(place: Place, older_than: timedelta = SWEPT_AFTER) -> Checked:
-    """Check a store; remove what interrupted publishers left and what is older. Raises `RecordError` where it cannot be read.
+    """Check a store; remove what interrupted publishers left and what is older. Raises
+    `RecordError` where it cannot be read.
 
     Nothing is removed beside a publisher that may be at work.
     """
@@ -57,7 +62,15 @@ def check(place: Place, older_than: timedelta = SWEPT_AFTER) -> Checked:
             found.findings.append(str(error))
             continue
         for publication in counts.keys() - {one.publication(table) for one in entries}:
-            _sort_out(found, left, table, publication, counts[publication], written.get(publication), older_than)
+            _sort_out(
+                found,
+                left,
+                table,
+                publication,
+                counts[publication],
+                written.get(publication),
+                older_than,
+            )
     found.findings += _twice(entries)
     _sweep(place, found, left)
     return found
@@ -86,14 +99,18 @@ def _sweep(place: Place, found: Checked, left: Mapping[str, set[str]]) -> None:
     if at_work:
         found.notes += [f"a publisher is at work, so nothing was removed: {one}" for one in at_work]
         return
-    found.removed += [f"{table}: rows of {publication}" for table, publication in swept(place, left)]
+    found.removed += [
+        f"{table}: rows of {publication}" for table, publication in swept(place, left)
+    ]
     for folder in [*(f"{FOLDER}/{one.publisher}" for one in leases(place)), *_probes(place)]:
         place.remove(folder)
         found.removed.append(folder)
 
 
 def _probes(place: Place) -> list[str]:
-    return sorted({file.name.partition("/")[0] for file in place.listed("") if file.name.startswith(PROBE)})
+    return sorted(
+        {file.name.partition("/")[0] for file in place.listed("") if file.name.startswith(PROBE)}
+    )
 
 
 def _counted(store: Store, table: str) -> Counter[str]:
@@ -108,8 +125,18 @@ def _counted(store: Store, table: str) -> Counter[str]:
         with explained(store.place.url):
             for fragment in store.dataset(table).get_fragments():
                 if unquote(fragment.path) in mixed:
-                    names = pc.value_counts(fragment.to_table(columns=["publication"])["publication"])
-                    counts.update(dict(zip(names.field("values").to_pylist(), names.field("counts").to_pylist(), strict=True)))
+                    names = pc.value_counts(
+                        fragment.to_table(columns=["publication"])["publication"]
+                    )
+                    counts.update(
+                        dict(
+                            zip(
+                                names.field("values").to_pylist(),
+                                names.field("counts").to_pylist(),
+                                strict=True,
+                            )
+                        )
+                    )
     return counts
 
 
@@ -129,18 +156,26 @@ def _written(store: Store, table: str) -> dict[str, datetime]:
     return found
 
 
-def _damage(store: Store, table: str, entries: list[Published], counts: Mapping[str, int]) -> Iterator[str]:
-    """Yield a sentence for each run whose rows are not all there, and for files that are missing or of another size."""
+def _damage(
+    store: Store, table: str, entries: list[Published], counts: Mapping[str, int]
+) -> Iterator[str]:
+    """Yield a sentence for each run whose rows are not all there, and for files that are missing or
+    of another size.
+    """
     expected = {one.publication(table): one for one in entries}
     wrong = [one for name, one in expected.items() if counts.get(name, 0) != one.rows[table]]
     for one in wrong[:MOST_NAMED]:
         rows = f"{counts.get(one.publication(table), 0)} of {one.rows[table]} rows"
-        yield f"{table}: {one.identity.run} version {one.version}: {rows} are there; publish the run into a new store"
+        yield (
+            f"{table}: {one.identity.run} version {one.version}: {rows} are there; publish the run"
+            " into a new store"
+        )
     if len(wrong) > MOST_NAMED:
         yield f"{table}: and {len(wrong) - MOST_NAMED} more runs"
     there = {file.name.removeprefix(f"{table}/"): file.size for file in store.place.listed(table)}
     bad = [
-        f"{table}/{path}: {'is missing' if path not in there else f'has {there[path]} bytes, the log says {size}'}"
+        f"{table}/{path}:"
+        f" {'is missing' if path not in there else f'has {there[path]} bytes, the log says {size}'}"
         for path, size in _files(store.table(table))
         if there.get(path) != size
     ]
@@ -152,16 +187,26 @@ def _damage(store: Store, table: str, entries: list[Published], counts: Mapping[
 def _files(table: DeltaTable) -> Iterator[tuple[str, int]]:
     """Yield path and size of each file of a table."""
     files = actions_of(table)
-    return ((unquote(path), size) for path, size in zip(*(files[name].to_pylist() for name in ("path", "size_bytes")), strict=True))
+    return (
+        (unquote(path), size)
+        for path, size in zip(
+            *(files[name].to_pylist() for name in ("path", "size_bytes")), strict=True
+        )
+    )
 
 
 def _twice(entries: list[Published]) -> Iterator[str]:
     counts = Counter((one.identity.run, one.version) for one in entries)
-    yield from (f"{RUNS}: {run} version {version} is there {count} times" for (run, version), count in counts.items() if count > 1)
+    yield from (
+        f"{RUNS}: {run} version {version} is there {count} times"
+        for (run, version), count in counts.items()
+        if count > 1
+    )
 
 
 def compact(place: Place) -> dict[str, tuple[int, int]]:
-    """Join small files of each table and partition; return how many files were replaced by how many. Raises `RecordError`.
+    """Join small files of each table and partition; return how many files were replaced by how
+    many. Raises `RecordError`.
 
     May run beside publishers. The files that were replaced stay until `vacuum`.
     """
@@ -169,7 +214,11 @@ def compact(place: Place) -> dict[str, tuple[int, int]]:
     found = {}
     for name in TABLES:
         report: dict[str, int] = {}
-        if not committed(place, lambda name=name, report=report: report.update(_compacted(place, name))):  # type: ignore[misc]
+
+        def compact(name: str = name, report: dict[str, int] = report) -> None:
+            report.update(_compacted(place, name))
+
+        if not committed(place, compact):
             raise RecordError(f"{place}: {name} changed meanwhile; compact it again")
         found[name] = report["numFilesRemoved"], report["numFilesAdded"]
     return found
@@ -177,20 +226,32 @@ def compact(place: Place) -> dict[str, tuple[int, int]]:
 
 def _compacted(place: Place, name: str) -> dict[str, int]:
     table = Store(place).table(name)
-    return dict(table.optimize.compact(max_concurrent_tasks=1, writer_properties=writer(), commit_properties=properties()))
+    return dict(
+        table.optimize.compact(
+            max_concurrent_tasks=1, writer_properties=writer(), commit_properties=properties()
+        )
+    )
 
 
 def vacuum(place: Place, days: float = LEAST_DAYS) -> dict[str, int]:
-    """Delete files that no version of the last `days` needs; return the number for each table. Raises `RecordError`.
+    """Delete files that no version of the last `days` needs; return the number for each table.
+    Raises `RecordError`.
 
-    Raises `UsageError` for less than seven days, and beside a publisher: its files are in no version yet.
+    Raises `UsageError` for less than seven days, and beside a publisher: its files are in no
+    version yet.
     """
     if days < LEAST_DAYS:
-        raise UsageError(f"--days {days:g}: must be {LEAST_DAYS} or more: readers and publishers may still use younger files")
+        raise UsageError(
+            f"--days {days:g}: must be {LEAST_DAYS} or more: readers and publishers may still use"
+            " younger files"
+        )
     expect_library()
     at_work = live(place)
     if at_work:
-        raise UsageError(f"{place}: a publisher is at work ({at_work[0]}); nothing was deleted. Try again when it has ended")
+        raise UsageError(
+            f"{place}: a publisher is at work ({at_work[0]}); nothing was deleted. Try again when"
+            " it has ended"
+        )
     return {name: _vacuumed(place, name, days) for name in TABLES}
 
 

@@ -1,8 +1,9 @@
 """Ends a run when it has recorded the requested number of units or joints.
 
-The feed of serials (`unit_feed`) counts units. A process beside the recorder (`live/joint_counter`) counts joints of all stations
-in the recorded data, as `Run.joints` does afterwards. If the joints cannot be counted, they end no run. The run ends at the first
-number reached, some seconds after the last joint. The manifest has the joints counted once more in the whole sealed record.
+The feed of serials (`unit_feed`) counts units. A process beside the recorder (`live/joint_counter`)
+counts joints of all stations in the recorded data, as `Run.joints` does afterwards. If the joints
+cannot be counted, they end no run. The run ends at the first number reached, some seconds after the
+last joint. The manifest has the joints counted once more in the whole sealed record.
 """
 
 from __future__ import annotations
@@ -30,15 +31,21 @@ Note = Callable[[str, str, Severity, float | None], None]
 
 
 def pause_s(missing: int, ports: int, took_s: float) -> float:
-    """Return how long to wait until all missing joints can have been made, and at least `REST` times as long as a count took."""
+    """Return how long to wait until all missing joints can have been made, and at least `REST`
+    times as long as a count took.
+    """
     soonest = LEAST_JOINT_S * missing / max(ports, 1)
     return max(min(max(soonest, LEAST_PAUSE_S), MOST_PAUSE_S), REST * took_s)
 
 
 class Goals:
-    """The goals of a run. Calls `end` once, with the reason, when one of them is reached; `note` with events for the record."""
+    """The goals of a run. Calls `end` once, with the reason, when one of them is reached; `note`
+    with events for the record.
+    """
 
-    def __init__(self, goals: Sequence[Goal], note: Note, end: Callable[[str], None], units: UnitFeed | None) -> None:
+    def __init__(
+        self, goals: Sequence[Goal], note: Note, end: Callable[[str], None], units: UnitFeed | None
+    ) -> None:
         self.is_met = False
         self._goals = list(goals)
         self._note = note
@@ -51,7 +58,8 @@ class Goals:
     def begin(self, folder: Path) -> None:
         """Start to count. Call it when the record has begun."""
         if any(goal.what == JOINTS for goal in self._goals):
-            from jbclog.live.joint_numbers import JointCounting  # only where it is wanted: it takes a while to load
+            # only where it is wanted: it takes a while to load
+            from jbclog.live.joint_numbers import JointCounting
 
             self._counting = JointCounting(folder)
 
@@ -71,8 +79,13 @@ class Goals:
         return [replace(goal, reached=self.count(goal)) for goal in self._goals]
 
     def reached(self) -> list[Goal]:
-        """Return the goals with their results, once the record is sealed. Waits until the joints are counted."""
-        return [self._joints_reached(goal) if goal.what == JOINTS else self._units_reached(goal) for goal in self._goals]
+        """Return the goals with their results, once the record is sealed. Waits until the joints
+        are counted.
+        """
+        return [
+            self._joints_reached(goal) if goal.what == JOINTS else self._units_reached(goal)
+            for goal in self._goals
+        ]
 
     def close(self) -> None:
         """Stop counting."""
@@ -107,11 +120,18 @@ class Goals:
 
     def _cannot_count(self, why: str) -> None:
         self.close()
-        text = f"The joints of this run cannot be counted any more ({why}); it will not be ended by their number."
+        text = (
+            f"The joints of this run cannot be counted any more ({why}); it will not be ended by"
+            " their number."
+        )
         self._note("run.uncounted", text, Severity.WARNING, self._joints)
 
     def _units_reached(self, goal: Goal) -> Goal:
-        on_bench = self._units.on_bench_at_end if self._units is not None and self._finished < goal.wanted else None
+        on_bench = (
+            self._units.on_bench_at_end
+            if self._units is not None and self._finished < goal.wanted
+            else None
+        )
         text = f"{_count_text(goal, self._finished)}."
         text += f" Unit {on_bench} was on the bench when the run ended." if on_bench else ""
         return replace(goal, reached=self._finished, text=text)
@@ -123,7 +143,11 @@ class Goals:
         self.close()
         if counted is None:
             return replace(goal, text=f"How many joints there are could not be counted: {why}.")
-        return replace(goal, reached=counted.found, text=f"{_count_text(goal, counted.found)}{_not_known(counted)}.")
+        return replace(
+            goal,
+            reached=counted.found,
+            text=f"{_count_text(goal, counted.found)}{_not_known(counted)}.",
+        )
 
 
 def _not_known(counted: Counted) -> str:

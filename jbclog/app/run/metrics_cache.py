@@ -1,7 +1,9 @@
-"""Leaves the metrics of a finished run beside it, for `jbclog trend`: ``python -m jbclog.app.run.metrics_cache RUN``.
+"""Leaves the metrics of a finished run beside it, for `jbclog trend`: ``python -m
+jbclog.app.run.metrics_cache RUN``.
 
-They need pandas and seconds of computing time, so a process of lowest priority computes them. It begins when the tools are safe and
-the run is sealed, and nobody waits for it: without it, or where it is killed, a trend computes the same from the record.
+They need pandas and seconds of computing time, so a process of lowest priority computes them. It
+begins when the tools are safe and the run is sealed, and nobody waits for it: without it, or where
+it is killed, a trend computes the same from the record.
 """
 
 from __future__ import annotations
@@ -27,7 +29,9 @@ OWN_SCORE: Final = Path("/proc/self/oom_score_adj")
 
 
 def start_metrics(folder: Path, manifest: Manifest) -> subprocess.Popen[bytes] | None:
-    """Start the process for a run with samples, and return it. Does not wait for it, except where it would end with this one."""
+    """Start the process for a run with samples, and return it. Does not wait for it, except where
+    it would end with this one.
+    """
     has_samples = any(facts.first_tick is not None for facts in manifest.stations)
     if os.environ.get(OFF) or manifest.state != RunState.SEALED or not has_samples:
         return None
@@ -46,7 +50,9 @@ def start_metrics(folder: Path, manifest: Manifest) -> subprocess.Popen[bytes] |
 
 
 def _is_of_a_service() -> bool:
-    """Whether the system ends all other processes when this one ends: the first of a container, or a service's own (systemd)."""
+    """Whether the system ends all other processes when this one ends: the first of a container, or
+    a service's own (systemd).
+    """
     return os.getpid() == 1 or os.environ.get("SYSTEMD_EXEC_PID") == str(os.getpid())
 
 

@@ -1,7 +1,8 @@
 """Plans a run from files and options.
 
-`make_plan` reads the line file and the recipes and checks everything that can be checked without sending a byte; it reports all
-mistakes at once. `station_tasks` turns a plan into the tasks of the sessions.
+`make_plan` reads the line file and the recipes and checks everything that can be checked without
+sending a byte; it reports all mistakes at once. `station_tasks` turns a plan into the tasks of the
+sessions.
 """
 
 from __future__ import annotations
@@ -14,7 +15,13 @@ from pathlib import Path
 from jbclog.config.line import IS_A_RECIPE, Line, Replay, StationSpec, is_served_here, load_line
 from jbclog.config.load_recipe import IS_A_LINE, load_recipe, long_feed
 from jbclog.config.recipe import Recipe
-from jbclog.config.recipe_settings import Setting, condition_of, foreign_keys, settings_for, station_settings_for
+from jbclog.config.recipe_settings import (
+    Setting,
+    condition_of,
+    foreign_keys,
+    settings_for,
+    station_settings_for,
+)
 from jbclog.core.errors import Problem, Problems, UsageError
 from jbclog.core.rows import JOINTS, UNITS, Goal
 from jbclog.protocol.commands.family import FAMILIES, Family
@@ -28,8 +35,8 @@ WORK = ("working", "on")  # statuses that heat
 PORTS = (1, 2, 3, 4)  # of any station
 ANSWERING_PORTS = (1,)  # assumed if only the station knows its ports
 NOT_BESIDE_REPLAY = (
-    "may be a real station, which must not run with the timing of [replay]: only `jbclog replay` writes that table, with urls "
-    "below the file's own folder or on this machine; remove it"
+    "may be a real station, which must not run with the timing of [replay]: only `jbclog replay`"
+    " writes that table, with urls below the file's own folder or on this machine; remove it"
 )
 PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys")
 
@@ -50,7 +57,11 @@ class Metadata:
 
     def missing(self, required: Sequence[str]) -> list[str]:
         """Return the required names that were not given, as options of the command line."""
-        given: dict[str, object] = {"operator": self.operator, "order": self.order, "product": self.product}
+        given: dict[str, object] = {
+            "operator": self.operator,
+            "order": self.order,
+            "product": self.product,
+        }
         given |= {"unit": self.units or self.reads_units, "tip": self.tips}
         given |= {"wire_lot": self.wire_lots, "flux_lot": self.flux_lots}
         given_or_tags = {**given, **{f"tag.{name}": value for name, value in self.tags.items()}}
@@ -58,16 +69,21 @@ class Metadata:
 
 
 def _option(name: str) -> str:
-    return f"--tag {name.removeprefix('tag.')}=…" if name.startswith("tag.") else f"--{name.replace('_', '-')} …"
+    return (
+        f"--tag {name.removeprefix('tag.')}=…"
+        if name.startswith("tag.")
+        else f"--{name.replace('_', '-')} …"
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
     """The options of a run. `rate` is Hz, ``auto``, ``fit``, ``max``, or None for the recipe's.
 
-    `metadata` is None in a dry run, where nobody was asked yet. `wire`: keep a serial capture. `allow_missing`: leave out stations
-    that do not start. `guard`: a guard makes the tools safe if the recorder dies. The run ends after so many finished units, joints
-    of all stations, or `duration_s`, whichever comes first; without any of them when the user ends it.
+    `metadata` is None in a dry run, where nobody was asked yet. `wire`: keep a serial capture.
+    `allow_missing`: leave out stations that do not start. `guard`: a guard makes the tools safe if
+    the recorder dies. The run ends after so many finished units, joints of all stations, or
+    `duration_s`, whichever comes first; without any of them when the user ends it.
     """
 
     line: Path
@@ -85,7 +101,11 @@ class RunOptions:
 
     def goals(self) -> list[Goal]:
         """Return the numbers at which the run ends."""
-        return [Goal(what, count) for what, count in ((UNITS, self.until_units), (JOINTS, self.until_joints)) if count is not None]
+        return [
+            Goal(what, count)
+            for what, count in ((UNITS, self.until_units), (JOINTS, self.until_joints))
+            if count is not None
+        ]
 
     @property
     def states_an_end(self) -> bool:
@@ -113,7 +133,11 @@ class StationPlan:
     @property
     def slowest_s(self) -> float | None:
         """The longest response time in the family's manual, in seconds; None if it prints none."""
-        return None if self.family is None or self.family.turnaround_ms is None else self.family.turnaround_ms[1] / 1000
+        return (
+            None
+            if self.family is None or self.family.turnaround_ms is None
+            else self.family.turnaround_ms[1] / 1000
+        )
 
     @property
     def asked_rate(self) -> float | str:
@@ -122,7 +146,9 @@ class StationPlan:
 
     @property
     def rate_hz(self) -> float | None:
-        """The resulting rate at the assumed response time; 0.0 if none fits, None without pauses or if unknown."""
+        """The resulting rate at the assumed response time; 0.0 if none fits, None without pauses or
+        if unknown.
+        """
         asked = self.asked_rate
         if not isinstance(asked, str):
             return asked
@@ -132,7 +158,9 @@ class StationPlan:
         return taken_rate_hz(asked, self.recipe, self.family, self.demand, assumed)
 
     def writes(self) -> list[Setting]:
-        """Return every setting of the recipe for this station, in order; those already in place will not be written."""
+        """Return every setting of the recipe for this station, in order; those already in place
+        will not be written.
+        """
         if self.family is None:
             return []
         found = station_settings_for(self.recipe, self.family)
@@ -141,12 +169,18 @@ class StationPlan:
         return found
 
     def condition(self) -> ConditionRecord | None:
-        """Return the solder condition of the recipe: read, compared, and written only if allowed."""
+        """Return the solder condition of the recipe: read, compared, and written only if
+        allowed.
+        """
         return None if self.family is None else condition_of(self.recipe, self.family)
 
     def skipped(self) -> list[str]:
         """Return the keys of the recipe that this station does not have."""
-        return [] if self.family is None else foreign_keys(self.recipe, self.family, self.spec.ports or self.family.ports)
+        return (
+            []
+            if self.family is None
+            else foreign_keys(self.recipe, self.family, self.spec.ports or self.family.ports)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,53 +198,93 @@ class Plan:
 
     @property
     def starts_without_missing(self) -> bool:
-        """Whether the run starts without a station that is missing or refuses: all recipes say so, or the option does."""
-        return self.wanted.allow_missing or all(one.recipe.run.on_missing == "continue" for one in self.stations)
+        """Whether the run starts without a station that is missing or refuses: all recipes say so,
+        or the option does.
+        """
+        return self.wanted.allow_missing or all(
+            one.recipe.run.on_missing == "continue" for one in self.stations
+        )
 
     @property
     def notes(self) -> list[str]:
         """Notes on settings that are valid and may not be intended."""
-        plain = [*self._without_safe_state(), *self._not_put_to_work(), *self._differing_on_missing()]
+        plain = [
+            *self._without_safe_state(),
+            *self._not_put_to_work(),
+            *self._differing_on_missing(),
+        ]
         return [*plain, *self._not_printed(), *self._asked_later()]
 
     def _not_printed(self) -> Iterator[str]:
-        """Yield limits and units inferred from another manual, once for each key of a station's recipe."""
+        """Yield limits and units inferred from another manual, once for each key of a station's
+        recipe.
+        """
         for station in self.stations:
             manual = "" if station.family is None else station.family.manual
             for key, one in {one.key: one for one in station.writes()}.items():
-                found = unit_note(one.command, manual), inferred_note(one.command, one.value, manual)
-                yield from (f"{station.spec.name}: {key}: {text}" for text in found if text is not None)
-            if station.family is not None and station.family.has_feeder and (feed := long_feed(station.recipe)) is not None:
+                found = (
+                    unit_note(one.command, manual),
+                    inferred_note(one.command, one.value, manual),
+                )
+                yield from (
+                    f"{station.spec.name}: {key}: {text}" for text in found if text is not None
+                )
+            if (
+                station.family is not None
+                and station.family.has_feeder
+                and (feed := long_feed(station.recipe)) is not None
+            ):
                 yield f"{station.spec.name}: {feed}"
 
     def _differing_on_missing(self) -> Iterator[str]:
         asked = {one.recipe_file: one.recipe.run.on_missing for one in self.stations}
         if not self.starts_without_missing and "continue" in asked.values():
             stop = ", ".join(name for name, word in asked.items() if word == "stop")
-            yield f'on_missing = "continue" has no effect, {stop} has "stop": the run starts with all stations or not at all'
+            yield (
+                f'on_missing = "continue" has no effect, {stop} has "stop": the run starts with all'
+                " stations or not at all"
+            )
 
     def _without_safe_state(self) -> Iterator[str]:
         for station in self.stations:
             if station.family is not None and not station.family.safe_states:
-                yield f"{station.spec.name} has no safe state that can be set: it stays as it is, whatever happens"
+                yield (
+                    f"{station.spec.name} has no safe state that can be set: it stays as it is,"
+                    " whatever happens"
+                )
 
     def _not_put_to_work(self) -> Iterator[str]:
         """Yield recipes that set a temperature without a status that heats."""
         for name, recipe in self.recipes.items():
-            heats = any(one.family is None or one.family.run_statuses for one in self.stations if one.recipe is recipe)
+            heats = any(
+                one.family is None or one.family.run_statuses
+                for one in self.stations
+                if one.recipe is recipe
+            )
             status, acceptance = recipe.run.status, recipe.acceptance
             is_meant = status in WORK or (acceptance is None and status is not None)
-            if not heats or not recipe.heated_ports() or is_meant or (acceptance and acceptance.at_work_percent == 0):
+            if (
+                not heats
+                or not recipe.heated_ports()
+                or is_meant
+                or (acceptance and acceptance.at_work_percent == 0)
+            ):
                 continue
             ordered = "no [run] status" if status is None else f'[run] status = "{status}"'
-            then = "a cold tool is recorded" if acceptance is None else "the verdict is INCONCLUSIVE"
+            then = (
+                "a cold tool is recorded" if acceptance is None else "the verdict is INCONCLUSIVE"
+            )
             yield (
-                f"{name} sets a temperature and has {ordered}: the run heats no tool, and if nobody else does, {then}; "
-                'status = "working" (hot air: "on") heats'
+                f"{name} sets a temperature and has {ordered}: the run heats no tool, and if nobody"
+                f' else does, {then}; status = "working" (hot air: "on") heats'
             )
 
     def _asked_later(self) -> Iterator[str]:
-        recipes = {id(one.recipe): one.recipe for one in self.stations} if self.wanted.metadata is None else {}
+        recipes = (
+            {id(one.recipe): one.recipe for one in self.stations}
+            if self.wanted.metadata is None
+            else {}
+        )
         for recipe in recipes.values():
             missing = Metadata().missing(recipe.metadata.required)
             if missing:
@@ -228,7 +302,11 @@ def make_plan(wanted: RunOptions) -> Plan:
         raise Problems(problems)
     chosen = _chosen(line, wanted)
     problems += [*_without_recipe(line, chosen, recipes), *_unused(line, chosen, wanted)]
-    stations = tuple(station_plan(spec, recipes[spec.name], wanted, line.replay) for spec in chosen if spec.name in recipes)
+    stations = tuple(
+        station_plan(spec, recipes[spec.name], wanted, line.replay)
+        for spec in chosen
+        if spec.name in recipes
+    )
     for station in stations:
         problems += _mismatches(line, station)
     problems += _missing_metadata(stations, wanted)
@@ -264,7 +342,7 @@ def station_tasks(plan: Plan, t0: float) -> Iterator[StationTask]:
         )
 
 
-# -- files ------------------------------------------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------
 
 
 def _load_line(wanted: RunOptions, problems: list[Problem]) -> Line | None:
@@ -275,8 +353,12 @@ def _load_line(wanted: RunOptions, problems: list[Problem]) -> Line | None:
         return None
 
 
-def _load_recipes(wanted: RunOptions, line: Line | None, problems: list[Problem]) -> dict[str, Recipe]:
-    """Return each station's recipe by the station's name: its own, or the given one. Reads a file once."""
+def _load_recipes(
+    wanted: RunOptions, line: Line | None, problems: list[Problem]
+) -> dict[str, Recipe]:
+    """Return each station's recipe by the station's name: its own, or the given one. Reads a file
+    once.
+    """
     read: dict[Path, Recipe | None] = {}
     found: dict[str, Recipe] = {}
 
@@ -303,23 +385,33 @@ def _chosen(line: Line, wanted: RunOptions) -> list[StationSpec]:
     names = [spec.name for spec in line.stations]
     unknown = [name for name in wanted.stations if name not in names]
     if unknown:
-        raise UsageError(f"{line.path}: no station named {', '.join(unknown)}; the line has {', '.join(names)}")
+        raise UsageError(
+            f"{line.path}: no station named {', '.join(unknown)}; the line has {', '.join(names)}"
+        )
     return [spec for spec in line.stations if not wanted.stations or spec.name in wanted.stations]
 
 
-def station_plan(spec: StationSpec, recipe: Recipe, wanted: RunOptions, replay: Replay | None = None) -> StationPlan:
+def station_plan(
+    spec: StationSpec, recipe: Recipe, wanted: RunOptions, replay: Replay | None = None
+) -> StationPlan:
     """Return the plan of one station. A replayed run uses its own rate if none is requested."""
-    rate = replay.rate_hz.get(spec.name) if replay is not None and wanted.rate is None else wanted.rate
+    rate = (
+        replay.rate_hz.get(spec.name) if replay is not None and wanted.rate is None else wanted.rate
+    )
     family = None if spec.family == "auto" else FAMILIES[spec.family]
     ports = spec.ports or (family.ports if family else None) or ANSWERING_PORTS
     demand = None
     if family is not None:
-        demand = Demand.of(readings_for(family, ports, recipe, spec.line_format, spec.address is not None))
+        demand = Demand.of(
+            readings_for(family, ports, recipe, spec.line_format, spec.address is not None)
+        )
     return StationPlan(spec, family, ports, recipe, recipe.path.name, rate, demand)
 
 
 def _with_file_names(stations: tuple[StationPlan, ...]) -> tuple[StationPlan, ...]:
-    """Give each recipe its own file name in the run's folder: files of different folders may have the same name."""
+    """Give each recipe its own file name in the run's folder: files of different folders may have
+    the same name.
+    """
     names: dict[Path, str] = {}
     for station in stations:
         path, name, number = station.recipe.path, station.recipe.path.name, 2
@@ -327,27 +419,46 @@ def _with_file_names(stations: tuple[StationPlan, ...]) -> tuple[StationPlan, ..
             name, number = f"{path.stem}-{number}{path.suffix}", number + 1
         names.setdefault(path, name)
     return tuple(
-        StationPlan(one.spec, one.family, one.ports, one.recipe, names[one.recipe.path], one.rate, one.demand) for one in stations
+        StationPlan(
+            one.spec,
+            one.family,
+            one.ports,
+            one.recipe,
+            names[one.recipe.path],
+            one.rate,
+            one.demand,
+        )
+        for one in stations
     )
 
 
-# -- checks --------------------------------------------------------------------------------------------------------------------
+# -- checks ----------------------------------------------------------------------------------------
 
 
-def _without_recipe(line: Line, chosen: list[StationSpec], recipes: dict[str, Recipe]) -> Iterator[Problem]:
+def _without_recipe(
+    line: Line, chosen: list[StationSpec], recipes: dict[str, Recipe]
+) -> Iterator[Problem]:
     for spec in chosen:
         if spec.name not in recipes:
             yield Problem(
-                str(line.path), None, f"station {spec.name}", "has no recipe: give one on the command line or in the file"
+                str(line.path),
+                None,
+                f"station {spec.name}",
+                "has no recipe: give one on the command line or in the file",
             )
 
 
 def _unused(line: Line, chosen: list[StationSpec], wanted: RunOptions) -> Iterator[Problem]:
     """Yield a given recipe that no station would use: the user expects it to be applied."""
     own = [os.path.realpath(spec.recipe) for spec in chosen if spec.recipe is not None]
-    if wanted.recipe is not None and len(own) == len(chosen) and os.path.realpath(wanted.recipe) not in own:
+    if (
+        wanted.recipe is not None
+        and len(own) == len(chosen)
+        and os.path.realpath(wanted.recipe) not in own
+    ):
         text = (
-            f"is used by no station: each one that runs has its own recipe in {line.path}; leave it out, or choose other stations"
+            f"is used by no station: each one that runs has its own recipe in {line.path}; leave it"
+            " out, or choose other stations"
         )
         yield Problem(str(wanted.recipe), None, "", text)
 
@@ -358,23 +469,38 @@ def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
         yield from _beside_replay(line, spec)
     if station.family is not None and station.family.name not in recipe.families:
         families = ", ".join(recipe.families)
-        yield recipe.problem(("recipe", "families"), f"{families}: not for {spec.name}, whose family is {spec.family}")
+        yield recipe.problem(
+            ("recipe", "families"),
+            f"{families}: not for {spec.name}, whose family is {spec.family}",
+        )
         return
     demand, rate_hz = station.demand, station.rate_hz
     if demand is None or rate_hz is None:
         return
     problem = rate_problem(spec.name, rate_hz, demand, station.turnaround_s)
     if problem:
-        yield Problem(str(line.path), None, f"station {spec.name}", problem.removeprefix(f"{spec.name}: "))
+        yield Problem(
+            str(line.path), None, f"station {spec.name}", problem.removeprefix(f"{spec.name}: ")
+        )
 
 
 def _beside_replay(line: Line, spec: StationSpec) -> Iterator[Problem]:
     """Yield stations that may be real, because [replay] changes the timing of the recorder."""
-    place, leads_to = f"station {spec.name}", Path(os.path.realpath(spec.url)) if spec.is_device else Path()
+    place, leads_to = (
+        f"station {spec.name}",
+        (Path(os.path.realpath(spec.url)) if spec.is_device else Path()),
+    )
     if not is_served_here(spec.written_url):
-        yield Problem(str(line.path), None, place, f"its url {spec.written_url} {NOT_BESIDE_REPLAY}")
+        yield Problem(
+            str(line.path), None, place, f"its url {spec.written_url} {NOT_BESIDE_REPLAY}"
+        )
     elif leads_to.is_char_device() and not str(leads_to).startswith(PSEUDO_TERMINALS):
-        yield Problem(str(line.path), None, place, f"its url {spec.written_url} leads to {leads_to}, and {NOT_BESIDE_REPLAY}")
+        yield Problem(
+            str(line.path),
+            None,
+            place,
+            f"its url {spec.written_url} leads to {leads_to}, and {NOT_BESIDE_REPLAY}",
+        )
 
 
 def _missing_metadata(stations: Sequence[StationPlan], wanted: RunOptions) -> Iterator[Problem]:
@@ -386,24 +512,43 @@ def _missing_metadata(stations: Sequence[StationPlan], wanted: RunOptions) -> It
 
 def _out_of_reach(stations: Sequence[StationPlan], wanted: RunOptions) -> Iterator[Problem]:
     """Yield goals that this run can never reach."""
-    if wanted.until_units is not None and wanted.metadata is not None and not wanted.metadata.reads_units:
+    if (
+        wanted.until_units is not None
+        and wanted.metadata is not None
+        and not wanted.metadata.reads_units
+    ):
         text = "serials must be read during the run: give --units -, a pipe or a device"
         yield Problem(f"--until-units {wanted.until_units}", None, "", text)
-    if wanted.until_joints is not None and stations and all(_shows_no_joints(one.family) for one in stations):
+    if (
+        wanted.until_joints is not None
+        and stations
+        and all(_shows_no_joints(one.family) for one in stations)
+    ):
         text = "no station of this run has a tip that shows joints by temperature and power"
         yield Problem(f"--until-joints {wanted.until_joints}", None, "", text)
 
 
 def _shows_no_joints(family: Family | None) -> bool:
-    """Whether the station cannot show joints: hot air has no contact, OMEGA reports neither value. "auto" is not known yet."""
-    return family is not None and (family.hot_part != "tip" or family.command_of("power_permille") is None)
+    """Whether the station cannot show joints: hot air has no contact, OMEGA reports neither value.
+    "auto" is not known yet.
+    """
+    return family is not None and (
+        family.hot_part != "tip" or family.command_of("power_permille") is None
+    )
 
 
 def _misplaced_tips(chosen: Sequence[StationSpec], wanted: RunOptions) -> Iterator[Problem]:
     """Yield tips for a station or port that this run does not have."""
-    places = {spec.name for spec in chosen} | {f"{spec.name}:{port}" for spec in chosen for port in spec.ports or PORTS}
+    places = {spec.name for spec in chosen} | {
+        f"{spec.name}:{port}" for spec in chosen for port in spec.ports or PORTS
+    }
     for text in wanted.metadata.tips if wanted.metadata else ():
         place, equals, name = text.partition("=")
         if equals and (place not in places or not name):
             names = ", ".join(spec.name for spec in chosen)
-            yield Problem(f"--tip {text}", None, "", f"give ID, STATION=ID or STATION:PORT=ID, with a station of this run: {names}")
+            yield Problem(
+                f"--tip {text}",
+                None,
+                "",
+                f"give ID, STATION=ID or STATION:PORT=ID, with a station of this run: {names}",
+            )

@@ -27,14 +27,32 @@ from jbclog.app.run.plan import Metadata as GivenMetadata
 from jbclog.core.clock import Clock, UtcOffset
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.outcome import Exit, RunFinding, exit_code, findings, status
-from jbclog.core.rows import COLUMN, CounterRow, EventRow, Goal, SampleRow, SettingRow, Severity, StationFacts, TipCheck
+from jbclog.core.rows import (
+    COLUMN,
+    CounterRow,
+    EventRow,
+    Goal,
+    SampleRow,
+    SettingRow,
+    Severity,
+    StationFacts,
+    TipCheck,
+)
 from jbclog.maintenance.verification import cited
 from jbclog.record.chains import previous_run
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
 from jbclog.record.ledger import ledger_of
 from jbclog.record.live import SEAL_S, LiveStore, OnFailure
-from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, expect_readable, iso, write_manifest
+from jbclog.record.manifest import (
+    LineFile,
+    Manifest,
+    Metadata,
+    RecipeFile,
+    expect_readable,
+    iso,
+    write_manifest,
+)
 from jbclog.record.seal import seal_in_child
 from jbclog.session.run.context import SessionContext
 
@@ -70,8 +88,9 @@ class Result:
 class RunRecord:
     """The record of one run of `plan`, in a new folder below `out`. Times are those of `clock`.
 
-    `on_facts` gets the facts of a session before the session continues. `on_failure` is called in a thread of the record when rows
-    cannot be stored. Raises `RecordError` if the record cannot begin.
+    `on_facts` gets the facts of a session before the session continues. `on_failure` is called in a
+    thread of the record when rows cannot be stored. Raises `RecordError` if the record cannot
+    begin.
     """
 
     def __init__(
@@ -91,11 +110,15 @@ class RunRecord:
         previous = previous_run(out, plan.line.name)
         self.folder = create_run(out, plan.line.name, clock.utc())
         self._plan = plan
-        self._store = LiveStore(self.folder, on_failure, seal_every_s=seal_every_s, on_event=observer.happened)
+        self._store = LiveStore(
+            self.folder, on_failure, seal_every_s=seal_every_s, on_event=observer.happened
+        )
         self.journal = _Tap(self._store, on_facts)
         self.manifest = replace(self._draft(), previous=previous)
         self.manifest.verifications = self._cited(out)
-        self.contexts = [SessionContext(order, self.journal, self.utc) for order in station_tasks(plan, self.t0)]
+        self.contexts = [
+            SessionContext(order, self.journal, self.utc) for order in station_tasks(plan, self.t0)
+        ]
 
     def _expect_readable(self) -> None:
         try:
@@ -104,7 +127,9 @@ class RunRecord:
             raise RecordError(f"{error}. No station was touched") from error
 
     def begin(self) -> None:
-        """Copy the inputs and begin to take rows. Raises `RecordError`; no station has been touched then."""
+        """Copy the inputs and begin to take rows. Raises `RecordError`; no station has been touched
+        then.
+        """
         self._expect_readable()
         keep_text(self.folder, "line.toml", self._plan.line.text)
         for name, recipe in self._plan.recipes.items():
@@ -114,7 +139,9 @@ class RunRecord:
         self.show(lambda: self.observer.begun(self.folder))
         count = len(self.contexts)
         stations = f"{count} station{'' if count == 1 else 's'}"
-        self.note("run.start", f"Run of {stations} on line {self._plan.line.name}, jbclog {__version__}.")
+        self.note(
+            "run.start", f"Run of {stations} on line {self._plan.line.name}, jbclog {__version__}."
+        )
 
     def look(self) -> None:
         """Check whether the disk delays the record. Call it each second; never waits."""
@@ -129,7 +156,10 @@ class RunRecord:
             t0_mono=self.t0,
             t0_utc=self.t0 + self.utc.offset,
             line=LineFile(line.name, "line.toml", line.sha256),
-            recipes=[RecipeFile(f"recipes/{name}", one.sha256, one.name, one.revision) for name, one in self._plan.recipes.items()],
+            recipes=[
+                RecipeFile(f"recipes/{name}", one.sha256, one.name, one.revision)
+                for name, one in self._plan.recipes.items()
+            ],
             metadata=_metadata(self._plan.wanted.metadata or GivenMetadata()),
             host=_host(),
             rate=self._plan.wanted.rate,
@@ -137,12 +167,16 @@ class RunRecord:
         )
 
     def _cited(self, out: Path) -> list[TipCheck]:
-        """Return the tip verification of each assumed port; which of them exist is known at the end."""
+        """Return the tip verification of each assumed port; which of them exist is known at the
+        end.
+        """
         places = [(one.spec.name, port) for one in self._plan.stations for port in _ports(one)]
         tips = {place: self.manifest.metadata.tip(*place) for place in places}
         return cited(out, places, tips, datetime.fromtimestamp(self.clock.utc(), UTC))
 
-    def note(self, kind: str, text: str, severity: Severity = Severity.INFO, value: float | None = None) -> None:
+    def note(
+        self, kind: str, text: str, severity: Severity = Severity.INFO, value: float | None = None
+    ) -> None:
         """Record an event of the whole run; a critical one at once."""
         event = EventRow(self.utc.micros(self.clock.monotonic()), kind, severity, text, value=value)
         self.journal.event(event, at_once=severity is Severity.CRITICAL)
@@ -157,17 +191,25 @@ class RunRecord:
         """Record a run that is not started, with the reasons by station."""
         for context in self.contexts:
             context.facts.outcome = "refused"
-            context.facts.reason = why.get(context.name, f"{context.name}: not asked, for the run was not started")
+            context.facts.reason = why.get(
+                context.name, f"{context.name}: not asked, for the run was not started"
+            )
         self.manifest.stations = [context.facts for context in self.contexts]
-        self.manifest.goals = [replace(goal, reached=0, text=NOT_STARTED) for goal in self.manifest.goals]
+        self.manifest.goals = [
+            replace(goal, reached=0, text=NOT_STARTED) for goal in self.manifest.goals
+        ]
         self.begin()
         for context in self.contexts:
             context.station.now = self.clock.monotonic()  # no session has set its time
-            context.note("station.refused", Severity.ERROR, context.facts.reason.removeprefix(f"{context.name}: "))
+            context.note(
+                "station.refused",
+                Severity.ERROR,
+                context.facts.reason.removeprefix(f"{context.name}: "),
+            )
             context.publish()
         return self.conclude(self.close())
 
-    # -- end ----------------------------------------------------------------------------------------------------------------
+    # -- end ---------------------------------------------------------------------------------------
 
     def close(self) -> str | None:
         """Close the live store and seal its rows; return what the record lacks, or None."""
@@ -186,10 +228,18 @@ class RunRecord:
         stations, manifest = [context.facts for context in self.contexts], self.manifest
         manifest.stations = stations  # in the line file's order
         there = {facts.name: facts.ports for facts in stations}
-        manifest.verifications = [one for one in manifest.verifications if one.port in (there[one.station] or [one.port])]
+        manifest.verifications = [
+            one for one in manifest.verifications if one.port in (there[one.station] or [one.port])
+        ]
         manifest.ended = iso(self.utc.micros(self.clock.monotonic()))
         self._judge(stations, record, cut_short)
-        found = findings(stations, verdict=manifest.verdict, record=record, cut_short=cut_short, goals=manifest.goals)
+        found = findings(
+            stations,
+            verdict=manifest.verdict,
+            record=record,
+            cut_short=cut_short,
+            goals=manifest.goals,
+        )
         manifest.exit_code, manifest.exit_status = exit_code(found), status(found)
         try:
             self.manifest = conclude(self.folder, manifest, self._store.lock)
@@ -203,22 +253,34 @@ class RunRecord:
         """Return what failed and what to do about it."""
         if self._store.lock.is_ours:
             return f"{error}; `jbclog recover {self.folder}` tries again"
-        return f"{error}. If it was moved, `jbclog recover` finishes it where it is now; if it was deleted, nothing of it is left"
+        return (
+            f"{error}. If it was moved, `jbclog recover` finishes it where it is now; if it was"
+            " deleted, nothing of it is left"
+        )
 
-    def _judge(self, stations: list[StationFacts], record: str | None, cut_short: Exit | None) -> None:
+    def _judge(
+        self, stations: list[StationFacts], record: str | None, cut_short: Exit | None
+    ) -> None:
         exit_status = status(findings(stations, verdict=None, record=record, cut_short=cut_short))
         ledger, checks = ledger_of(self.folder, stations), self.manifest.verifications
         acceptance = {one.spec.name: one.recipe.acceptance for one in self._plan.stations}
         asking = [facts for facts in stations if asks_for_joints(acceptance[facts.name])]
         joints, goals = self._joints(asking), self.manifest.goals
-        targets = {one.spec.name: Targets(one.recipe.heated_ports(), one.recipe.run.status) for one in self._plan.stations}
-        evidence = Evidence(self.folder, stations, ledger, exit_status, record, checks, joints, goals, targets)
+        targets = {
+            one.spec.name: Targets(one.recipe.heated_ports(), one.recipe.run.status)
+            for one in self._plan.stations
+        }
+        evidence = Evidence(
+            self.folder, stations, ledger, exit_status, record, checks, joints, goals, targets
+        )
         judgement = judge(evidence, acceptance)
         self.manifest.verdict = judgement.verdict.value
         self.manifest.verdict_rules = judgement.rules_as_dicts()
 
     def _joints(self, stations: Sequence[StationFacts]) -> Joints:
-        """Return the joints of the stations whose recipes limit them; only these load the analysis."""
+        """Return the joints of the stations whose recipes limit them; only these load the
+        analysis.
+        """
         if not stations:
             return {}
         try:
@@ -226,12 +288,16 @@ class RunRecord:
 
             return joint_evidence(self.folder, stations, self.manifest.t0_utc)
         except Exception as error:  # an internal error; the record must still be concluded
-            unknown = PortJoints(why=f"Its joints could not be looked for: {unexpected_error_text(error)}.")
+            unknown = PortJoints(
+                why=f"Its joints could not be looked for: {unexpected_error_text(error)}."
+            )
             return {(facts.name, port): unknown for facts in stations for port in facts.ports}
 
 
 class _Tap:
-    """A journal that also passes rows to the alarm evaluation, which adds events, and facts to `on_facts`."""
+    """A journal that also passes rows to the alarm evaluation, which adds events, and facts to
+    `on_facts`.
+    """
 
     def __init__(self, store: LiveStore, on_facts: OnFacts | None) -> None:
         self.counter: Callable[[CounterRow], None] = store.counter
@@ -245,7 +311,8 @@ class _Tap:
         if self._alarms is not None:
             try:
                 self._alarms.sample(row)
-            except Exception as error:  # of this program; what is derived must not end what is recorded
+            # of this program; what is derived must not end what is recorded
+            except Exception as error:
                 self._without_alarms(row, error)
 
     def setting(self, setting: SettingRow) -> None:
@@ -267,7 +334,10 @@ class _Tap:
 
     def _without_alarms(self, row: SampleRow, error: Exception) -> None:
         self._alarms = None
-        text = f"Alarms on samples are not evaluated for the rest of this run: internal error, {unexpected_error_text(error)}."
+        text = (
+            "Alarms on samples are not evaluated for the rest of this run: internal error,"
+            f" {unexpected_error_text(error)}."
+        )
         time = row[COLUMN["time"]]
         assert isinstance(time, int)
         self._store.event(EventRow(time, "alarm.episode.failed", Severity.WARNING, text))
@@ -280,7 +350,15 @@ def _ports(station: StationPlan) -> Sequence[int]:
 
 def _metadata(given: GivenMetadata) -> Metadata:
     lots = list(given.wire_lots), list(given.flux_lots)
-    return Metadata(given.operator, given.order, given.product, list(given.units), dict(given.tags), *lots, list(given.tips))
+    return Metadata(
+        given.operator,
+        given.order,
+        given.product,
+        list(given.units),
+        dict(given.tags),
+        *lots,
+        list(given.tips),
+    )
 
 
 def _host() -> dict[str, str]:

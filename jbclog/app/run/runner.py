@@ -4,7 +4,8 @@
 
     RunRecord -> Reactor(run_station × n) -> close -> seal -> judge -> manifest
 
-Nothing is sent to a station before the record takes writes; the tools are in their safe state before the record is closed.
+Nothing is sent to a station before the record takes writes; the tools are in their safe state
+before the record is closed.
 """
 
 from __future__ import annotations
@@ -25,7 +26,14 @@ from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.clock import SystemClock
-from jbclog.core.errors import JbclogError, RecordError, StartRefused, Unsafe, cause, unexpected_error_text
+from jbclog.core.errors import (
+    JbclogError,
+    RecordError,
+    StartRefused,
+    Unsafe,
+    cause,
+    unexpected_error_text,
+)
 from jbclog.core.locks import is_held
 from jbclog.core.outcome import Exit, tools_text
 from jbclog.core.rows import EventRow, Severity, StationFacts
@@ -50,19 +58,23 @@ from jbclog.transport.signals import Signals
 from jbclog.transport.system_ports import SharedPortWatch
 from jbclog.transport.typed_lines import LineSource
 
-# -- runner -------------------------------------------------------------------------------------------------------------------
+# -- runner ----------------------------------------------------------------------------------------
 
 GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # values in the manifest
 RUNNING = "running"  # outcome of a session in progress
 FIRST_PROCESS = 1  # of a container; the system ends all other processes with it
 OF_A_CONTAINER = (
-    "This recorder is the first process of its container: whatever kills it ends its guard with it. Start the container with an "
-    "init process (`docker run --init`)."
+    "This recorder is the first process of its container: whatever kills it ends its guard with it."
+    " Start the container with an init process (`docker run --init`)."
 )
 LOOK_EVERY_S = 1.0
 LOOK_AT_PORTS_EVERY_S = 10.0  # for other programs that have them open
 FREEZING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
-CUT_SHORT = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
+CUT_SHORT = {
+    signal.SIGINT: Exit.INTERRUPTED,
+    signal.SIGTERM: Exit.TERMINATED,
+    signal.SIGHUP: Exit.TERMINATED,
+}
 
 
 def conduct(
@@ -75,16 +87,18 @@ def conduct(
     is_last: bool = False,
     units: LineSource | None = None,
 ) -> Result:
-    """Run `plan` and record it below `out`. `missed` returns how many notes the observer could not show.
+    """Run `plan` and record it below `out`. `missed` returns how many notes the observer could not
+    show.
 
-    SIGINT, SIGTERM and SIGHUP (not under `nohup`) end the run in good order, from the first moment on; a second one, or one while
-    sealing, has no effect. Ctrl-Z and a terminal's job control have no effect: a stopped recorder would leave its tools hot. With
-    `is_last` the process only shows the result afterwards, and no signal ends that early.
+    SIGINT, SIGTERM and SIGHUP (not under `nohup`) end the run in good order, from the first moment
+    on; a second one, or one while sealing, has no effect. Ctrl-Z and a terminal's job control have
+    no effect: a stopped recorder would leave its tools hot. With `is_last` the process only shows
+    the result afterwards, and no signal ends that early.
 
     Serials of units are read from `units` during the run.
 
-    A run that cannot start, because another one holds a port or there is no process for its guard, is recorded as such. Raises
-    `RecordError` if the record cannot begin.
+    A run that cannot start, because another one holds a port or there is no process for its guard,
+    is recorded as such. Raises `RecordError` if the record cannot begin.
     """
     with Signals(heard(), FREEZING, stay_ignored=is_last) as signals:
         held = why_held({station.spec.name: station.spec.url for station in plan.stations})
@@ -94,7 +108,8 @@ def conduct(
 
 
 def _conduct(run: _Run, out: Path, signals: Signals) -> Result:
-    """Conduct `run`. If the system refuses a resource at the end, the error says what is known of the tools.
+    """Conduct `run`. If the system refuses a resource at the end, the error says what is known of
+    the tools.
 
     There is no manifest then that says it.
     """
@@ -103,12 +118,19 @@ def _conduct(run: _Run, out: Path, signals: Signals) -> Result:
     except JbclogError:
         raise
     except (OSError, ImportError, MemoryError) as error:
-        text = f"the record could not be finished ({cause(error)}); `jbclog recover {out}` does that; {tools_text(run.stations)}"
-        raise (Unsafe if any(facts.unsafe for facts in run.stations) else RecordError)(text) from error
+        text = (
+            f"the record could not be finished ({cause(error)}); `jbclog recover {out}` does that;"
+            f" {tools_text(run.stations)}"
+        )
+        raise (Unsafe if any(facts.unsafe for facts in run.stations) else RecordError)(
+            text
+        ) from error
 
 
 def heard() -> list[signal.Signals]:
-    """Return the signals that end a run in good order. Under `nohup` a run outlives its terminal."""
+    """Return the signals that end a run in good order. Under `nohup` a run outlives its
+    terminal.
+    """
     has_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return [number for number in CUT_SHORT if not (has_nohup and number is signal.SIGHUP)]
 
@@ -132,7 +154,13 @@ class _Run:
         self._guarding = RunGuard()
         self._left_over = settle(out, {station.spec.url for station in plan.stations}, is_held)
         self._run_record = RunRecord(
-            plan, out, observer, self._clock, self._on_record_failure, seal_every_s, on_facts=self._guarding.update
+            plan,
+            out,
+            observer,
+            self._clock,
+            self._on_record_failure,
+            seal_every_s,
+            on_facts=self._guarding.update,
         )
         self._note = self._run_record.note
         self._contexts = self._run_record.contexts
@@ -144,7 +172,9 @@ class _Run:
         self._units = (
             None
             if units is None
-            else UnitFeed(units, self._keep_at_once, self._micros, wanted.until_units, refuses_repeats=refuses)
+            else UnitFeed(
+                units, self._keep_at_once, self._micros, wanted.until_units, refuses_repeats=refuses
+            )
         )
         self._goals = Goals(wanted.goals(), self._note, self._reactor.end, self._units)
         self._cut_short: Exit | None = None
@@ -172,21 +202,32 @@ class _Run:
 
     def _begin(self) -> None:
         manifest = self._run_record.manifest
-        manifest.stations = [context.facts for context in self._contexts]  # others can now see whose ports this run holds
+        # others can now see whose ports this run holds
+        manifest.stations = [context.facts for context in self._contexts]
         manifest.wire = None if self._wires is None else "open"
         manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
         self._run_record.begin()
         self._goals.begin(self._run_record.folder)
         for left in self._left_over:
             # of an earlier run: an event here, not a deviation of this one
-            self._note("guard.left_over", left.text, Severity.WARNING if left.is_safe else Severity.CRITICAL)
+            self._note(
+                "guard.left_over",
+                left.text,
+                Severity.WARNING if left.is_safe else Severity.CRITICAL,
+            )
         if not self._plan.wanted.guard:
-            self._note("guard.none", "There is no guard: if this recorder dies, the tools stay as they are.", Severity.WARNING)
+            self._note(
+                "guard.none",
+                "There is no guard: if this recorder dies, the tools stay as they are.",
+                Severity.WARNING,
+            )
         elif os.getpid() == FIRST_PROCESS:
             self._note("guard.weak", OF_A_CONTAINER, Severity.WARNING)
 
     def _start_guard(self) -> None:
-        """Start the guard before the record begins and long before anything heats. Raises `StartRefused`."""
+        """Start the guard before the record begins and long before anything heats. Raises
+        `StartRefused`.
+        """
         if self._plan.wanted.guard:
             self._guarding.start(self._run_record.folder, self._note_guard)
 
@@ -194,13 +235,15 @@ class _Run:
         self._reactor.run()  # without sessions: it closes what it opened
         with suppress(OSError):
             (self._run_record.folder / GUARD_LOCK).unlink(missing_ok=True)
-        return self._run_record.refuse({context.name: f"{context.name}: {why}" for context in self._contexts})
+        return self._run_record.refuse(
+            {context.name: f"{context.name}: {why}" for context in self._contexts}
+        )
 
     def _note_guard(self, kind: str, text: str) -> None:
         self._run_record.manifest.guard = GUARD_LOST
         self._note(kind, text, Severity.CRITICAL)
 
-    # -- during -------------------------------------------------------------------------------------------------------------
+    # -- during ------------------------------------------------------------------------------------
 
     def _pull(self) -> str | None:
         """Run all sessions to their ends; return the internal error that ended them, or None."""
@@ -225,7 +268,9 @@ class _Run:
         return None
 
     def _have_guard_take_over(self) -> None:
-        """Let the guard make the tools safe, as sessions may be unfinished; its actions become events of this record."""
+        """Let the guard make the tools safe, as sessions may be unfinished; its actions become
+        events of this record.
+        """
         self._guarding.take_over()
         for event in action_log(self._run_record.folder):
             self._run_record.journal.event(event)
@@ -241,7 +286,11 @@ class _Run:
             self._reactor.add(run_station(context), opened, order.name)
             return
         keep, now = self._wires.begin(self._head(context)), self._clock.monotonic
-        self._reactor.add(captured(run_station(context), keep, now), lambda: Tee.opened(opened, keep, now), order.name)
+        self._reactor.add(
+            captured(run_station(context), keep, now),
+            lambda: Tee.opened(opened, keep, now),
+            order.name,
+        )
 
     def _head(self, context: SessionContext) -> Head:
         order, manifest = context.order, self._run_record.manifest
@@ -266,13 +315,18 @@ class _Run:
         self._note_sharers()
         self._run_record.look()
         self._goals.look()
-        self._run_record.show(lambda: self._run_record.observer.second(self._contexts, self._goals.so_far()))
+        self._run_record.show(
+            lambda: self._run_record.observer.second(self._contexts, self._goals.so_far())
+        )
 
     def _note_sharers(self) -> None:
         for url, who in self._sharers.news():
             for context in self._contexts:
                 if context.order.url == url and context.facts.outcome == RUNNING:
-                    text = f"{url} is open in {who}, too, which may take answers that were meant for this run; end that program."
+                    text = (
+                        f"{url} is open in {who}, too, which may take answers that were meant for"
+                        " this run; end that program."
+                    )
                     context.note("link.contention", Severity.ERROR, text)
 
     def _look_at_clock(self) -> None:
@@ -280,15 +334,21 @@ class _Run:
         before = iso(utc.micros(now))
         step = utc.check()
         if step:
-            text = f"The host's clock was stepped by {step:+.3f} s, from {before} to {iso(utc.micros(now))}; "
+            text = (
+                f"The host's clock was stepped by {step:+.3f} s, from {before} to"
+                f" {iso(utc.micros(now))}; "
+            )
             text += "ticks and durations are not affected."
             self._note("clock.step", text, Severity.WARNING, value=step)
 
     def _keep_from_collector(self) -> None:
-        """Exclude the sessions from garbage collection: a full pass would delay 250 stations by 40 ms."""
+        """Exclude the sessions from garbage collection: a full pass would delay 250 stations by 40
+        ms.
+        """
         gc.freeze()
         self._have_all_begun = all(
-            context.facts.first_tick is not None or context.facts.outcome != RUNNING for context in self._contexts
+            context.facts.first_tick is not None or context.facts.outcome != RUNNING
+            for context in self._contexts
         )
 
     def _note_captures(self) -> None:
@@ -318,14 +378,21 @@ class _Run:
             return
         self._units.finish()
         given = self._plan.wanted.metadata and self._plan.wanted.metadata.units
-        if not (self._units.has_had_any or given) and any("unit" in one.recipe.metadata.required for one in self._plan.stations):
-            self._note("unit.missing", "The recipe requires a unit, and no serial came during the run.", Severity.ERROR)
+        if not (self._units.has_had_any or given) and any(
+            "unit" in one.recipe.metadata.required for one in self._plan.stations
+        ):
+            self._note(
+                "unit.missing",
+                "The recipe requires a unit, and no serial came during the run.",
+                Severity.ERROR,
+            )
 
     def _note_missed(self) -> None:
         missed = self._missed()
         if missed:
             text = (
-                f"{missed} notes on this run were not shown: nobody took them from the terminal, pipe or file. They are all here."
+                f"{missed} notes on this run were not shown: nobody took them from the terminal,"
+                " pipe or file. They are all here."
             )
             self._note("notes.missed", text, value=missed)
 
@@ -344,14 +411,19 @@ class _Run:
     def _end_on(self, name: str) -> None:
         if self._plan.wanted.states_an_end and not self._goals.is_met and self._cut_short is None:
             self._cut_short = CUT_SHORT[signal.Signals[name]]
-        self._note("run.signal", f"{name} received; the tools are put in their safe state and the run ends.")
+        self._note(
+            "run.signal",
+            f"{name} received; the tools are put in their safe state and the run ends.",
+        )
         self._reactor.end(f"ended by {name}")
 
 
-# -- job ----------------------------------------------------------------------------------------------------------------------
-# A job: one run as it was asked for, whoever asked. `jbclog run` builds one of its options, a batch one of each `[[job]]`.
+# -- job -------------------------------------------------------------------------------------------
+# A job: one run as it was asked for, whoever asked. `jbclog run` builds one of its options, a batch
+# one of each `[[job]]`.
 #
-# Both come to `carry_out`: the run of a line's stations by hand is the batch of one job, without a queue around it.
+# Both come to `carry_out`: the run of a line's stations by hand is the batch of one job, without a
+# queue around it.
 
 
 @dataclass(frozen=True, slots=True)
@@ -363,7 +435,9 @@ class Job:
     name: str = "run"
 
     def plan(self) -> Plan:
-        """Read and check everything; send nothing. Raises `Problems` or `UsageError` with all mistakes."""
+        """Read and check everything; send nothing. Raises `Problems` or `UsageError` with all
+        mistakes.
+        """
         return make_plan(self.wanted)
 
 
@@ -377,8 +451,8 @@ def carry_out(
 ) -> Result:
     """Check, run and record a job, as the last action of this process.
 
-    `planned` gets the plan before anything is sent. Raises `Problems` or `UsageError` (nothing was sent), `RecordError` (the record
-    could not begin).
+    `planned` gets the plan before anything is sent. Raises `Problems` or `UsageError` (nothing was
+    sent), `RecordError` (the record could not begin).
     """
     plan = job.plan()
     planned(plan)

@@ -1,21 +1,25 @@
 """Reads the serials of units during a run and records them as events.
 
-- A serial begins its unit and ends the one before it; the rows of a station from then on belong to it. The same serial again has
-  no effect.
-- A serial that was read before, with another one in between, is a repeat: its unit begins again, or, if the recipe refuses
-  repeats, no unit does until another serial comes.
-- A line that is no serial, or a reader that is lost, ends the unit: whose joints follow is not known. After a pipe that was closed
-  in good order the last unit continues.
-- A unit interrupted by a refused serial or a line that is no serial continues when its serial comes next; that is no repeat.
+- A serial begins its unit and ends the one before it; the rows of a station from then on belong to
+  it. The same serial again has no effect.
+- A serial that was read before, with another one in between, is a repeat: its unit begins again,
+  or, if the recipe refuses repeats, no unit does until another serial comes.
+- A line that is no serial, or a reader that is lost, ends the unit: whose joints follow is not
+  known. After a pipe that was closed in good order the last unit continues.
+- A unit interrupted by a refused serial or a line that is no serial continues when its serial comes
+  next; that is no repeat.
 
-A unit is *finished* when another serial is read after it. If a number of units is wanted, the word `END_WORD` also finishes the
-last one. A refused serial finishes nothing by itself: the interrupted unit is finished by the next accepted serial, unless that is
-its own. A unit that ended in any other way is not known to be finished; nor is one shorter than `LEAST_WORK_US`, as in a list that
-somebody pasted. Each serial counts once. After the wanted number nothing more is read: a later serial is not of this run.
+A unit is *finished* when another serial is read after it. If a number of units is wanted, the word
+`END_WORD` also finishes the last one. A refused serial finishes nothing by itself: the interrupted
+unit is finished by the next accepted serial, unless that is its own. A unit that ended in any other
+way is not known to be finished; nor is one shorter than `LEAST_WORK_US`, as in a list that somebody
+pasted. Each serial counts once. After the wanted number nothing more is read: a later serial is not
+of this run.
 
-Kinds of events: `unit.begin` and `unit.end` (`raw` is the serial), `unit.again`, `unit.repeated` (`value` is how often it was
-read by now; an error if refused), `unit.finish` (the word that ends a unit), `unit.refused` (a line that is no serial),
-`unit.closed`, `unit.lost`, `unit.next` (a serial that is not of this run).
+Kinds of events: `unit.begin` and `unit.end` (`raw` is the serial), `unit.again`, `unit.repeated`
+(`value` is how often it was read by now; an error if refused), `unit.finish` (the word that ends a
+unit), `unit.refused` (a line that is no serial), `unit.closed`, `unit.lost`, `unit.next` (a serial
+that is not of this run).
 """
 
 from __future__ import annotations
@@ -44,7 +48,9 @@ def unit_after(event: EventRow, unit: str | None) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class _Interrupted:
-    """A unit that was interrupted by something other than a unit. `is_made`: the next unit shows that it was finished."""
+    """A unit that was interrupted by something other than a unit. `is_made`: the next unit shows
+    that it was finished.
+    """
 
     serial: str
     began: int
@@ -54,12 +60,18 @@ class _Interrupted:
 class UnitFeed:
     """Reads `source` and passes events to `keep`. `micros` returns the time, UTC microseconds.
 
-    With `wanted` it reads until so many units are finished; `on_bench_at_end` is the unfinished one at the end of the run. With
-    `refuses_repeats` no unit begins twice.
+    With `wanted` it reads until so many units are finished; `on_bench_at_end` is the unfinished one
+    at the end of the run. With `refuses_repeats` no unit begins twice.
     """
 
     def __init__(
-        self, source: LineSource, keep: Keep, micros: Callable[[], int], wanted: int | None = None, *, refuses_repeats: bool = False
+        self,
+        source: LineSource,
+        keep: Keep,
+        micros: Callable[[], int],
+        wanted: int | None = None,
+        *,
+        refuses_repeats: bool = False,
     ) -> None:
         self.unit: str | None = None
         self.on_bench_at_end: str | None = None
@@ -79,7 +91,9 @@ class UnitFeed:
         self._now = self._looked = micros()
 
     def look(self) -> bool:
-        """Process what has come since the last call; return whether there was anything. Never waits."""
+        """Process what has come since the last call; return whether there was anything. Never
+        waits.
+        """
         if self._source is None:
             return False
         self._looked, self._now = self._now, self._micros()
@@ -102,7 +116,10 @@ class UnitFeed:
         self._now = self._micros()
         for line in self._splitter.finish():
             self._note(
-                "unit.refused", f"{line.text} came without the end of its line; it began no unit.", line.text, Severity.WARNING
+                "unit.refused",
+                f"{line.text} came without the end of its line; it began no unit.",
+                line.text,
+                Severity.WARNING,
             )
         self.on_bench_at_end = self.unit
         self._end_unit()
@@ -129,7 +146,10 @@ class UnitFeed:
     def _change(self, line: TypedLine) -> None:
         self._refused = None
         if not line.is_whole:
-            text = f"A line of more than {len(line.text)} characters is no serial; whose joints follow is not known."
+            text = (
+                f"A line of more than {len(line.text)} characters is no serial; whose joints follow"
+                " is not known."
+            )
             self._note("unit.refused", text, line.text, Severity.WARNING)
             self._interrupt(is_made=False)
         elif self._wanted is not None and line.text == END_WORD:
@@ -147,11 +167,17 @@ class UnitFeed:
         is_repeat = self._is_repeat(line.text) and not continues
         self._finish_unit()
         if self.is_done:
-            self._note("unit.next", f"Serial {line.text} came when all units were finished; it is not of this run.", line.text)
+            self._note(
+                "unit.next",
+                f"Serial {line.text} came when all units were finished; it is not of this run.",
+                line.text,
+            )
             return
         self._times_read[line.text] += 1
         if is_repeat:
-            self._note_repeat(line.text, "and begins again; each serial counts once", Severity.WARNING)
+            self._note_repeat(
+                line.text, "and begins again; each serial counts once", Severity.WARNING
+            )
         self.unit, self.has_had_any = line.text, True
         self._began = before.began if before is not None and continues else self._now
         self._first_read.setdefault(line.text, self._now)
@@ -159,12 +185,17 @@ class UnitFeed:
         if line.is_clear:
             self._note("unit.begin", f"Unit {line.text} {begins}.", line.text)
         else:
-            text = f"Unit {line.text} {begins}; its serial held what does not show, which stands here as an escape."
+            text = (
+                f"Unit {line.text} {begins}; its serial held what does not show, which stands here"
+                " as an escape."
+            )
             self._note("unit.begin", text, line.text, Severity.WARNING)
 
     def _is_repeat(self, serial: str) -> bool:
         """Whether it was read before, and is not the unit that was just interrupted."""
-        return serial in self._first_read and (self._interrupted is None or self._interrupted.serial != serial)
+        return serial in self._first_read and (
+            self._interrupted is None or self._interrupted.serial != serial
+        )
 
     def _refuse(self, serial: str) -> None:
         self._refused = serial
@@ -172,11 +203,16 @@ class UnitFeed:
         self._interrupt(is_made=self._now - self._began >= LEAST_WORK_US)
         before = self._interrupted
         back = "" if before is None else f"; {before.serial} read again continues that one"
-        why = f"and is refused, as the recipe says: what follows belongs to no unit until another serial is read{back}"
+        why = (
+            "and is refused, as the recipe says: what follows belongs to no unit until another"
+            f" serial is read{back}"
+        )
         self._note_repeat(serial, why, Severity.ERROR)
 
     def _note_repeat(self, serial: str, what: str, severity: Severity) -> None:
-        first = time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime(self._first_read[serial] // 1_000_000))
+        first = time.strftime(
+            "%Y-%m-%d %H:%M:%S", time.gmtime(self._first_read[serial] // 1_000_000)
+        )
         text = f"Serial {serial} was read before, at {first} UTC, {what}."
         self._note("unit.repeated", text, serial, severity, value=self._times_read[serial])
 
@@ -191,12 +227,25 @@ class UnitFeed:
             text = f"{END_WORD} was read: unit {unit} is finished."
         else:
             text = f"{END_WORD} was read: unit {unit} ends and is not counted as finished."
-        self._note("unit.finish", f"{text} Units finished: {len(self.finished)}, wanted: {self._wanted}.", unit)
+        self._note(
+            "unit.finish",
+            f"{text} Units finished: {len(self.finished)}, wanted: {self._wanted}.",
+            unit,
+        )
 
     def _note_again(self, times: int) -> None:
         if times:
-            whose = f"The serial of unit {self.unit}" if self._refused is None else f"Serial {self._refused}, which is refused,"
-            self._note("unit.again", f"{whose} came again; nothing changes.", self.unit or self._refused, value=times)
+            whose = (
+                f"The serial of unit {self.unit}"
+                if self._refused is None
+                else f"Serial {self._refused}, which is refused,"
+            )
+            self._note(
+                "unit.again",
+                f"{whose} came again; nothing changes.",
+                self.unit or self._refused,
+                value=times,
+            )
 
     def _finish_unit(self) -> None:
         """End the unit on the bench; it, or the interrupted one before, is finished."""
@@ -220,26 +269,46 @@ class UnitFeed:
 
     def _close_source(self, source: LineSource) -> None:
         self._take(*self._splitter.finish())
-        rest = f"unit {self.unit} lasts until the end of the run" if self.unit else "the rest of the run has no unit"
+        rest = (
+            f"unit {self.unit} lasts until the end of the run"
+            if self.unit
+            else "the rest of the run has no unit"
+        )
         text = f"No more serials come from {source.name}, which was closed: {rest}.{self._too_few}"
         self._note("unit.closed", text, None, Severity.WARNING)
         self._give_up()
 
     def _lose(self, source: LineSource, why: str) -> None:
-        text = f"No more serials can be read from {source.name}: {why}. Whose joints follow is not known.{self._too_few}"
+        text = (
+            f"No more serials can be read from {source.name}: {why}. Whose joints follow is not"
+            f" known.{self._too_few}"
+        )
         self._note("unit.lost", text, None, Severity.WARNING)
         self._end_unit()
         self._give_up()
 
     @property
     def _too_few(self) -> str:
-        return "" if self._wanted is None or self.is_done else " The wanted number of units cannot be reached any more."
+        return (
+            ""
+            if self._wanted is None or self.is_done
+            else " The wanted number of units cannot be reached any more."
+        )
 
     def _give_up(self) -> None:
         if self._source is not None:
             self._source.close()
             self._source = None
 
-    def _note(self, kind: str, text: str, raw: str | None, severity: Severity = Severity.INFO, value: float | None = None) -> None:
+    def _note(
+        self,
+        kind: str,
+        text: str,
+        raw: str | None,
+        severity: Severity = Severity.INFO,
+        value: float | None = None,
+    ) -> None:
         earliest = self._looked if self._looked < self._now else None
-        self._keep(EventRow(self._now, kind, severity, text, earliest=earliest, value=value, raw=raw))
+        self._keep(
+            EventRow(self._now, kind, severity, text, earliest=earliest, value=value, raw=raw)
+        )

@@ -1,4 +1,6 @@
-"""The queue of the batch that runs on a folder of runs, read from its store without a lock on it and without writing."""
+"""The queue of the batch that runs on a folder of runs, read from its store without a lock on it
+and without writing.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,9 @@ class BatchQueue:
 
 
 class QueueFollower:
-    """The batch that runs on the folder of runs at `path`, or on that of the run at `path`. `poll` may be called at any rate."""
+    """The batch that runs on the folder of runs at `path`, or on that of the run at `path`. `poll`
+    may be called at any rate.
+    """
 
     def __init__(self, path: Path) -> None:
         self._home = path.absolute().parent if is_run(path) else path
@@ -70,7 +74,10 @@ class QueueFollower:
 def queue_of(home: Path) -> BatchQueue:
     """Return the queue of the newest batch of a jobs file whose batches are in `home`."""
     name = clean(home.name.removesuffix(SUFFIX))
-    folders = sorted((one for one in home.glob("*Z*") if one.is_dir() and not one.is_symlink()), key=lambda one: one.name)
+    folders = sorted(
+        (one for one in home.glob("*Z*") if one.is_dir() and not one.is_symlink()),
+        key=lambda one: one.name,
+    )
     if not folders:
         return BatchQueue(f"batch {name} begins")
     try:
@@ -86,13 +93,21 @@ def queue_of(home: Path) -> BatchQueue:
 
 
 def _read(path: Path) -> tuple[BatchState, dict[str, JobProgress]]:
-    """Return the state of a batch by its journal, and the progress of its attempts. Raises OSError, Malformed."""
+    """Return the state of a batch by its journal, and the progress of its attempts. Raises OSError,
+    Malformed.
+    """
     pages = DatabasePages(path)
     try:
-        lines, attempts = pages.snapshot(lambda one: (_values(one, "journal"), _values(one, "attempt")))
+        lines, attempts = pages.snapshot(
+            lambda one: (_values(one, "journal"), _values(one, "attempt"))
+        )
     finally:
         pages.close()
-    entries = [entry for _, line in lines if isinstance(line, bytes) and (entry := parsed(line)) is not None]
+    entries = [
+        entry
+        for _, line in lines
+        if isinstance(line, bytes) and (entry := parsed(line)) is not None
+    ]
     return batch_state(entries), {str(name): _progress(text) for name, _, _, text, *_ in attempts}
 
 
@@ -122,7 +137,11 @@ def _waiting(job: JobState) -> str:
     asked = _asked(job)
     after = asked.get("after")
     parts = [f"after {', '.join(map(str, after))}"] if isinstance(after, list) and after else []
-    parts += [time.strftime("from %Y-%m-%d %H:%M", time.localtime(job.due))] if job.due is not None else []
+    parts += (
+        [time.strftime("from %Y-%m-%d %H:%M", time.localtime(job.due))]
+        if job.due is not None
+        else []
+    )
     return ", ".join(parts)
 
 

@@ -1,4 +1,6 @@
-"""What the page gets of a run: texts as the terminal shows them, and of each trace what is new since the last message."""
+"""What the page gets of a run: texts as the terminal shows them, and of each trace what is new
+since the last message.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ Json = dict[str, object]
 
 
 class Feed:
-    """Makes messages from states. `whole` is for a page that has nothing yet, `change` for those that have the last message."""
+    """Makes messages from states. `whole` is for a page that has nothing yet, `change` for those
+    that have the last message.
+    """
 
     def __init__(self, no_run: str = words.NO_RUN) -> None:
         self._no_run = no_run  # what is shown without a run
@@ -57,7 +61,9 @@ class Feed:
         return None if found is None else json_line(_points(found, None))
 
 
-def _message(state: RunState, queues: Sequence[BatchQueue], sent: dict[Key, float], *, is_whole: bool) -> str:
+def _message(
+    state: RunState, queues: Sequence[BatchQueue], sent: dict[Key, float], *, is_whole: bool
+) -> str:
     data: Json = {
         "run": words.run_line(state),
         "title": words.title(state),
@@ -105,8 +111,12 @@ def _points(trace: Trace, sent_s: float | None) -> Json:
     return {
         "begin": is_new,
         "seconds": [round(one, 3) for one in trace.seconds[first:]],
-        "temperature": [None if one is None else round(one, 2) for one in trace.temperature_c[first:]],
-        "power": [None if one is None else round(one / 10, 1) for one in trace.power_permille[first:]],
+        "temperature": [
+            None if one is None else round(one, 2) for one in trace.temperature_c[first:]
+        ],
+        "power": [
+            None if one is None else round(one / 10, 1) for one in trace.power_permille[first:]
+        ],
     }
 
 
@@ -115,8 +125,17 @@ def _first_after(trace: Trace, sent_s: float) -> int:
 
 
 def _queue(queues: Sequence[BatchQueue]) -> Json:
-    return {"queue": [{"text": one.text, "jobs": [[job.name, job.state, job.text] for job in one.jobs]} for one in queues]}
+    return {
+        "queue": [
+            {"text": one.text, "jobs": [[job.name, job.state, job.text] for job in one.jobs]}
+            for one in queues
+        ]
+    }
 
 
 def _station(station: StationState) -> Json:
-    return {"name": station.name, "settings": words.setting_rows(station), "counters": words.counter_rows(station)}
+    return {
+        "name": station.name,
+        "settings": words.setting_rows(station),
+        "counters": words.counter_rows(station),
+    }

@@ -1,4 +1,6 @@
-"""The runs of a folder and their reports, for the page. Takes no lock: an open run is known by its lock file alone."""
+"""The runs of a folder and their reports, for the page. Takes no lock: an open run is known by its
+lock file alone.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +19,23 @@ REPORT: Final = "report.html"
 
 
 def past_runs(path: Path) -> list[dict[str, object]]:
-    """Return the newest runs of the folder at `path`, or of the folder of the run at `path`, newest first. Raises OSError."""
+    """Return the newest runs of the folder at `path`, or of the folder of the run at `path`, newest
+    first. Raises OSError.
+    """
     home = path.absolute().parent if is_run(path) else path
-    names = sorted((one.name for one in home.iterdir() if RUN_NAME.fullmatch(one.name)), reverse=True)[:MOST]
-    return [{"name": name, "text": _text(home / name), "report": (home / name / REPORT).is_file()} for name in names]
+    names = sorted(
+        (one.name for one in home.iterdir() if RUN_NAME.fullmatch(one.name)), reverse=True
+    )[:MOST]
+    return [
+        {"name": name, "text": _text(home / name), "report": (home / name / REPORT).is_file()}
+        for name in names
+    ]
 
 
 def report_of(path: Path, name: str) -> bytes:
-    """Return the report page of the run `name` beside or below `path`. Raises OSError, also where there is none."""
+    """Return the report page of the run `name` beside or below `path`. Raises OSError, also where
+    there is none.
+    """
     home = path.absolute().parent if is_run(path) else path
     if not RUN_NAME.fullmatch(name) or (home / name).is_symlink():
         raise FileNotFoundError(name)
@@ -37,5 +48,10 @@ def _text(run: Path) -> str:
     found = summary_of(run)
     if not isinstance(found, Found):
         return "not readable"
-    facts = [found.shown_state, found.verdict, found.order and f"order {found.order}", found.product]
+    facts = [
+        found.shown_state,
+        found.verdict,
+        found.order and f"order {found.order}",
+        found.product,
+    ]
     return clean(" · ".join(text for text in facts if text))

@@ -1,10 +1,15 @@
-"""The live view as a page: one process that follows a run, and any number of browsers that are shown it. By Starlette and uvicorn.
+"""The live view as a page: one process that follows a run, and any number of browsers that are
+shown it. By Starlette and uvicorn.
 
 1. It only reads, and answers GET and HEAD only.
-2. A request must name a host that this server was started for (against DNS rebinding), and come from no other origin.
-3. Beyond the loopback addresses a token is required, from the address line once, then from a cookie.
-4. Nothing is loaded from elsewhere: the policy allows this server's own files, no inline script or style, no frame.
-5. A browser that takes nothing for a while is disconnected; it connects again and gets the whole state.
+2. A request must name a host that this server was started for (against DNS rebinding), and come
+   from no other origin.
+3. Beyond the loopback addresses a token is required, from the address line once, then from a
+   cookie.
+4. Nothing is loaded from elsewhere: the policy allows this server's own files, no inline script or
+   style, no frame.
+5. A browser that takes nothing for a while is disconnected; it connects again and gets the whole
+   state.
 """
 
 from __future__ import annotations
@@ -45,10 +50,13 @@ POLICY: Final = (
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 OF_REPORT: Final = (
-    "sandbox allow-scripts allow-popups allow-modals; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "img-src data:; font-src data:; frame-ancestors 'none'"
+    "sandbox allow-scripts allow-popups allow-modals; default-src 'none'; script-src"
+    " 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; font-src data:; frame-ancestors"
+    " 'none'"
 )
-"""The policy of a report: a file that may be anybody's has no origin here, and its own policy holds as well."""
+"""The policy of a report: a file that may be anybody's has no origin here, and its own policy holds
+as well.
+"""
 HEADERS: Final = (
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
@@ -76,20 +84,30 @@ Queue = asyncio.Queue[str | None]
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Who may look: `address` is what the server listens on, `token` None where none is required."""
+    """Who may look: `address` is what the server listens on, `token` None where none is
+    required.
+    """
 
     address: str
     token: str | None
 
     def knows_host(self, host: str) -> bool:
-        """Whether a request's header Host names this server. Its port may be another one: that of a tunnel or a container."""
+        """Whether a request's header Host names this server. Its port may be another one: that of a
+        tunnel or a container.
+        """
         name = host.rpartition(":")[0] if not host.endswith("]") and ":" in host else host
         name = name.strip("[]").lower()
-        return name in LOOPBACK or name == self.address.lower() or (self.token is not None and _is_own(name, self.address))
+        return (
+            name in LOOPBACK
+            or name == self.address.lower()
+            or (self.token is not None and _is_own(name, self.address))
+        )
 
     def is_allowed(self, given: str | None) -> bool:
         """Whether a token, of the address line or of a cookie, is right."""
-        return self.token is None or (given is not None and hmac.compare_digest(given.encode(), self.token.encode()))
+        return self.token is None or (
+            given is not None and hmac.compare_digest(given.encode(), self.token.encode())
+        )
 
 
 def _is_own(name: str, address: str) -> bool:
@@ -134,7 +152,9 @@ class Guard:
             if message["type"] == "http.response.start":
                 headers = list(message.get("headers", ()))
                 has_policy = any(name == CSP for name, _ in headers)
-                message["headers"] = headers + list(HEADERS) + ([] if has_policy else [(CSP, POLICY.encode())])
+                message["headers"] = (
+                    headers + list(HEADERS) + ([] if has_policy else [(CSP, POLICY.encode())])
+                )
             await send(message)
 
         answer = self._refusal(Request(scope)) or self._app
@@ -151,10 +171,18 @@ class Guard:
         given = request.query_params.get("token")
         if given is not None and self._access.token is not None and self._access.is_allowed(given):
             answer = RedirectResponse(request.url.path, 303)  # the token leaves the address line
-            answer.set_cookie(COOKIE, given, httponly=True, samesite="strict", secure=request.url.scheme == "https")
+            answer.set_cookie(
+                COOKIE,
+                given,
+                httponly=True,
+                samesite="strict",
+                secure=request.url.scheme == "https",
+            )
             return answer
         if not self._access.is_allowed(request.cookies.get(COOKIE)):
-            return PlainTextResponse("a token is required: open the address that `jbclog watch --web` has shown", 401)
+            return PlainTextResponse(
+                "a token is required: open the address that `jbclog watch --web` has shown", 401
+            )
         return None
 
 
@@ -196,7 +224,9 @@ class Broadcast:
             queue.put_nowait(None)
 
     def join(self) -> Queue | None:
-        """Add a browser, at once, so that requests that come together are counted; None: there are as many as may be."""
+        """Add a browser, at once, so that requests that come together are counted; None: there are
+        as many as may be.
+        """
         if len(self.browsers) >= MOST_BROWSERS:
             return None
         queue = Queue()
@@ -205,7 +235,8 @@ class Broadcast:
 
     async def messages(self, queue: Queue) -> AsyncIterator[str]:
         """Yield what a browser gets: the whole state, then changes, until it is too slow."""
-        whole = self.feed.whole()  # a change that it has already may follow: the page leaves out points that it has
+        # a change that it has already may follow: the page leaves out points that it has
+        whole = self.feed.whole()
         if whole:
             yield _event(whole)
         while (message := await queue.get()) is not None:
@@ -213,7 +244,9 @@ class Broadcast:
 
 
 class Stream(StreamingResponse):
-    """The messages to one browser, which leaves the broadcast with the end of its answer, also of one that never began."""
+    """The messages to one browser, which leaves the broadcast with the end of its answer, also of
+    one that never began.
+    """
 
     def __init__(self, broadcast: Broadcast, queue: Queue) -> None:
         super().__init__(broadcast.messages(queue), media_type="text/event-stream")
@@ -256,14 +289,20 @@ def application(broadcast: Broadcast, access: Access, path: Path) -> ASGIApp:
             data = report_of(path, request.path_params["name"])
         except OSError:
             return PlainTextResponse("this run has no report; `jbclog report` writes it", 404)
-        return Response(data, media_type="text/html; charset=utf-8", headers={CSP.decode(): OF_REPORT})
+        return Response(
+            data, media_type="text/html; charset=utf-8", headers={CSP.decode(): OF_REPORT}
+        )
 
     routes = [Route(place, _file(file, kind)) for place, (file, kind) in FILES.items()]
     routes += [Route("/favicon.ico", lambda _: Response(status_code=204)), Route("/events", events)]
 
     async def hour(request: Request) -> Response:
         found = broadcast.feed.hour(request.query_params.get("port", ""))
-        return PlainTextResponse("no such port", 404) if found is None else Response(found, media_type="application/json")
+        return (
+            PlainTextResponse("no such port", 404)
+            if found is None
+            else Response(found, media_type="application/json")
+        )
 
     routes += [Route("/hour", hour)]
     routes += [Route("/runs", runs), Route("/runs/{name}", report)]
@@ -276,7 +315,9 @@ def _file(path: Path, kind: str) -> Callable[[Request], Response]:
 
 
 def listening(address: str, port: int) -> socket.socket:
-    """Return a socket that listens. Raises UsageError where the port is in use or the address is not this machine's."""
+    """Return a socket that listens. Raises UsageError where the port is in use or the address is
+    not this machine's.
+    """
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     opened = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -285,17 +326,24 @@ def listening(address: str, port: int) -> socket.socket:
         opened.listen(128)
     except OSError as error:
         opened.close()
-        raise UsageError(f"{address} port {port} cannot be used: {error.strerror or error}; choose another with --port") from error
+        raise UsageError(
+            f"{address} port {port} cannot be used: {error.strerror or error}; choose another with"
+            " --port"
+        ) from error
     return opened
 
 
 class PageServer(uvicorn.Server):
-    """Serves the page of a run; `run` takes a list with a socket of `listening`, and ends at SIGINT or SIGTERM."""
+    """Serves the page of a run; `run` takes a list with a socket of `listening`, and ends at SIGINT
+    or SIGTERM.
+    """
 
     def __init__(self, source: Source, access: Access, path: Path, queues: Queues = tuple) -> None:
         self._broadcast = Broadcast(source, queues, Feed(words.no_run(path)))
         app = application(self._broadcast, access, path)
-        config = uvicorn.Config(app, log_level="error", access_log=False, server_header=False, ws="none")
+        config = uvicorn.Config(
+            app, log_level="error", access_log=False, server_header=False, ws="none"
+        )
         config.timeout_graceful_shutdown = GRACE_S
         super().__init__(config)
 

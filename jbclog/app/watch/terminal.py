@@ -1,4 +1,6 @@
-"""The live view in the terminal: a tile for each port, the events below, a station in detail. By Textual."""
+"""The live view in the terminal: a tile for each port, the events below, a station in detail. By
+Textual.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,9 @@ class Tile(Static, can_focus=True):
         self.show(self.port)
 
     def action_move(self, step: int, by_line: bool = False) -> None:
-        """Choose the tile `step` places, or lines of tiles, further on; this one where there is none."""
+        """Choose the tile `step` places, or lines of tiles, further on; this one where there is
+        none.
+        """
         tiles = list(self.screen.query(Tile))
         a_line = sum(tile.region.y == tiles[0].region.y for tile in tiles)
         place = tiles.index(self) + step * (a_line if by_line else 1)
@@ -76,7 +80,10 @@ class Tile(Static, can_focus=True):
 class StationScreen(Screen[None]):
     """A station in detail: its ports with the last minute or hour, settings and counters."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "app.pop_screen", "back"), Binding("h", "span", "minute/hour")]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "app.pop_screen", "back"),
+        Binding("h", "span", "minute/hour"),
+    ]
 
     def __init__(self, station: str) -> None:
         super().__init__()
@@ -108,10 +115,16 @@ class StationScreen(Screen[None]):
         station = None if run is None else run.station(self.station)
         if run is None or station is None or not self.is_mounted:
             return
-        self.query_one("#head", Static).update(Content(f"{words.run_line(run)}\n{_station_line(station)}"))
+        self.query_one("#head", Static).update(
+            Content(f"{words.run_line(run)}\n{_station_line(station)}")
+        )
         width = max(self.size.width - 4, 10)
         self.query_one("#ports", Static).update(
-            Content("\n\n".join(_port_text(port, width, shows_hour=self.shows_hour) for port in station.ports))
+            Content(
+                "\n\n".join(
+                    _port_text(port, width, shows_hour=self.shows_hour) for port in station.ports
+                )
+            )
         )
         self._show_table("#settings", words.columns(words.setting_rows(station)))
         self._show_table("#counters", words.columns(words.counter_rows(station)))
@@ -149,7 +162,13 @@ class WatchApp(App[None]):
         Binding("s", "severity", "severity"),
     ]
 
-    def __init__(self, source: Source, every_s: float | None = EVERY_S, queues: Queues = tuple, no_run: str = words.NO_RUN) -> None:
+    def __init__(
+        self,
+        source: Source,
+        every_s: float | None = EVERY_S,
+        queues: Queues = tuple,
+        no_run: str = words.NO_RUN,
+    ) -> None:
         super().__init__()
         self.run_state: RunState | None = None
         self.severity = Severity.INFO
@@ -224,7 +243,9 @@ class WatchApp(App[None]):
         events = self.screen_stack[0].query_one("#events", Static)
         events.border_title = Content(f"events from {self.severity} · times in {words.zone_text()}")
         known = () if self.run_state is None else self.run_state.events
-        shown = [words.event_line(one) for one in known if words.at_least(self.severity, one)][-SHOWN_EVENTS:]
+        shown = [words.event_line(one) for one in known if words.at_least(self.severity, one)][
+            -SHOWN_EVENTS:
+        ]
         lines = max(events.size.height, 1)
         events.update(Content("\n".join(shown[-lines:]) or "no event"))
 
@@ -236,7 +257,9 @@ class WatchApp(App[None]):
         self.screen_stack[0].query_one("#head", Static).update(Content(text))
 
     def on_resize(self, event: Resize) -> None:
-        """Give the tiles the lines that they need: on a low terminal the events and the queue get fewer, or none."""
+        """Give the tiles the lines that they need: on a low terminal the events and the queue get
+        fewer, or none.
+        """
         lines = event.size.height - LINES_OF_TILES
         for name in ("#events", "#queue"):
             box = self.screen_stack[0].query_one(name, Static)
@@ -249,19 +272,34 @@ class WatchApp(App[None]):
 
     def action_severity(self) -> None:
         """Show events from the next severity on."""
-        self.severity = words.SEVERITIES[(words.SEVERITIES.index(self.severity) + 1) % len(words.SEVERITIES)]
+        self.severity = words.SEVERITIES[
+            (words.SEVERITIES.index(self.severity) + 1) % len(words.SEVERITIES)
+        ]
         self._show_events()
 
 
 def _station_line(station: StationState) -> str:
     rate = "rate unknown" if station.rate_hz is None else f"{station.rate_hz:g} Hz"
-    facts = [station.name, station.family, station.model or "model unknown", rate, station.outcome, station.reason]
+    facts = [
+        station.name,
+        station.family,
+        station.model or "model unknown",
+        rate,
+        station.outcome,
+        station.reason,
+    ]
     return " · ".join(clean(text) for text in facts if text)
 
 
 def _port_text(port: PortState, width: int, *, shows_hour: bool) -> str:
     """A port with the plot of its last minute or hour."""
     lines = words.port_lines(port, width)
-    lines[3:4] = words.hour_plot(port, width, PLOT_LINES) if shows_hour else words.plot(port.trace, width, PLOT_LINES)
+    lines[3:4] = (
+        words.hour_plot(port, width, PLOT_LINES)
+        if shows_hour
+        else words.plot(port.trace, width, PLOT_LINES)
+    )
     why = words.joints_why(port.joints)
-    return "\n".join([f"{words.port_name(port)}: {str(port.condition).upper()}", *lines, *([why] if why else [])])
+    return "\n".join(
+        [f"{words.port_name(port)}: {str(port.condition).upper()}", *lines, *([why] if why else [])]
+    )

@@ -1,4 +1,6 @@
-"""Texts of the live view, the same in the terminal and on the page. A value that is not known never reads like one that is."""
+"""Texts of the live view, the same in the terminal and on the page. A value that is not known never
+reads like one that is.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,11 @@ def reading_text(reading: Reading, unit: str = "") -> str:
     if reading.is_known:
         return value
     if reading.value is None:
-        return reading.why if reading.why == "not supported" else f"unknown ({clean(reading.why or 'not read yet')})"
+        return (
+            reading.why
+            if reading.why == "not supported"
+            else f"unknown ({clean(reading.why or 'not read yet')})"
+        )
     return f"unknown ({clean(reading.why or 'stale')}; last {value}, {age_text(reading.age_s)} ago)"
 
 
@@ -60,19 +66,29 @@ def power_text(reading: Reading) -> str:
     """The power in percent."""
     if not isinstance(reading.value, int | float):
         return reading_text(reading)
-    return reading_text(Reading(round(reading.value / 10), reading.age_s, reading.why, reading.is_stale), "%")
+    return reading_text(
+        Reading(round(reading.value / 10), reading.age_s, reading.why, reading.is_stale), "%"
+    )
 
 
 def coverage_text(coverage: Coverage) -> str:
     """``99.8 % of 1200``; without a share where nothing was due."""
     if coverage.share is None:
         return "coverage unknown"
-    share = f"{100 * coverage.share:.1f}" if coverage.obtained == coverage.due else f"{min(100 * coverage.share, 99.9):.1f}"
-    return f"coverage {share} % of {coverage.due}" + ("" if coverage.is_whole else ", still counting")
+    share = (
+        f"{100 * coverage.share:.1f}"
+        if coverage.obtained == coverage.due
+        else f"{min(100 * coverage.share, 99.9):.1f}"
+    )
+    return f"coverage {share} % of {coverage.due}" + (
+        "" if coverage.is_whole else ", still counting"
+    )
 
 
 def joints_text(joints: Joints) -> str:
-    """``joints 12``, ``joints 12 (3 min ago)``, or that their number is not known; `joints_why` has the reason."""
+    """``joints 12``, ``joints 12 (3 min ago)``, or that their number is not known; `joints_why` has
+    the reason.
+    """
     if joints.count is not None:
         return f"joints {joints.count}{joints_age(joints)}"
     if joints.is_awaited:
@@ -96,18 +112,35 @@ def port_name(port: PortState) -> str:
 
 
 def port_lines(port: PortState, width: int) -> list[str]:
-    """The lines of a tile below its name: readings, the last minute, age and coverage, what is wrong."""
-    lines = [f"now {reading_text(port.temperature, '°C')}", f"set {reading_text(port.setpoint, '°C')}"]
+    """The lines of a tile below its name: readings, the last minute, age and coverage, what is
+    wrong.
+    """
+    lines = [
+        f"now {reading_text(port.temperature, '°C')}",
+        f"set {reading_text(port.setpoint, '°C')}",
+    ]
     lines += [f"power {power_text(port.power)} · {reading_text(port.status)}"]
     lines += [sparkline(port.trace, width)]
-    lines += [f"row {age_text(port.row_age_s)} ago · {joints_text(port.joints)}", coverage_text(port.coverage)]
+    lines += [
+        f"row {age_text(port.row_age_s)} ago · {joints_text(port.joints)}",
+        coverage_text(port.coverage),
+    ]
     return lines + [f"! {clean(text)}" for text in (*port.alarms, *port.problems)]
 
 
 def run_line(run: RunState) -> str:
     """The run in one line: its name, phase, order and unit."""
-    facts = {"order": run.order, "product": run.product, "units": run.units, "operator": run.operator}
-    known = [units_text(run.units) if name == "units" else f"{name} {text}" for name, text in facts.items() if text]
+    facts = {
+        "order": run.order,
+        "product": run.product,
+        "units": run.units,
+        "operator": run.operator,
+    }
+    known = [
+        units_text(run.units) if name == "units" else f"{name} {text}"
+        for name, text in facts.items()
+        if text
+    ]
     verdict = [f"verdict {run.verdict}"] if run.verdict else []
     return clean(" · ".join([run.folder.name, run.phase.upper(), *known, *verdict]))
 
@@ -118,10 +151,14 @@ def worst(run: RunState) -> Condition | None:
 
 
 def title(run: RunState | None) -> str:
-    """The page's title in a word or two: a phase in which nothing on it is known, else the worst condition."""
+    """The page's title in a word or two: a phase in which nothing on it is known, else the worst
+    condition.
+    """
     if run is None:
         return NO_RUN.upper()
-    return (str(run.phase) if run.phase in NOTHING_KNOWN else str(worst(run) or Condition.NOT_KNOWN)).upper()
+    return (
+        str(run.phase) if run.phase in NOTHING_KNOWN else str(worst(run) or Condition.NOT_KNOWN)
+    ).upper()
 
 
 def no_run(path: Path) -> str:
@@ -142,13 +179,22 @@ def event_line(numbered: NumberedEvent) -> str:
     event = numbered.event
     moment = time.strftime("%H:%M:%S", time.localtime(event.time // 1_000_000))
     text = event.text.removeprefix(f"{event.station}: ").removeprefix(f"Port {event.port}: ")
-    place = "run" if event.station is None else event.station if event.port is None else f"{event.station} port {event.port}"
+    place = (
+        "run"
+        if event.station is None
+        else event.station
+        if event.port is None
+        else f"{event.station} port {event.port}"
+    )
     return clean(f"{moment}  {event.severity.value:8}  {place}: {text}")
 
 
 def setting_rows(station: StationState) -> list[list[str]]:
     """The settings of a station: heads, then a row for each; empty where none was read."""
-    rows = [(one.name, _cell(one.port), _cell(one.tool), one.value or "unknown", one.unit, one.outcome) for one in station.settings]
+    rows = [
+        (one.name, _cell(one.port), _cell(one.tool), one.value or "unknown", one.unit, one.outcome)
+        for one in station.settings
+    ]
     return _rows(("setting", "port", "tool", "value", "unit", "outcome"), rows)
 
 
@@ -173,12 +219,19 @@ def _rows(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[list[str]
 def columns(lines: Sequence[Sequence[str]]) -> list[str]:
     """Rows of cells as lines, each column as wide as its widest cell."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines]
+    return [
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in lines
+    ]
 
 
 def queue_lines(queues: Sequence[BatchQueue]) -> list[str]:
     """Each batch that runs: how far it has come, and its jobs as a table without heads."""
-    return [line for queue in queues for line in (clean(queue.text), *columns([tuple(map(clean, one)) for one in queue.jobs]))]
+    return [
+        line
+        for queue in queues
+        for line in (clean(queue.text), *columns([tuple(map(clean, one)) for one in queue.jobs]))
+    ]
 
 
 def zone_text() -> str:
@@ -191,21 +244,35 @@ def at_least(severity: Severity, event: NumberedEvent) -> bool:
 
 
 def sparkline(trace: Trace, width: int) -> str:
-    """Draw the temperature of the last minute as blocks, the newest at the right; a stretch without a reading is blank."""
+    """Draw the temperature of the last minute as blocks, the newest at the right; a stretch without
+    a reading is blank.
+    """
     means = _means(trace, width)
     low, high = _range(means)
-    return "".join(" " if mean is None else BLOCKS[round((mean - low) / (high - low) * (len(BLOCKS) - 1))] for mean in means)
+    return "".join(
+        " " if mean is None else BLOCKS[round((mean - low) / (high - low) * (len(BLOCKS) - 1))]
+        for mean in means
+    )
 
 
 def plot(trace: Trace, width: int, height: int, span_s: float = TRACE_S) -> list[str]:
-    """Draw the temperature of the last seconds in lines of blocks, with its range at the left and its time below."""
+    """Draw the temperature of the last seconds in lines of blocks, with its range at the left and
+    its time below.
+    """
     means = _means(trace, width - LABEL, span_s)
     if span_s > TRACE_S:
         means[-1:] = trace.temperature_c[-1:]
     if not any(mean is not None for mean in means):
         return [f"no reading in the last {'minute' if span_s == TRACE_S else 'hour'}"]
     low, high = _range(means)
-    steps = [None if mean is None else 1 + round((mean - low) / (high - low) * (height * len(BLOCKS) - 1)) for mean in means]
+    steps = [
+        (
+            None
+            if mean is None
+            else 1 + round((mean - low) / (high - low) * (height * len(BLOCKS) - 1))
+        )
+        for mean in means
+    ]
     lines = []
     for line in reversed(range(height)):
         label = f"{high:.0f} °C" if line == height - 1 else f"{low:.0f} °C" if line == 0 else ""
@@ -215,9 +282,13 @@ def plot(trace: Trace, width: int, height: int, span_s: float = TRACE_S) -> list
 
 
 def hour_plot(port: PortState, width: int, height: int) -> list[str]:
-    """Draw the last hour as `plot` does; its last column is the newest reading, so that no mean hides what is now."""
+    """Draw the last hour as `plot` does; its last column is the newest reading, so that no mean
+    hides what is now.
+    """
     trace = _hour_to_now(port)
-    if trace.last_s - min(trace.seconds, default=trace.last_s) < max(TRACE_S, 2 * HOUR_S / max(width - LABEL, 1)):
+    if trace.last_s - min(trace.seconds, default=trace.last_s) < max(
+        TRACE_S, 2 * HOUR_S / max(width - LABEL, 1)
+    ):
         return ["too short yet for an hour's plot; `h` shows the last minute"]
     return plot(trace, width, height, HOUR_S)
 
@@ -249,11 +320,15 @@ def _means(trace: Trace, width: int, span_s: float = TRACE_S) -> list[float | No
 
 
 def _place(before_s: float, width: int, span_s: float) -> int:
-    """Return the stretch, of `width`, in which a row lies that came so many seconds (negative) before the newest one."""
+    """Return the stretch, of `width`, in which a row lies that came so many seconds (negative)
+    before the newest one.
+    """
     return min(max(int((before_s + span_s) / span_s * width), 0), width - 1)
 
 
-def _without_thin_gaps(means: list[float | None], trace: Trace, span_s: float) -> list[float | None]:
+def _without_thin_gaps(
+    means: list[float | None], trace: Trace, span_s: float
+) -> list[float | None]:
     """Fill stretches that are blank only because they are shorter than the distance of two rows."""
     rows = {_place(seconds - trace.last_s, len(means), span_s) for seconds in trace.seconds}
     first = min(rows, default=len(means))

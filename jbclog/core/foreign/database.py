@@ -1,4 +1,6 @@
-"""Open untrusted SQLite files: the schema is not trusted, and no statement runs without a time limit."""
+"""Open untrusted SQLite files: the schema is not trusted, and no statement runs without a time
+limit.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ from urllib.parse import quote
 from jbclog.core.foreign.files import Kind, expect_regular
 
 ENDINGS: Final = ("-wal", "-shm", "-journal")
-STATEMENT_S: Final = 60.0  # the maximum for one statement; an hour of 250 stations takes below one second
+# the maximum for one statement; an hour of 250 stations takes below one second
+STATEMENT_S: Final = 60.0
 STEPS: Final = 100_000  # instructions of SQLite's virtual machine between two checks of the time
 LIMITS: Final[Mapping[int, int]] = {
     sqlite3.SQLITE_LIMIT_LENGTH: 96 << 20,
@@ -25,7 +28,11 @@ LIMITS: Final[Mapping[int, int]] = {
     sqlite3.SQLITE_LIMIT_FUNCTION_ARG: 10,
     sqlite3.SQLITE_LIMIT_WORKER_THREADS: 0,
 }
-DEFENSIVE: Final = ("PRAGMA trusted_schema = OFF", "PRAGMA cell_size_check = ON", "PRAGMA mmap_size = 0")
+DEFENSIVE: Final = (
+    "PRAGMA trusted_schema = OFF",
+    "PRAGMA cell_size_check = ON",
+    "PRAGMA mmap_size = 0",
+)
 
 
 class NotAStore(sqlite3.DatabaseError):
@@ -33,13 +40,20 @@ class NotAStore(sqlite3.DatabaseError):
 
 
 def open_database(path: Path, *, only_reads: bool, busy_s: float) -> Database:
-    """Open the database at `path`; its log and index must be regular files too. Raises sqlite3.Error, OSError."""
+    """Open the database at `path`; its log and index must be regular files too. Raises
+    sqlite3.Error, OSError.
+    """
     for one in (path, *(path.with_name(path.name + ending) for ending in ENDINGS)):
         if only_reads or one != path:  # the file itself may have to be created
             _expect_regular(one, must_be_there=one == path)
     address = f"file:{quote(str(path))}?mode={'ro' if only_reads else 'rwc'}"
     connection = sqlite3.connect(
-        address, uri=True, timeout=busy_s, isolation_level=None, check_same_thread=only_reads, factory=Database
+        address,
+        uri=True,
+        timeout=busy_s,
+        isolation_level=None,
+        check_same_thread=only_reads,
+        factory=Database,
     )
     try:
         for limit, value in LIMITS.items():
@@ -66,7 +80,9 @@ class Database(sqlite3.Connection):
     """A connection that interrupts statements that take too long (sqlite3.OperationalError)."""
 
     def execute(self, sql: str, parameters: Any = (), /) -> sqlite3.Cursor:
-        """Execute a statement. SQLite's message may quote bytes of the file that are not text, which Python cannot decode."""
+        """Execute a statement. SQLite's message may quote bytes of the file that are not text,
+        which Python cannot decode.
+        """
         try:
             return super().execute(sql, parameters)
         except UnicodeDecodeError as error:
@@ -78,27 +94,41 @@ class Database(sqlite3.Connection):
         self.set_progress_handler(lambda: time.monotonic() > until, STEPS)
 
     def expect_tables(self, columns: Mapping[str, tuple[str, ...]]) -> bool:
-        """Whether exactly these tables exist, without any view, trigger or other table. False for an empty database.
+        """Whether exactly these tables exist, without any view, trigger or other table. False for
+        an empty database.
 
         Raises `NotAStore`, sqlite3.Error.
         """
         self.within()
-        found = self.execute("SELECT type, name, substr(sql, 1, 20) FROM sqlite_master LIMIT 20").fetchall()
+        found = self.execute(
+            "SELECT type, name, substr(sql, 1, 20) FROM sqlite_master LIMIT 20"
+        ).fetchall()
         if not found:
             return False
-        strange = [f"{kind} {name}" for kind, name, sql in found if not _is_known(kind, name, sql, columns)]
+        strange = [
+            f"{kind} {name}" for kind, name, sql in found if not _is_known(kind, name, sql, columns)
+        ]
         if strange:
             raise NotAStore(f"it contains something that no recorder makes: {strange[0]!r:.80}")
         if {name for kind, name, _ in found if kind == "table"} != {*columns}:
             raise NotAStore("it lacks a table of a live store")
         for table, names in columns.items():
-            there = self.execute("SELECT name, hidden FROM pragma_table_xinfo(?)", (table,)).fetchall()
+            there = self.execute(
+                "SELECT name, hidden FROM pragma_table_xinfo(?)", (table,)
+            ).fetchall()
             if there != [(name, 0) for name in names]:
                 raise NotAStore(f"its table {table} has other columns")
         return True
 
 
-def _is_known(kind: object, name: object, sql: object, columns: Mapping[str, tuple[str, ...]]) -> bool:
+def _is_known(
+    kind: object, name: object, sql: object, columns: Mapping[str, tuple[str, ...]]
+) -> bool:
     if kind == "table":
         return name in columns and isinstance(sql, str) and sql.upper().startswith("CREATE TABLE")
-    return kind == "index" and isinstance(name, str) and name.startswith("sqlite_autoindex_") and sql is None
+    return (
+        kind == "index"
+        and isinstance(name, str)
+        and name.startswith("sqlite_autoindex_")
+        and sql is None
+    )

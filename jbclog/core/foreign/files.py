@@ -1,8 +1,8 @@
 """Open untrusted files and folders without ever waiting for them.
 
-Only regular files are opened, up to the size limit of their kind. A pipe, a socket or a device is refused before it is opened,
-because opening it can wait forever or have effects. Inside a run's folder no link is followed; a path that the user names may
-be a link.
+Only regular files are opened, up to the size limit of their kind. A pipe, a socket or a device is
+refused before it is opened, because opening it can wait forever or have effects. Inside a run's
+folder no link is followed; a path that the user names may be a link.
 """
 
 from __future__ import annotations
@@ -23,18 +23,23 @@ from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
 
-# A call on a network mount that hangs cannot be interrupted, not even by a signal. So a child process looks first at a folder that
-# the user names, if it is on a network mount. A mount that begins to hang later is not detected.
+# A call on a network mount that hangs cannot be interrupted, not even by a signal. So a child
+# process looks first at a folder that the user names, if it is on a network mount. A mount that
+# begins to hang later is not detected.
 
 ANSWERS_S: Final = 5.0
 MOUNTS: Final = Path("/proc/self/mountinfo")
-REMOTE: Final = re.compile(r"nfs\d?|cifs|smb\w*|9p|afs|ceph|lustre|gluster\w*|davfs|fuse(\..*)?|autofs")
+REMOTE: Final = re.compile(
+    r"nfs\d?|cifs|smb\w*|9p|afs|ceph|lustre|gluster\w*|davfs|fuse(\..*)?|autofs"
+)
 LOOK: Final = "import os, sys; os.scandir(sys.argv[1]).close()"
 MOST_LINKS: Final = 40
 
 
 def expect_answer(folder: Path) -> None:
-    """Raise `RecordError` where `folder` lies on a network mount that does not answer within `ANSWERS_S`."""
+    """Raise `RecordError` where `folder` lies on a network mount that does not answer within
+    `ANSWERS_S`.
+    """
     if not _is_remote(folder):
         return
     child = subprocess.Popen(
@@ -48,7 +53,9 @@ def expect_answer(folder: Path) -> None:
         child.wait(ANSWERS_S)
     except subprocess.TimeoutExpired:
         child.kill()  # it ends when the mount answers, and is not waited for
-        raise RecordError(f"{folder} does not answer within {ANSWERS_S:g} s: its network mount hangs") from None
+        raise RecordError(
+            f"{folder} does not answer within {ANSWERS_S:g} s: its network mount hangs"
+        ) from None
 
 
 def _is_remote(folder: Path) -> bool:
@@ -79,7 +86,11 @@ def _remote_mounts() -> set[Path]:
     except OSError:
         return set()
     mounts = (line.partition(" - ") for line in lines)
-    return {_place(before.split()[4]) for before, _, behind in mounts if REMOTE.fullmatch(behind.split(" ")[0])}
+    return {
+        _place(before.split()[4])
+        for before, _, behind in mounts
+        if REMOTE.fullmatch(behind.split(" ")[0])
+    }
 
 
 def _place(text: str) -> Path:
@@ -137,12 +148,17 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
         Kind.CACHE: 4 * MIB,  # the metrics of 256 ports take 60 kB
     }
 )
-"""The maximum size of each kind in bytes. Text kinds are read whole, a ledger by lines, the others in pieces."""
+"""The maximum size of each kind in bytes. Text kinds are read whole, a ledger by lines, the others
+in pieces.
+"""
 
 LINES: Final[Mapping[Kind, int]] = MappingProxyType(
-    {Kind.ANNOTATIONS: 20_000} | dict.fromkeys((Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
+    {Kind.ANNOTATIONS: 20_000}
+    | dict.fromkeys((Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
 )
-"""The maximum number of lines of a kind: in memory, an empty line takes a hundred times its size."""
+"""The maximum number of lines of a kind: in memory, an empty line takes a hundred times its
+size.
+"""
 
 LONGEST_LINE: Final = 256 * KIB  # a look at a station takes 1 kB
 """The maximum length in bytes of a line that is read by itself."""
@@ -158,7 +174,9 @@ _WHAT: Final = (
 
 
 class NotReadable(OSError):
-    """A file that is not opened, or not read further; the text says why, without an error number."""
+    """A file that is not opened, or not read further; the text says why, without an error
+    number.
+    """
 
     def __init__(self, why: str) -> None:
         super().__init__(errno.EINVAL, why)
@@ -168,7 +186,8 @@ class NotReadable(OSError):
 
 
 def expect_regular(path: Path, kind: Kind, *, links: bool = False) -> int:
-    """Return the size of the regular file at `path`. Raises OSError where it is missing, `NotReadable` where it is another kind.
+    """Return the size of the regular file at `path`. Raises OSError where it is missing,
+    `NotReadable` where it is another kind.
 
     `links`: the user named the path, so it may be a link to a regular file.
     """
@@ -195,7 +214,9 @@ def open_foreign(path: Path, kind: Kind, *, links: bool = False) -> BufferedRead
     The file is checked before and after opening, because it may be replaced in between.
     """
     expect_regular(path, kind, links=links)
-    flags = os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY | (0 if links else os.O_NOFOLLOW)
+    flags = (
+        os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK | os.O_NOCTTY | (0 if links else os.O_NOFOLLOW)
+    )
     descriptor = os.open(path, flags)
     try:
         expect_opened(descriptor, kind)
@@ -206,7 +227,9 @@ def open_foreign(path: Path, kind: Kind, *, links: bool = False) -> BufferedRead
 
 
 def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
-    """Read the regular file at `path`. Raises OSError as `expect_regular` does, also where it grows beyond its limit."""
+    """Read the regular file at `path`. Raises OSError as `expect_regular` does, also where it grows
+    beyond its limit.
+    """
     with open_foreign(path, kind, links=links) as file:
         size = os.fstat(file.fileno()).st_size
         data = file.read(size + 1)  # a buffer of the limit's size would take longer than the file
@@ -220,7 +243,9 @@ def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
 
 
 class Line(NamedTuple):
-    """A line without its end: None instead of a text longer than `LONGEST_LINE`. `sha256` is that of the whole line."""
+    """A line without its end: None instead of a text longer than `LONGEST_LINE`. `sha256` is that
+    of the whole line.
+    """
 
     text: bytes | None
     sha256: str
@@ -228,7 +253,9 @@ class Line(NamedTuple):
 
 
 def each_line(file: BufferedReader) -> Iterator[Line]:
-    """Yield the lines of a file one by one, in memory for one line of `LONGEST_LINE` bytes. Raises OSError."""
+    """Yield the lines of a file one by one, in memory for one line of `LONGEST_LINE` bytes. Raises
+    OSError.
+    """
     while text := file.readline(LONGEST_LINE + 1):
         if text.endswith(b"\n"):
             text = text[:-1]

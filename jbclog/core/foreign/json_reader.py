@@ -16,9 +16,10 @@ from jbclog.core.foreign.files import Kind, read_foreign
 
 T = TypeVar("T")
 
-# Python's JSON accepts NaN, infinity and numbers of any length. Here a number is finite and at most `LARGEST`: a whole one fits 64
-# bits, may become a float and be read again, and later arithmetic does not fail.
-MOST_OBJECTS: Final = 400_000  # objects and lists; an empty one takes three bytes in the file and 64 in memory
+# Python's JSON accepts NaN, infinity and numbers of any length. Here a number is finite and at most
+# `LARGEST`: a whole one fits 64 bits, may become a float and be read again, and later arithmetic
+# does not fail. objects and lists; an empty one takes three bytes in the file and 64 in memory
+MOST_OBJECTS: Final = 400_000
 WHOLE: Final = 1 << 62
 LONGEST: Final = 20  # digits
 LARGEST: Final = float(WHOLE)
@@ -36,7 +37,9 @@ def json_of(data: bytes | str, *, in_utf8: bool = False) -> Any:
     if text.count("{") + text.count("[") > MOST_OBJECTS:
         raise ValueError(f"it has more than {MOST_OBJECTS} objects and lists")
     try:
-        parsed = (_CAREFUL if _is_doubtful(text.encode(errors="surrogatepass")) else _PLAIN).decode(text)
+        parsed = (_CAREFUL if _is_doubtful(text.encode(errors="surrogatepass")) else _PLAIN).decode(
+            text
+        )
         if in_utf8 and _HALF.search(text):
             json.dumps(parsed, ensure_ascii=False).encode()
     except RecursionError:
@@ -67,7 +70,8 @@ def _no_number(text: str) -> float:
 
 
 _PLAIN: Final = json.JSONDecoder(parse_constant=_no_number)
-_CAREFUL: Final = json.JSONDecoder(parse_int=_whole, parse_float=_finite, parse_constant=_no_number)  # it takes thrice the time
+# it takes thrice the time
+_CAREFUL: Final = json.JSONDecoder(parse_int=_whole, parse_float=_finite, parse_constant=_no_number)
 _SHAPES: Final = bytes.maketrans(b"123456789E \t\r\n:,[", b"000000000e" + b" " * 7)
 _MANY_DIGITS: Final = b"0" * 19
 _EXPONENT: Final = re.compile(rb"0e\+?0")  # begins with plain text, for which `re` searches fast
@@ -75,7 +79,9 @@ _LONGEST_BEFORE: Final = 40  # of a number without `_MANY_DIGITS`, before its ex
 
 
 def _is_doubtful(data: bytes) -> bool:
-    """Whether it may contain a large number: many digits, or an exponent that only digits precede, unlike in most hashes."""
+    """Whether it may contain a large number: many digits, or an exponent that only digits precede,
+    unlike in most hashes.
+    """
     shapes = data.translate(_SHAPES)
     if _MANY_DIGITS in shapes:
         return True
@@ -95,9 +101,13 @@ def expect_moment(seconds: float | None) -> None:
 
 
 def expect_period(seconds: float | None) -> None:
-    """Raise ValueError unless `seconds` can be the time between two samples; None is a run without a fixed rate."""
+    """Raise ValueError unless `seconds` can be the time between two samples; None is a run without
+    a fixed rate.
+    """
     if seconds is not None and not LEAST_PERIOD_S <= seconds <= MOST_PERIOD_S:
-        raise ValueError(f"{seconds:g} s is no sampling period ({LEAST_PERIOD_S:g} to {MOST_PERIOD_S:g} s)")
+        raise ValueError(
+            f"{seconds:g} s is no sampling period ({LEAST_PERIOD_S:g} to {MOST_PERIOD_S:g} s)"
+        )
 
 
 def expect_year(year: int) -> None:
@@ -107,11 +117,14 @@ def expect_year(year: int) -> None:
 
 
 def builder(kind: type[T]) -> Callable[[object], T]:
-    """Return what converts parsed JSON to `kind`, and raises ValueError naming the key. To be called at import.
+    """Return what converts parsed JSON to `kind`, and raises ValueError naming the key. To be
+    called at import.
 
-    Unknown keys are ignored: a later jbclog of the same schema may have added them. Keys of `dict[int, ...]` are digits in JSON.
+    Unknown keys are ignored: a later jbclog of the same schema may have added them. Keys of
+    `dict[int, ...]` are digits in JSON.
     """
-    msgspec.json.Decoder(kind)  # describes the type now: threads that both describe it at its first use crash the process
+    # describes the type now: threads that both describe it at its first use crash the process
+    msgspec.json.Decoder(kind)
 
     def build(data: object) -> T:
         return msgspec.convert(data, kind, str_keys=True)
@@ -120,7 +133,8 @@ def builder(kind: type[T]) -> Callable[[object], T]:
 
 
 def decoder(kind: type[T]) -> Callable[[bytes], T]:
-    """Return what decodes UTF-8 JSON to `kind`: as `builder` does after `json_of`, without the cost of keys that `kind` lacks.
+    """Return what decodes UTF-8 JSON to `kind`: as `builder` does after `json_of`, without the cost
+    of keys that `kind` lacks.
 
     To be called at import. What it returns raises ValueError.
     """
@@ -128,7 +142,8 @@ def decoder(kind: type[T]) -> Callable[[bytes], T]:
 
     def decode(data: bytes) -> T:
         if len(data) <= MOST_OBJECTS and b"\\u" not in data and not _is_doubtful(data):
-            with suppress(ValueError, RecursionError):  # then `json_of` accepts it, or states what is wrong
+            # then `json_of` accepts it, or states what is wrong
+            with suppress(ValueError, RecursionError):
                 data.decode()
                 return typed.decode(data)
         return build(json_of(data, in_utf8=True))

@@ -13,26 +13,31 @@ from jbclog.core.foreign.files import NotReadable
 # https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md, and
 # https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 #
-# The library parses the same bytes afterwards. Where it could read them differently, a value is refused: a duplicate field,
-# a number too large for its type, a field id beyond 16 bits.
+# The library parses the same bytes afterwards. Where it could read them differently, a value is
+# refused: a duplicate field, a number too large for its type, a field id beyond 16 bits.
 
 YES, NO, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, STRUCT = 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12
 BITS: Final = {I16: 16, I32: 32, I64: 64}
 SIGN: Final = 1
 DEPTH: Final = 8
 LONG_LIST: Final = 15
-KEPT, KEPT_BYTES = 256, 64 << 10  # cached footers (a week has 168 parts a table), and the maximum size of each
+# cached footers (a week has 168 parts a table), and the maximum size of each
+KEPT, KEPT_BYTES = 256, 64 << 10
 
 
 class ThriftReader:
-    """Reads Thrift values from bytes. Every method raises IndexError or ValueError for invalid data."""
+    """Reads Thrift values from bytes. Every method raises IndexError or ValueError for invalid
+    data.
+    """
 
     def __init__(self, data: bytes) -> None:
         self._data = data
         self.at = 0
 
     def fields(self) -> Iterator[tuple[int, int]]:
-        """Return id and type of each field of a struct. The caller reads each value before the next field."""
+        """Return id and type of each field of a struct. The caller reads each value before the next
+        field.
+        """
         number, seen = 0, set()
         while head := self._byte():
             number = number + (head >> 4) if head >> 4 else self._signed(16)
@@ -61,7 +66,9 @@ class ThriftReader:
         return found
 
     def items(self, kind: int, of: int) -> Iterator[None]:
-        """Iterate over a list of type `of`; the caller reads each item before the next. Another type has no items."""
+        """Iterate over a list of type `of`; the caller reads each item before the next. Another
+        type has no items.
+        """
         if kind != LIST:
             self.skip(kind)
             return
@@ -120,19 +127,22 @@ class ThriftReader:
         return (value >> SIGN) ^ -(value & SIGN)
 
 
-# The library's own metadata view aborts the process (pyarrow 26: an exception that its Python binding does not catch) where a
-# footer contradicts itself; one altered byte is enough.
+# The library's own metadata view aborts the process (pyarrow 26: an exception that its Python
+# binding does not catch) where a footer contradicts itself; one altered byte is enough.
 GROUPS = 4  # fields of FileMetaData,
 COLUMNS, ROWS = 1, 3  # of RowGroup,
 ABOUT, SECRET, SECRET_ABOUT = 3, 8, 9  # of ColumnChunk,
-PATH, VALUES, UNPACKED, PACKED, DATA_AT, DICTIONARY_AT, STATISTICS = 3, 5, 6, 7, 9, 11, 12  # of ColumnMetaData,
+# of ColumnMetaData,
+PATH, VALUES, UNPACKED, PACKED, DATA_AT, DICTIONARY_AT, STATISTICS = 3, 5, 6, 7, 9, 11, 12
 GREATEST, LEAST = 5, 6  # of Statistics
 MOST_GROUPS = 8192
 
 
 @dataclass(frozen=True, slots=True)
 class ColumnChunk:
-    """A column of a row group: name, number of values, sizes in bytes, offsets, minimum and maximum."""
+    """A column of a row group: name, number of values, sizes in bytes, offsets, minimum and
+    maximum.
+    """
 
     name: str
     values: int
@@ -155,7 +165,8 @@ class RowGroup:
 def groups_in(footer: bytes) -> tuple[RowGroup, ...]:
     """Parse the row groups of a footer. Raises `NotReadable`.
 
-    A report opens each part several times for each station, so the last few small footers are cached, and the last large one.
+    A report opens each part several times for each station, so the last few small footers are
+    cached, and the last large one.
     """
     return _kept(footer) if len(footer) <= KEPT_BYTES else _last_large(footer)
 
@@ -221,11 +232,15 @@ def _about(reader: ThriftReader) -> ColumnChunk:
             least, greatest = _bounds(reader)
         else:
             reader.skip(kind)
-    values, unpacked, packed, data_at = (numbers.get(number) for number in (VALUES, UNPACKED, PACKED, DATA_AT))
+    values, unpacked, packed, data_at = (
+        numbers.get(number) for number in (VALUES, UNPACKED, PACKED, DATA_AT)
+    )
     if values is None or unpacked is None or packed is None or data_at is None:
         raise ValueError("a column without its lengths")
     name = ".".join((part or b"").decode() for part in names)  # what is no text raises ValueError
-    return ColumnChunk(name, values, unpacked, packed, data_at, numbers.get(DICTIONARY_AT), least, greatest)
+    return ColumnChunk(
+        name, values, unpacked, packed, data_at, numbers.get(DICTIONARY_AT), least, greatest
+    )
 
 
 def _bounds(reader: ThriftReader) -> tuple[bytes | None, bytes | None]:

@@ -1,8 +1,9 @@
 """Read untrusted Parquet, one row group at a time, after checking what it declares.
 
-A file of 150 kB can declare or contain rows that take gigabytes. Checked are: the footer's length before it is parsed; rows per
-file size and per row group; the bytes that each column declares; each page's size in its header, which is what the library
-allocates; and the length of a dictionary's texts when written out.
+A file of 150 kB can declare or contain rows that take gigabytes. Checked are: the footer's length
+before it is parsed; rows per file size and per row group; the bytes that each column declares; each
+page's size in its header, which is what the library allocates; and the length of a dictionary's
+texts when written out.
 
 A recorder's row groups have some 33 000 rows and 9 MB; the limits are eight to sixteen times that.
 """
@@ -36,16 +37,25 @@ ROWS_A_BYTE: Final = 16  # rows without any reading take a quarter of a byte eac
 FREE_ROWS: Final = 1_000_000  # whatever the file's size
 COLUMNS: Final = 200
 PAGES: Final = 4096  # of one column of a row group
-TEXTS: Final = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary, pa.types.is_large_binary)
+TEXTS: Final = (
+    pa.types.is_string,
+    pa.types.is_large_string,
+    pa.types.is_binary,
+    pa.types.is_large_binary,
+)
 
 
 @contextmanager
 def open_table(path: Path) -> Iterator[ParquetTable]:
-    """Open the Parquet file at `path` and check its footer. Raises OSError (`NotReadable`) or pa.ArrowException."""
+    """Open the Parquet file at `path` and check its footer. Raises OSError (`NotReadable`) or
+    pa.ArrowException.
+    """
     with open_foreign(path, Kind.PART) as data, ExitStack() as opened:
         groups = groups_in(_footer(data))
         try:
-            file = pq.ParquetFile(path, page_checksum_verification=True, thrift_container_size_limit=FOOTER_LIST)
+            file = pq.ParquetFile(
+                path, page_checksum_verification=True, thrift_container_size_limit=FOOTER_LIST
+            )
             table = ParquetTable(opened.enter_context(file), groups, data)
         except UnicodeDecodeError as error:
             raise NotReadable("has a column whose name is no text") from error
@@ -60,17 +70,28 @@ def metadata_of(path: Path) -> pq.FileMetaData:
 
 
 def bounds_of(path: Path, column: str) -> list[tuple[bytes, bytes] | None]:
-    """Return a column's minimum and maximum in each row group; None where the footer has none. Raises as `metadata_of`."""
+    """Return a column's minimum and maximum in each row group; None where the footer has none.
+    Raises as `metadata_of`.
+    """
     with open_table(path) as table:
-        chunks = [next((chunk for chunk in group.chunks if chunk.name == column), None) for group in table.row_groups]
+        chunks = [
+            next((chunk for chunk in group.chunks if chunk.name == column), None)
+            for group in table.row_groups
+        ]
     return [
-        (one.least, one.greatest) if one is not None and one.least is not None and one.greatest is not None else None
+        (
+            (one.least, one.greatest)
+            if one is not None and one.least is not None and one.greatest is not None
+            else None
+        )
         for one in chunks
     ]
 
 
 def read_small(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a whole file of at most one row group's rows. Raises OSError (`NotReadable`) or pa.ArrowException."""
+    """Read a whole file of at most one row group's rows. Raises OSError (`NotReadable`) or
+    pa.ArrowException.
+    """
     with open_table(path) as table:
         if table.metadata.num_rows > GROUP_ROWS:
             raise NotReadable(f"has {table.metadata.num_rows} rows; at most {GROUP_ROWS} are read")
@@ -105,7 +126,9 @@ class ParquetTable:
         """Read one row group. Raises `NotReadable` where it exceeds a limit."""
         self._expect_sound(index, columns)
         is_large = self.row_groups[index].rows > THREADED_ROWS
-        rows = self._file.read_row_group(index, None if columns is None else list(columns), use_threads=is_large)
+        rows = self._file.read_row_group(
+            index, None if columns is None else list(columns), use_threads=is_large
+        )
         expect_values(rows, f"row group {index}: ")
         return rows
 
@@ -113,7 +136,9 @@ class ParquetTable:
         """Read all rows in batches. Raises as `group` does."""
         for index in range(self.num_row_groups):  # over all at once the library reads ahead
             self._expect_sound(index, columns)
-            for batch in self._file.iter_batches(rows, [index], None if columns is None else list(columns), use_threads=False):
+            for batch in self._file.iter_batches(
+                rows, [index], None if columns is None else list(columns), use_threads=False
+            ):
                 expect_values(batch, f"row group {index}: ")
                 yield batch
 
@@ -140,9 +165,13 @@ class ParquetTable:
         longest = _longest_text(self._data, chunk)
         if longest * chunk.values <= GROUP_BYTES:
             return
-        written = sum(_written_out(batch.column(0)) for batch in self._as_dictionary(index, chunk.name))
+        written = sum(
+            _written_out(batch.column(0)) for batch in self._as_dictionary(index, chunk.name)
+        )
         if written > GROUP_BYTES:
-            raise NotReadable(f"row group {index}: {chunk.name} has more than {GROUP_BYTES // MIB} MiB of text")
+            raise NotReadable(
+                f"row group {index}: {chunk.name} has more than {GROUP_BYTES // MIB} MiB of text"
+            )
 
     def _as_dictionary(self, index: int, name: str) -> Iterator[pa.RecordBatch]:
         with _own(self._data) as own, pq.ParquetFile(own, read_dictionary=[name]) as file:
@@ -186,13 +215,20 @@ def _expect_plausible(metadata: pq.FileMetaData, groups: Sequence[RowGroup], siz
     most = max((group.rows for group in groups), default=0)
     if most > GROUP_ROWS:
         raise NotReadable(f"has a row group of {most} rows; at most {GROUP_ROWS} are read")
-    if sum(group.rows for group in groups) != metadata.num_rows or any(group.rows < 0 for group in groups):
-        raise NotReadable(f"declares {metadata.num_rows} rows, but its row groups have a different number")
-    if len(groups) != metadata.num_row_groups or any(len(group.chunks) != metadata.num_columns for group in groups):
+    if sum(group.rows for group in groups) != metadata.num_rows or any(
+        group.rows < 0 for group in groups
+    ):
+        raise NotReadable(
+            f"declares {metadata.num_rows} rows, but its row groups have a different number"
+        )
+    if len(groups) != metadata.num_row_groups or any(
+        len(group.chunks) != metadata.num_columns for group in groups
+    ):
         raise NotReadable("has a footer that contradicts itself")
 
 
-# Page headers: struct PageHeader of https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
+# Page headers: struct PageHeader of
+# https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 HEAD_BYTES: Final = 16 << 10
 USUAL_HEAD_BYTES: Final = 256
 KEPT_HEADS: Final = 4096  # cached page headers: those of a week's samples of a few columns
@@ -233,8 +269,8 @@ def _pages(data: BinaryIO, chunk: ColumnChunk) -> Iterator[int]:
 def _head(data: bytes) -> tuple[dict[int, int | None], int]:
     """Parse a page header; return its sizes and its own length in bytes.
 
-    A run's pages are read several times by whatever looks at it. A header that ends within its first bytes is the same whatever
-    follows.
+    A run's pages are read several times by whatever looks at it. A header that ends within its
+    first bytes is the same whatever follows.
     """
     try:
         return _usual_head(data[:USUAL_HEAD_BYTES])

@@ -14,7 +14,8 @@ A_SECOND: Final = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
 
 
 def expect_values(rows: pa.Table | pa.RecordBatch, where: str) -> None:
-    """Check that texts are UTF-8, numbers finite and in range, times between 1970 and 2200: the library accepts any bytes.
+    """Check that texts are UTF-8, numbers finite and in range, times between 1970 and 2200: the
+    library accepts any bytes.
 
     `where` begins the message. Raises `NotReadable` or pa.ArrowException.
     """

@@ -1,4 +1,6 @@
-"""How far a counter advanced over years of audits, through resets, roll-overs and exchanged stations.
+"""How far a counter advanced over years of audits, through resets, roll-overs and exchanged
+stations.
 
-Start with `observed.py`, then `totals.py` (kinds and rules), `tracing.py`, `judging.py` and `span.py`.
+Start with `observed.py`, then `totals.py` (kinds and rules), `tracing.py`, `judging.py` and
+`span.py`.
 """

@@ -1,10 +1,11 @@
 """What happened to a station between two audits, and the resulting advance of each counter.
 
-A reset is assumed to set every counter of a port to zero. A counter that fell and cannot have rolled over proves one; a counter
-that shows more than could be counted since the last look rules it out. Without either, the advance is bounded by both cases.
+A reset is assumed to set every counter of a port to zero. A counter that fell and cannot have
+rolled over proves one; a counter that shows more than could be counted since the last look rules it
+out. Without either, the advance is bounded by both cases.
 
-All counters of a station are judged together: if one unit cannot have shown all of them, it may have been exchanged, and only the
-elapsed time bounds each counter.
+All counters of a station are judged together: if one unit cannot have shown all of them, it may
+have been exchanged, and only the elapsed time bounds each counter.
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ from jbclog.maintenance.counter_totals.observed import DRIFT, Identity
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval, Reading, Span
 from jbclog.maintenance.counter_totals.totals import DifferenceKind, Join
 
-# -- judgement ----------------------------------------------------------------------------------------------------------------
+# -- judgement -------------------------------------------------------------------------------------
 # What a difference is, before its text is made.
 
 
 class Judged(msgspec.Struct, frozen=True, gc=False):
-    """A span and what it means. `lost`: the advance between the last reading and the reset; for a loose join the whole advance."""
+    """A span and what it means. `lost`: the advance between the last reading and the reset; for a
+    loose join the whole advance.
+    """
 
     span: Span
     kind: DifferenceKind
@@ -60,51 +63,98 @@ def rolled_over(span: Span, times: int) -> Interval:
     return Interval(max(0.0, span.grown.low + by - step), span.grown.high + by + step)
 
 
-def loose(span: Span, rule: str, worked: Interval, kind: DifferenceKind = DifferenceKind.SUSPECT) -> Judged:
+def loose(
+    span: Span, rule: str, worked: Interval, kind: DifferenceKind = DifferenceKind.SUSPECT
+) -> Judged:
     """Return a judgement of which only the bounds `worked` are known."""
     return Judged(span, kind, rule, Join.LOOSE, lost=worked, is_known=False)
 
 
-# -- rules --------------------------------------------------------------------------------------------------------------------
+# -- rules -----------------------------------------------------------------------------------------
 
 RULES: Final = {
     "unchanged": "Unchanged.",
     "went_on": "It advanced at a plausible rate.",
-    "fell_from_near_its_top": "It alone fell: at its usual rate it rolled over exactly once since the last reading.",
-    "fits_its_companion": "Only this number of roll-overs fits the wire feeds counted since, at the length per feed seen before.",
+    "fell_from_near_its_top": (
+        "It alone fell: at its usual rate it rolled over exactly once since the last reading."
+    ),
+    "fits_its_companion": (
+        "Only this number of roll-overs fits the wire feeds counted since, at the length per feed"
+        " seen before."
+    ),
     "rolled_over_unknown_times": "It rolled over, possibly more than once since the last reading.",
-    "can_have_rolled_over": "At its usual rate it may have rolled over since the last reading without a trace.",
-    "stands_at_top": "It shows its last number; no manual says whether it stops there or continues from zero.",
-    "fell_alone": "It alone fell, from too low a number for a roll-over, and other counters rule out a reset.",
-    "fell_to_what_cannot_be": "It fell to more than could be counted since the last reading: neither a reset nor a roll-over.",
+    "can_have_rolled_over": (
+        "At its usual rate it may have rolled over since the last reading without a trace."
+    ),
+    "stands_at_top": (
+        "It shows its last number; no manual says whether it stops there or continues from zero."
+    ),
+    "fell_alone": (
+        "It alone fell, from too low a number for a roll-over, and other counters rule out a reset."
+    ),
+    "fell_to_what_cannot_be": (
+        "It fell to more than could be counted since the last reading: neither a reset nor a"
+        " roll-over."
+    ),
     "faster_than_time": "It counted more hours than passed between the readings.",
-    "beside_what_cannot_be": "It fits, but other counters of the station do not: the reading may be another station's.",
+    "beside_what_cannot_be": (
+        "It fits, but other counters of the station do not: the reading may be another station's."
+    ),
     "faster_than_plausible": "It counted faster than is plausible.",
-    "clock_ran_back": "The host's clock was set back: the time since the last reading is unknown until a later audit.",
-    "fell_since": "It was reset: it fell to what could be counted since the last reading. Its count before the reset is lost.",
-    "reset_or_other_unit": "It was reset, or exchanged for a hardly used unit: only the elapsed time bounds its advance.",
-    "reset_with_its_port": "Other counters of its port were reset, and it shows no more than could be counted since.",
-    "stated_reset": "A reset was recorded; the count between the last reading and the reset is lost.",
-    "can_hide_reset": "A reset since the last reading would not show: the station could count all of it in that time.",
-    "rolled_over_or_reset": "It fell: it rolled over or was reset, and no other counter shows which.",
-    "left_out": "It fits neither the reading before nor the one after, and those two fit each other: ignored.",
+    "clock_ran_back": (
+        "The host's clock was set back: the time since the last reading is unknown until a later"
+        " audit."
+    ),
+    "fell_since": (
+        "It was reset: it fell to what could be counted since the last reading. Its count before"
+        " the reset is lost."
+    ),
+    "reset_or_other_unit": (
+        "It was reset, or exchanged for a hardly used unit: only the elapsed time bounds its"
+        " advance."
+    ),
+    "reset_with_its_port": (
+        "Other counters of its port were reset, and it shows no more than could be counted since."
+    ),
+    "stated_reset": (
+        "A reset was recorded; the count between the last reading and the reset is lost."
+    ),
+    "can_hide_reset": (
+        "A reset since the last reading would not show: the station could count all of it in that"
+        " time."
+    ),
+    "rolled_over_or_reset": (
+        "It fell: it rolled over or was reset, and no other counter shows which."
+    ),
+    "left_out": (
+        "It fits neither the reading before nor the one after, and those two fit each other:"
+        " ignored."
+    ),
     "other_model": "The station reports another model.",
     "other_uid": "The station has another identifier.",
-    "other_software": "The software changed, and the counters do not continue from the last reading.",
+    "other_software": (
+        "The software changed, and the counters do not continue from the last reading."
+    ),
     "stated_replaced": "A replacement of the station was recorded.",
-    "counters_of_another": "Several counters fell to more than could be counted since the last reading: another station.",
+    "counters_of_another": (
+        "Several counters fell to more than could be counted since the last reading: another"
+        " station."
+    ),
 }
 """The text of each rule."""
 
 
-# -- difference ---------------------------------------------------------------------------------------------------------------
-# What the difference of a counter that was not reset means: it advanced, rolled over, or is in doubt.
+# -- difference ------------------------------------------------------------------------------------
+# What the difference of a counter that was not reset means: it advanced, rolled over, or is in
+# doubt.
 
 
 def counted_on(span: Span) -> Judged:
     """Judge a span of a port that was not reset."""
     if span.after.shown.high >= span.top:
-        return loose(span, "stands_at_top", Interval(span.worked.low, max(span.worked.high, span.most)))
+        return loose(
+            span, "stands_at_top", Interval(span.worked.low, max(span.worked.high, span.most))
+        )
     if span.fell:
         return _fallen(span)
     if not span.can_continue:
@@ -124,7 +174,11 @@ def _fallen(span: Span) -> Judged:
     if possible:
         worked = Interval(rolled_over(span, 1).low, rolled_over(span, possible[-1]).high)
         return loose(span, "rolled_over_unknown_times", worked, DifferenceKind.ROLL_OVER)
-    return loose(span, "fell_alone" if span.can_be_reset else "fell_to_what_cannot_be", Interval(0.0, max(0.0, span.most)))
+    return loose(
+        span,
+        "fell_alone" if span.can_be_reset else "fell_to_what_cannot_be",
+        Interval(0.0, max(0.0, span.most)),
+    )
 
 
 def _too_fast(span: Span) -> Judged:
@@ -134,9 +188,9 @@ def _too_fast(span: Span) -> Judged:
     return loose(span, "faster_than_plausible", worked)
 
 
-# -- misread ------------------------------------------------------------------------------------------------------------------
-# Readings that fit neither the one before nor the one after, while those two fit each other: a digit wrong in two reads alike, or
-# an answer of another station.
+# -- misread ---------------------------------------------------------------------------------------
+# Readings that fit neither the one before nor the one after, while those two fit each other: a
+# digit wrong in two reads alike, or an answer of another station.
 
 MakeSpan = Callable[[Reading, Reading], Span]
 
@@ -154,16 +208,19 @@ def misread(readings: Sequence[Reading], span: MakeSpan) -> set[int]:
 
 
 def _is_wrong(before: Reading, this: Reading, after: Reading, span: MakeSpan) -> bool:
-    if before.shown.low <= this.shown.high and this.shown.low <= after.shown.high:  # the common case
+    # the common case
+    if before.shown.low <= this.shown.high and this.shown.low <= after.shown.high:
         return False
     there, back = span(before, this), span(this, after)
-    if not there.is_impossible or back.can_continue:  # a fall to what could be counted since a reset may be right
+    # a fall to what could be counted since a reset may be right
+    if not there.is_impossible or back.can_continue:
         return False
     return span(before, after).can_continue
 
 
-# -- companion ----------------------------------------------------------------------------------------------------------------
-# Two counters that advance together: millimetres and feeds. The one that rarely rolls over shows how often the other did.
+# -- companion -------------------------------------------------------------------------------------
+# Two counters that advance together: millimetres and feeds. The one that rarely rolls over shows
+# how often the other did.
 
 Ratios = Mapping[tuple[int, str], Interval]
 """By port and counter: the range of its advance for each count of its companion, with a margin."""
@@ -176,18 +233,28 @@ MARGIN: Final = 2.5  # factor by which another product may take more or less
 
 
 def ratios_of(looks: Iterable[Iterable[Judged]]) -> dict[tuple[int, str], Interval]:
-    """Return the ratios seen in known differences; none for a counter with fewer than `LEAST_SEEN`."""
+    """Return the ratios seen in known differences; none for a counter with fewer than
+    `LEAST_SEEN`.
+    """
     seen: dict[tuple[int, str], list[float]] = {}
     for judged in map(list, looks):
         for one in judged:
             beside = _beside(one, judged)
             if beside is not None and one.is_known:
-                seen.setdefault((one.span.port, one.span.counter), []).append(one.delta.middle / beside.delta.middle)
-    return {key: Interval(min(all_) / MARGIN, max(all_) * MARGIN) for key, all_ in seen.items() if len(all_) >= LEAST_SEEN}
+                seen.setdefault((one.span.port, one.span.counter), []).append(
+                    one.delta.middle / beside.delta.middle
+                )
+    return {
+        key: Interval(min(all_) / MARGIN, max(all_) * MARGIN)
+        for key, all_ in seen.items()
+        if len(all_) >= LEAST_SEEN
+    }
 
 
 def by_companion(judged: Judged, others: Iterable[Judged], ratios: Ratios) -> Judged:
-    """Return `judged`, or how often the counter rolled over if only one number fits its companion's count."""
+    """Return `judged`, or how often the counter rolled over if only one number fits its companion's
+    count.
+    """
     span = judged.span
     ratio = ratios.get((span.port, span.counter)) if judged.rule in OPEN else None
     beside = _beside(judged, others) if ratio is not None else None
@@ -205,7 +272,11 @@ def _beside(judged: Judged, others: Iterable[Judged]) -> Judged | None:
     """Return its companion over the same time; None unless that is known and advanced enough."""
     name, begin = COMPANION.get(judged.span.counter), judged.span.before.look
     for one in others if name else ():
-        if (one.span.counter, one.span.port, one.span.before.look) == (name, judged.span.port, begin):
+        if (one.span.counter, one.span.port, one.span.before.look) == (
+            name,
+            judged.span.port,
+            begin,
+        ):
             return one if one.is_known and one.delta.low >= LEAST_COUNTS else None
     return None
 
@@ -214,11 +285,11 @@ def _fits(worked: Interval, counted: Interval, ratio: Interval) -> bool:
     return worked.high >= ratio.low * counted.low and worked.low <= ratio.high * counted.high
 
 
-# -- units --------------------------------------------------------------------------------------------------------------------
+# -- units -----------------------------------------------------------------------------------------
 # Whether one unit can have shown all readings of a station, or was exchanged without a record.
 #
-# Another unit can show anything, so an exchange is considered only where the unit seen before does not explain the readings. No
-# reading reveals an exchange that looks like a continued count.
+# Another unit can show anything, so an exchange is considered only where the unit seen before does
+# not explain the readings. No reading reveals an exchange that looks like a continued count.
 
 SURELY_ITS_OWN_H: Final = 24.0  # two units do not agree in more hours by chance
 ENOUGH: Final = 2  # hour counters
@@ -233,11 +304,15 @@ class Unit(Enum):
 
 
 def unit_of(by_port: Mapping[int, Sequence[Span]], stated: Collection[int]) -> Unit:
-    """Return which unit was read, by the spans of each port; `stated` are the ports with a recorded reset."""
+    """Return which unit was read, by the spans of each port; `stated` are the ports with a recorded
+    reset.
+    """
     odd = [port for port, group in by_port.items() if not all(map(is_ordinary, group))]
     if any(not all(one.can_be_reset for one in by_port[port]) for port in odd):
         return Unit.OTHER
-    if all(port in stated for port in odd) or any(_is_its_own(group) for port, group in by_port.items() if port not in odd):
+    if all(port in stated for port in odd) or any(
+        _is_its_own(group) for port, group in by_port.items() if port not in odd
+    ):
         return Unit.SAME
     return Unit.EITHER
 
@@ -248,16 +323,24 @@ def is_ordinary(span: Span) -> bool:
 
 
 def _is_its_own(group: Sequence[Span]) -> bool:
-    """Whether a port shows hours that another unit would not have by chance: then a reset of another port is this station's."""
+    """Whether a port shows hours that another unit would not have by chance: then a reset of
+    another port is this station's.
+    """
     hours = [one for one in group if one.trait.is_time and one.can_continue]
-    return sum(one.before.shown.low >= SURELY_ITS_OWN_H and not one.can_be_reset for one in hours) >= ENOUGH
+    return (
+        sum(one.before.shown.low >= SURELY_ITS_OWN_H and not one.can_be_reset for one in hours)
+        >= ENOUGH
+    )
 
 
-# -- replacement --------------------------------------------------------------------------------------------------------------
-# Whether another station answers under this name now: by its identity, its counters, or a recorded replacement.
+# -- replacement -----------------------------------------------------------------------------------
+# Whether another station answers under this name now: by its identity, its counters, or a recorded
+# replacement.
 
 
-def replaced(before: Identity | None, now: Identity | None, spans: Sequence[Span], stated: bool) -> str | None:
+def replaced(
+    before: Identity | None, now: Identity | None, spans: Sequence[Span], stated: bool
+) -> str | None:
     """Return the rule by which the station was replaced; None for the same station."""
     if stated:
         return "stated_replaced"
@@ -277,12 +360,14 @@ def _differ(before: str | None, now: str | None) -> bool:
 
 
 def _continue(spans: Sequence[Span]) -> bool:
-    """Whether every counter continues or rolled over, with hours among them that no other station would have by chance."""
+    """Whether every counter continues or rolled over, with hours among them that no other station
+    would have by chance.
+    """
     hours = [one for one in spans if one.trait.is_time and one.before.shown.low >= SURELY_ITS_OWN_H]
     return bool(hours) and all(one.can_continue or bool(one.roll_overs(one.usual)) for one in spans)
 
 
-# -- judging ------------------------------------------------------------------------------------------------------------------
+# -- judging ---------------------------------------------------------------------------------------
 
 
 class Reset(Enum):
@@ -295,8 +380,9 @@ class Reset(Enum):
 
 @dataclass(slots=True)
 class Resets:
-    """Known resets. `stated`: hours from the look before to a recorded reset, by port (0: all). `found`: the last look that found
-    a reset, and whether it is certain, by port. `other`: the last look before which the unit may have been exchanged."""
+    """Known resets. `stated`: hours from the look before to a recorded reset, by port (0: all).
+    `found`: the last look that found a reset, and whether it is certain, by port. `other`: the last
+    look before which the unit may have been exchanged."""
 
     stated: Mapping[int, float] = field(default_factory=dict)
     found: dict[int, tuple[int, Reset]] = field(default_factory=dict)
@@ -306,22 +392,34 @@ class Resets:
         return self.stated.get(port, self.stated.get(0))
 
     def across(self, span: Span) -> Reset:
-        """Return the reset that a look within the span found, at which this counter was not read."""
+        """Return the reset that a look within the span found, at which this counter was not
+        read.
+        """
         look, reset = self.found.get(span.port, (-1, Reset.NO))
         return reset if look > span.before.look else Reset.NO
 
 
 def judge(spans: Sequence[Span], look: int, resets: Resets, ratios: Ratios) -> list[Judged]:
     """Judge all counters of a station at one look; enters the resets that it finds in `resets`."""
-    untimed = [loose(one, "clock_ran_back", Interval(0.0, math.inf)) for one in spans if math.isinf(one.elapsed_h)]
+    untimed = [
+        loose(one, "clock_ran_back", Interval(0.0, math.inf))
+        for one in spans
+        if math.isinf(one.elapsed_h)
+    ]
     timed = [one for one in spans if not math.isinf(one.elapsed_h)]
-    across_exchange = [_across_another(one, resets.across(one)) for one in timed if one.before.look < resets.other]
+    across_exchange = [
+        _across_another(one, resets.across(one)) for one in timed if one.before.look < resets.other
+    ]
     of_unit = [one for one in timed if one.before.look >= resets.other]
     across_reset = [one for one in of_unit if resets.across(one) is not Reset.NO]
-    fresh = sorted((one for one in of_unit if resets.across(one) is Reset.NO), key=lambda one: one.port)
+    fresh = sorted(
+        (one for one in of_unit if resets.across(one) is Reset.NO), key=lambda one: one.port
+    )
     by_port = {port: list(group) for port, group in groupby(fresh, key=lambda one: one.port)}
     unit = _unit(by_port, across_reset, resets)
-    found = [_across(one, resets.across(one)) for one in across_reset] + _at_look(by_port, look, resets, ratios)
+    found = [_across(one, resets.across(one)) for one in across_reset] + _at_look(
+        by_port, look, resets, ratios
+    )
     if unit is not Unit.SAME:
         resets.other = look
         found = [_or_other(one, unit) for one in found]
@@ -334,7 +432,9 @@ def judge_doubted(spans: Sequence[Span], look: int, resets: Resets) -> list[Judg
     return [_beside_another(one) for one in spans]
 
 
-def _at_look(by_port: Mapping[int, Sequence[Span]], look: int, resets: Resets, ratios: Ratios) -> list[Judged]:
+def _at_look(
+    by_port: Mapping[int, Sequence[Span]], look: int, resets: Resets, ratios: Ratios
+) -> list[Judged]:
     verdicts = _verdicts(by_port, resets)
     judged: list[Judged] = []
     for port, group in by_port.items():
@@ -344,21 +444,30 @@ def _at_look(by_port: Mapping[int, Sequence[Span]], look: int, resets: Resets, r
     return judged
 
 
-# -- was it another unit ----------------------------------------------------------------------------------------------------------
+# -- was it another unit ---------------------------------------------------------------------------
 
 
 def _unit(by_port: Mapping[int, Sequence[Span]], across: Sequence[Span], resets: Resets) -> Unit:
-    """Return which unit was read. Spans `across` a look that found a reset, or may hide one, need not be ordinary: they may end in
-    what the reset left."""
+    """Return which unit was read. Spans `across` a look that found a reset, or may hide one, need
+    not be ordinary: they may end in what the reset left."""
     odd = [one for one in across if not is_ordinary(one)]
     if not all(one.can_be_reset for one in odd):
         return Unit.OTHER
     unit = unit_of(by_port, {port for port in by_port if resets.stated_h(port) is not None})
-    return Unit.EITHER if unit is Unit.SAME and any(resets.across(one) is Reset.MAYBE for one in odd) else unit
+    return (
+        Unit.EITHER
+        if unit is Unit.SAME and any(resets.across(one) is Reset.MAYBE for one in odd)
+        else unit
+    )
 
 
 OF_RESET: Final = ("fell_since", "reset_with_its_port")
-INEXPLICABLE: Final = ("fell_alone", "fell_to_what_cannot_be", "faster_than_time", "faster_than_plausible")
+INEXPLICABLE: Final = (
+    "fell_alone",
+    "fell_to_what_cannot_be",
+    "faster_than_time",
+    "faster_than_plausible",
+)
 
 
 def _or_other(judged: Judged, unit: Unit) -> Judged:
@@ -373,7 +482,9 @@ def _or_other(judged: Judged, unit: Unit) -> Judged:
 
 
 def _across_another(span: Span, reset: Reset) -> Judged:
-    """Judge a counter that was not read at the look before which the unit may have been exchanged."""
+    """Judge a counter that was not read at the look before which the unit may have been
+    exchanged.
+    """
     if reset is Reset.YES and span.can_be_reset:
         return loose(span, "reset_or_other_unit", Interval(0.0, span.at_most), DifferenceKind.RESET)
     return _beside_another(span)
@@ -384,11 +495,13 @@ def _beside_another(span: Span) -> Judged:
     return loose(span, "beside_what_cannot_be", Interval(0.0, span.at_most))
 
 
-# -- was it reset ---------------------------------------------------------------------------------------------------------------
+# -- was it reset ----------------------------------------------------------------------------------
 
 
 def _verdicts(by_port: Mapping[int, Sequence[Span]], resets: Resets) -> dict[int, Reset]:
-    """Return the reset by port. One that no counter shows is possible beside a port that was reset, or if every port allows it."""
+    """Return the reset by port. One that no counter shows is possible beside a port that was reset,
+    or if every port allows it.
+    """
     seen = {port: _shown(group, resets.stated_h(port)) for port, group in by_port.items()}
     can_hide = [port for port, group in by_port.items() if _can_hide(group)]
     counted = any(one.after.shown.high > 0 for group in by_port.values() for one in group)
@@ -412,10 +525,12 @@ def _shown(group: Sequence[Span], stated_h: float | None) -> Reset:
     return Reset.MAYBE
 
 
-# -- what follows ---------------------------------------------------------------------------------------------------------------
+# -- what follows ----------------------------------------------------------------------------------
 
 
-def _of_port(group: Sequence[Span], reset: Reset, ratios: Ratios, stated_h: float | None) -> list[Judged]:
+def _of_port(
+    group: Sequence[Span], reset: Reset, ratios: Ratios, stated_h: float | None
+) -> list[Judged]:
     rest_h = max((one.after.shown.low for one in group if one.trait.is_time), default=0.0)
     if reset is Reset.YES:
         return [_was_reset(one, rest_h, stated_h) for one in group]
@@ -426,23 +541,38 @@ def _of_port(group: Sequence[Span], reset: Reset, ratios: Ratios, stated_h: floa
 
 def _across(span: Span, reset: Reset) -> Judged:
     """Judge a counter that was not read at the look that found the reset."""
-    return _was_reset(span, 0.0, None) if reset is Reset.YES and span.can_be_reset else _or_reset(counted_on(span), 0.0)
+    return (
+        _was_reset(span, 0.0, None)
+        if reset is Reset.YES and span.can_be_reset
+        else _or_reset(counted_on(span), 0.0)
+    )
 
 
 def _was_reset(span: Span, rest_h: float, stated_h: float | None) -> Judged:
-    rule = "stated_reset" if stated_h is not None else "fell_since" if span.fell else "reset_with_its_port"
+    rule = (
+        "stated_reset"
+        if stated_h is not None
+        else "fell_since"
+        if span.fell
+        else "reset_with_its_port"
+    )
     lost = Interval(0.0, _lost_at_most(span, rest_h, stated_h))
-    return Judged(span, DifferenceKind.RESET, rule, Join.FROM_ZERO, lost=lost, is_known=lost.high <= 0)
+    return Judged(
+        span, DifferenceKind.RESET, rule, Join.FROM_ZERO, lost=lost, is_known=lost.high <= 0
+    )
 
 
 def _lost_at_most(span: Span, rest_h: float, stated_h: float | None = None) -> float:
-    """Return the greatest possible advance before the reset: in the elapsed time less the hours shown since.
+    """Return the greatest possible advance before the reset: in the elapsed time less the hours
+    shown since.
 
-    For a counter that may have rolled over since the reset: all that was possible beyond what it shows."""
+    For a counter that may have rolled over since the reset: all that was possible beyond what it
+    shows."""
     if span.at_most >= span.modulus:
         return span.at_most - span.after.shown.low
     hours = max(0.0, span.elapsed_h * DRIFT - rest_h)
-    if stated_h is not None and span.before.look == span.after.look - 1:  # recorded hours count from the look before
+    # recorded hours count from the look before
+    if stated_h is not None and span.before.look == span.after.look - 1:
         hours = min(hours, stated_h * DRIFT)
     return hours if span.trait.is_time else hours * span.trait.fastest
 

@@ -1,6 +1,7 @@
 """What an audit reads of a station, and the properties of each kind of counter.
 
-Times are UTC as ISO 8601 with ``+00:00``. `seq` and `prev_sha256` are the ledger's and set when a line is added.
+Times are UTC as ISO 8601 with ``+00:00``. `seq` and `prev_sha256` are the ledger's and set when a
+line is added.
 """
 
 from __future__ import annotations
@@ -12,12 +13,13 @@ from typing import Final, Literal
 
 import msgspec
 
-# -- traits -------------------------------------------------------------------------------------------------------------------
+# -- traits ----------------------------------------------------------------------------------------
 # The resolution, modulus and fastest plausible rate of each kind of counter.
 #
-# Counters have five digits: decimal, hexadecimal for the dispensed length (docs/reference/contradictions.md, B-35). No manual
-# prints what follows the last number; this program assumes zero, and states it for every difference that rests on it. The fastest
-# plausible rate is an assumption, too: it only decides how many roll-overs are possible between two audits.
+# Counters have five digits: decimal, hexadecimal for the dispensed length
+# (docs/reference/contradictions.md, B-35). No manual prints what follows the last number; this
+# program assumes zero, and states it for every difference that rests on it. The fastest plausible
+# rate is an assumption, too: it only decides how many roll-overs are possible between two audits.
 
 FIVE_DIGITS: Final = 100_000.0
 HEX_DIGITS: Final = 5
@@ -27,8 +29,9 @@ LEAST_MODULUS: Final = 16.0**HEX_DIGITS / 10
 
 @dataclass(frozen=True, slots=True)
 class Trait:
-    """`step`: two readings that differ by d stand for d - step to d + step. `fastest`: the greatest plausible advance per hour of
-    the first existing counter in `hours`, or of elapsed time if `hours` is empty."""
+    """`step`: two readings that differ by d stand for d - step to d + step. `fastest`: the greatest
+    plausible advance per hour of the first existing counter in `hours`, or of elapsed time if
+    `hours` is empty."""
 
     step: float
     fastest: float
@@ -56,7 +59,9 @@ def trait_of(counter: str) -> Trait:
 
 
 def modulus_of(counter: str, shown: Iterable[float]) -> float:
-    """Return the number at which the counter rolls over; for a length, at least the width of what it has shown."""
+    """Return the number at which the counter rolls over; for a length, at least the width of what
+    it has shown.
+    """
     if counter != "dispensed_mm":
         return FIVE_DIGITS
     modulus, most = LEAST_MODULUS, max(shown, default=0.0)
@@ -65,7 +70,7 @@ def modulus_of(counter: str, shown: Iterable[float]) -> float:
     return modulus
 
 
-# -- observed -----------------------------------------------------------------------------------------------------------------
+# -- observed --------------------------------------------------------------------------------------
 
 
 class Standing(StrEnum):
@@ -76,11 +81,12 @@ class Standing(StrEnum):
     UNREAD = "unread"
 
 
-class Count(msgspec.Struct, frozen=True, gc=False):  # a ledger has hundreds of thousands; a dataclass takes six times as long
+# a ledger has hundreds of thousands; a dataclass takes six times as long
+class Count(msgspec.Struct, frozen=True, gc=False):
     """A counter of a port as it was read. Names and units are those of the table `counters`.
 
-    `value` is null unless `standing` is ``ok``; `values` are all reads in order; `why` is the reason for ``unread`` (`timeout`,
-    `nak4`, ...).
+    `value` is null unless `standing` is ``ok``; `values` are all reads in order; `why` is the
+    reason for ``unread`` (`timeout`, `nak4`, ...).
     """
 
     port: int
@@ -94,7 +100,9 @@ class Count(msgspec.Struct, frozen=True, gc=False):  # a ledger has hundreds of 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a station reports as its identity. No manual prints a serial number; `uid` comes from the line file or from people."""
+    """What a station reports as its identity. No manual prints a serial number; `uid` comes from
+    the line file or from people.
+    """
 
     family: str
     model: str | None = None
@@ -104,10 +112,12 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """The current error of the station and of its ports (null: not read), and the number of error events since the last audit.
+    """The current error of the station and of its ports (null: not read), and the number of error
+    events since the last audit.
 
-    `events` come from the records of runs, by kind (``port.error``, ``station.error``, ...); null without a record. They are
-    counted up to `until`, where the next audit starts; null if no records were read.
+    `events` come from the records of runs, by kind (``port.error``, ``station.error``, ...); null
+    without a record. They are counted up to `until`, where the next audit starts; null if no
+    records were read.
     """
 
     station: str | None = None
@@ -118,11 +128,13 @@ class Errors:
 
 @dataclass(frozen=True, slots=True)
 class StationLook:
-    """One look at one station, without its counters. `time`: when they were read; `audit`: when that audit began.
+    """One look at one station, without its counters. `time`: when they were read; `audit`: when
+    that audit began.
 
-    A station that did not answer is an observation too: `seen` is false, `why` has the reason, and nothing else is known.
-    `source` is ``wire`` or ``run:FOLDER``. `parameters` are settings by name, those of a port as ``2.sleep_delay_min``, with values
-    as in the table `settings`. `tools` are the tools by port.
+    A station that did not answer is an observation too: `seen` is false, `why` has the reason, and
+    nothing else is known. `source` is ``wire`` or ``run:FOLDER``. `parameters` are settings by
+    name, those of a port as ``2.sleep_delay_min``, with values as in the table `settings`. `tools`
+    are the tools by port.
     """
 
     time: str
@@ -153,8 +165,8 @@ class Observation(StationLook):
 class Fact:
     """Maintenance done at `time` and recorded in the ledger at `told` (`jbclog maintenance done`).
 
-    `task` is a name from the tasks file, or one of `STATED`. `part` is the number of the tip or other part; `port` null is all
-    ports.
+    `task` is a name from the tasks file, or one of `STATED`. `part` is the number of the tip or
+    other part; `port` null is all ports.
     """
 
     time: str

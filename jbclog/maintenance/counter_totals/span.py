@@ -12,11 +12,14 @@ import msgspec
 
 from jbclog.maintenance.counter_totals.observed import DRIFT, Trait
 
-# -- interval -----------------------------------------------------------------------------------------------------------------
+# -- interval --------------------------------------------------------------------------------------
 
 
-class Interval(msgspec.Struct, frozen=True, gc=False):  # millions are made; a frozen dataclass takes several times as long
-    """A number from `low` to `high`, both included; an unbounded `high` is infinite (null in JSON)."""
+# millions are made; a frozen dataclass takes several times as long
+class Interval(msgspec.Struct, frozen=True, gc=False):
+    """A number from `low` to `high`, both included; an unbounded `high` is infinite (null in
+    JSON).
+    """
 
     low: float
     high: float
@@ -47,11 +50,12 @@ class Interval(msgspec.Struct, frozen=True, gc=False):  # millions are made; a f
 NOTHING = Interval(0.0, 0.0)
 
 
-# -- elapsed ------------------------------------------------------------------------------------------------------------------
+# -- elapsed ---------------------------------------------------------------------------------------
 # The time between two looks, as far as the host's clock is right.
 #
-# The ledger's order is certain; the host's clock may be set back. If the times are not in that order, the smallest set of looks
-# that explains it had a wrong clock: they happened between their neighbours, and no more is known.
+# The ledger's order is certain; the host's clock may be set back. If the times are not in that
+# order, the smallest set of looks that explains it had a wrong clock: they happened between their
+# neighbours, and no more is known.
 
 HOUR = 3600.0
 
@@ -75,7 +79,9 @@ class Elapsed:
         return look in self._is_right
 
     def at_most_h(self, begin: int, end: int) -> float:
-        """Return the most hours from one look to a later one; infinite until a look with a right clock follows."""
+        """Return the most hours from one look to a later one; infinite until a look with a right
+        clock follows.
+        """
         right = self._right
         before, after = bisect_right(right, begin) - 1, bisect_left(right, end)
         if before < 0 or after == len(right):
@@ -84,7 +90,9 @@ class Elapsed:
 
 
 def _longest_in_order(times: Sequence[float]) -> list[int]:
-    """Return the longest series of looks with non-decreasing times; of several, the one that ends earliest."""
+    """Return the longest series of looks with non-decreasing times; of several, the one that ends
+    earliest.
+    """
     ends: list[int] = []
     heights: list[float] = []
     behind: list[int] = []
@@ -100,7 +108,7 @@ def _longest_in_order(times: Sequence[float]) -> list[int]:
     return series[::-1]
 
 
-# -- span ---------------------------------------------------------------------------------------------------------------------
+# -- span ------------------------------------------------------------------------------------------
 
 MANY = 1000  # roll-overs; more are not counted
 LEAST_HOURS = 4.0  # fewer give no rate
@@ -112,15 +120,18 @@ def top_of(modulus: float, trait: Trait) -> float:
 
 
 class Reading(msgspec.Struct, frozen=True, gc=False):
-    """What a counter showed at a look (its number in the station's history); a moving one showed a range."""
+    """What a counter showed at a look (its number in the station's history); a moving one showed a
+    range.
+    """
 
     look: int
     shown: Interval
 
 
 class Span(msgspec.Struct, frozen=True, gc=False):
-    """From one reading to a later one. `elapsed_h`: at most. `most`: the advance at the fastest plausible rate; `usual`: at ten
-    times the fastest rate seen. `grown`: the difference of the readings, with both values of a moving one."""
+    """From one reading to a later one. `elapsed_h`: at most. `most`: the advance at the fastest
+    plausible rate; `usual`: at ten times the fastest rate seen. `grown`: the difference of the
+    readings, with both values of a moving one."""
 
     port: int
     counter: str
@@ -153,10 +164,14 @@ class Span(msgspec.Struct, frozen=True, gc=False):
     @property
     def worked(self) -> Interval:
         """The advance if the count continued without a roll-over."""
-        return Interval(max(0.0, self.grown.low - self.trait.step), max(0.0, self.grown.high) + self.trait.step)
+        return Interval(
+            max(0.0, self.grown.low - self.trait.step), max(0.0, self.grown.high) + self.trait.step
+        )
 
     def roll_overs(self, most: float) -> range:
-        """Return the possible numbers of roll-overs, from one up, for an advance of at most `most`."""
+        """Return the possible numbers of roll-overs, from one up, for an advance of at most
+        `most`.
+        """
         left = most + self.trait.step - self.grown.low
         possible = max(0, math.floor(left / self.modulus)) if math.isfinite(left) else MANY
         return range(1, 1 + min(MANY, possible))
@@ -170,7 +185,9 @@ class Span(msgspec.Struct, frozen=True, gc=False):
     def can_be_reset(self) -> bool:
         """Whether it can have counted from zero to what it shows since the last reading."""
         shown = self.after.shown.low
-        return shown <= (self.elapsed_h * DRIFT if self.trait.is_time else self.elapsed_h * self.trait.fastest)
+        return shown <= (
+            self.elapsed_h * DRIFT if self.trait.is_time else self.elapsed_h * self.trait.fastest
+        )
 
     @property
     def is_impossible(self) -> bool:

@@ -1,7 +1,7 @@
 """The total use since the first audit, across resets, roll-overs and exchanged stations.
 
-A counter shows whole steps: 412 hours are 412.0 to 413.0. Only the first and the last reading of a continued series count, so that
-its sum is as exact as two readings.
+A counter shows whole steps: 412 hours are 412.0 to 413.0. Only the first and the last reading of a
+continued series count, so that its sum is as exact as two readings.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 
 
 class DifferenceKind(StrEnum):
-    """What a difference between two readings of a counter is; the values are in the audit's files."""
+    """What a difference between two readings of a counter is; the values are in the audit's
+    files.
+    """
 
     NORMAL = "normal"
     ZERO = "zero"
@@ -36,8 +38,9 @@ PLAIN: Final = frozenset({DifferenceKind.NORMAL, DifferenceKind.ZERO})
 class Difference(msgspec.Struct, frozen=True, gc=False):
     """The difference between two readings, its kind, and the rule that decided it (name and text).
 
-    `delta` contains the true advance (an unbounded `high` is infinite); `is_known`: it is no wider than the counter's resolution.
-    For a `replaced` station it is zero, because the new station was seen for the first time.
+    `delta` contains the true advance (an unbounded `high` is infinite); `is_known`: it is no wider
+    than the counter's resolution. For a `replaced` station it is zero, because the new station was
+    seen for the first time.
     """
 
     port: int
@@ -59,9 +62,11 @@ class Difference(msgspec.Struct, frozen=True, gc=False):
 
 @dataclass(frozen=True, slots=True)
 class CounterTotal:
-    """The advance from `since` (UTC) to the last reading: `total` contains the true value; `is_known`: no difference is in doubt.
+    """The advance from `since` (UTC) to the last reading: `total` contains the true value;
+    `is_known`: no difference is in doubt.
 
-    `first` is what the counter showed at `since`. `marks` are all differences other than known normal and zero ones, oldest first.
+    `first` is what the counter showed at `since`. `marks` are all differences other than known
+    normal and zero ones, oldest first.
     """
 
     total: Interval
@@ -75,13 +80,14 @@ class Join(StrEnum):
     """How a reading follows the one before it."""
 
     ON = "on"  # the count continued: only the first and the last reading of such a series matter
-    FROM_ZERO = "from zero"  # reset in between: it shows the advance since the reset, and more may be lost
+    # reset in between: it shows the advance since the reset, and more may be lost
+    FROM_ZERO = "from zero"
     LOOSE = "loose"  # only bounds are known
 
 
 class Point(msgspec.Struct, frozen=True, gc=False):
-    """A reading and how it follows the one before. `shown` includes roll-overs; `lost`: the advance lost by a reset; for a loose
-    join the whole advance."""
+    """A reading and how it follows the one before. `shown` includes roll-overs; `lost`: the advance
+    lost by a reset; for a loose join the whole advance."""
 
     look: int
     time: str
@@ -92,9 +98,11 @@ class Point(msgspec.Struct, frozen=True, gc=False):
 
 @dataclass(slots=True)
 class Trace:
-    """A counter of one station from its first reading: its points, and the difference that leads to each but the first.
+    """A counter of one station from its first reading: its points, and the difference that leads to
+    each but the first.
 
-    `aside` are differences outside the sum: to ignored readings, and from the station that was replaced.
+    `aside` are differences outside the sum: to ignored readings, and from the station that was
+    replaced.
     """
 
     port: int
@@ -125,13 +133,17 @@ class Trace:
         return total + self._series(start, end, from_zero)
 
     def _series(self, start: int, end: int, from_zero: bool) -> Interval:
-        """Return the advance of a continued series. After a reset it starts at exactly zero, not within a step of a reading."""
+        """Return the advance of a continued series. After a reset it starts at exactly zero, not
+        within a step of a reading.
+        """
         if start == end and not from_zero:
             return NOTHING
         first, last = self.points[start].shown, self.points[end].shown
         if from_zero:
             return Interval(last.low, last.high + self.step)
-        return Interval(max(0.0, last.low - first.high - self.step), last.high - first.low + self.step)
+        return Interval(
+            max(0.0, last.low - first.high - self.step), last.high - first.low + self.step
+        )
 
     def is_known(self, begin: int, end: int) -> bool:
         """Whether no difference between two points is in doubt."""
@@ -151,12 +163,16 @@ class Trace:
 
 
 def per_day(trace: Trace, times: Sequence[float], days: float = 28.0) -> Interval | None:
-    """Return the rate from the latest point at least `days` old, or from the first; None for less than a day.
+    """Return the rate from the latest point at least `days` old, or from the first; None for less
+    than a day.
 
     `times` are those of the points in seconds since 1970, NaN for a wrong clock.
     """
     last = len(times) - 1
     right = [place for place, time in enumerate(times) if not math.isnan(time)]
-    begin = max((place for place in right if times[last] - times[place] >= days * 86400), default=right[0] if right else 0)
+    begin = max(
+        (place for place in right if times[last] - times[place] >= days * 86400),
+        default=right[0] if right else 0,
+    )
     lasted = (times[last] - times[begin]) / 86400
     return trace.between(begin, last).per(lasted) if lasted >= 1 else None

@@ -1,6 +1,7 @@
 """Trace every counter through a station's history.
 
-A history with doubtful roll-overs is traced twice: the first pass learns the counters' rates and ratios from known differences.
+A history with doubtful roll-overs is traced twice: the first pass learns the counters' rates and
+ratios from known differences.
 """
 
 from __future__ import annotations
@@ -40,10 +41,19 @@ from jbclog.maintenance.counter_totals.observed import (
     modulus_of,
     trait_of,
 )
-from jbclog.maintenance.counter_totals.span import LEAST_HOURS, NOTHING, Elapsed, Interval, Reading, Span, seconds, top_of
+from jbclog.maintenance.counter_totals.span import (
+    LEAST_HOURS,
+    NOTHING,
+    Elapsed,
+    Interval,
+    Reading,
+    Span,
+    seconds,
+    top_of,
+)
 from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind, Join, Point, Trace
 
-# -- history ------------------------------------------------------------------------------------------------------------------
+# -- history ---------------------------------------------------------------------------------------
 # The entries of one station in the ledger, in order: its looks and its facts.
 
 Key = tuple[int, str]
@@ -54,7 +64,9 @@ MOVES_AT_MOST = 1000.0  # reads of one look that differ by more are not those of
 
 @dataclass
 class History:
-    """One station of one line. `looks` are the observations that it answered, `all` includes the others."""
+    """One station of one line. `looks` are the observations that it answered, `all` includes the
+    others.
+    """
 
     line: str
     station: str
@@ -113,11 +125,12 @@ def histories(entries: Iterable[Entry]) -> dict[tuple[str, str], History]:
     return found
 
 
-# -- fast path ----------------------------------------------------------------------------------------------------------------
-# Looks without an event: every counter continues, and every port rules out a reset. Most looks are such.
+# -- fast path -------------------------------------------------------------------------------------
+# Looks without an event: every counter continues, and every port rules out a reset. Most looks are
+# such.
 #
-# A long ledger has half a million differences. The fast path applies the rules of `judging.py` and `span.py` to a whole look at
-# once, in plain numbers, and leaves every other look to them.
+# A long ledger has half a million differences. The fast path applies the rules of `judging.py` and
+# `span.py` to a whole look at once, in plain numbers, and leaves every other look to them.
 
 LAST_HOUR = top_of(FIVE_DIGITS, HOURS)
 Readings = Mapping[Key, Reading]
@@ -125,7 +138,9 @@ Readings = Mapping[Key, Reading]
 
 @dataclass(slots=True)
 class Counter:
-    """The constants of a counter. `pace`: the greatest usual advance per hour of `hours`; None if too little was seen."""
+    """The constants of a counter. `pace`: the greatest usual advance per hour of `hours`; None if
+    too little was seen.
+    """
 
     key: Key
     trait: Trait
@@ -138,19 +153,31 @@ class Counter:
     hours: tuple[Key, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.step, self.fastest, self.is_time = self.trait.step, self.trait.fastest, self.trait.is_time
+        self.step, self.fastest, self.is_time = (
+            self.trait.step,
+            self.trait.fastest,
+            self.trait.is_time,
+        )
         self.top = top_of(self.modulus, self.trait)
         self.hours = tuple((self.key[0], name) for name in self.trait.hours)
 
 
-def is_plain(look: int, last: Readings, now: Readings, counters: Mapping[Key, Counter], elapsed_h: float) -> bool:
-    """Whether every counter read at a look continues from the look before, at most `elapsed_h` (finite) earlier."""
+def is_plain(
+    look: int, last: Readings, now: Readings, counters: Mapping[Key, Counter], elapsed_h: float
+) -> bool:
+    """Whether every counter read at a look continues from the look before, at most `elapsed_h`
+    (finite) earlier.
+    """
     ports, sure = set(), set()
     for key, after in now.items():
         before, counter = last.get(key), counters[key]
         if before is None or before.look != look - 1:
             return False
-        lasted = elapsed_h * DRIFT if counter.is_time else lasted_h(counter.hours, last, now, before.look, elapsed_h)
+        lasted = (
+            elapsed_h * DRIFT
+            if counter.is_time
+            else lasted_h(counter.hours, last, now, before.look, elapsed_h)
+        )
         if not _continues(counter, before.shown, after.shown, lasted):
             return False
         ports.add(key[0])
@@ -159,19 +186,29 @@ def is_plain(look: int, last: Readings, now: Readings, counters: Mapping[Key, Co
     return bool(ports) and ports == sure
 
 
-def lasted_h(hours: Sequence[Key], last: Readings, now: Readings, look: int, elapsed_h: float) -> float:
-    """Return how long a counter of events can have counted: by its first hour counter, or by the elapsed time.
+def lasted_h(
+    hours: Sequence[Key], last: Readings, now: Readings, look: int, elapsed_h: float
+) -> float:
+    """Return how long a counter of events can have counted: by its first hour counter, or by the
+    elapsed time.
 
     An hour counter at its last number may have stopped, and is not used."""
     for key in hours:
         before, after = last.get(key), now.get(key)
-        if before and after and before.look == look and before.shown.low <= after.shown.high < LAST_HOUR:
+        if (
+            before
+            and after
+            and before.look == look
+            and before.shown.low <= after.shown.high < LAST_HOUR
+        ):
             return min(elapsed_h * DRIFT, after.shown.high - before.shown.low + 1.0)
     return elapsed_h * DRIFT
 
 
 def _continues(counter: Counter, before: Interval, after: Interval, lasted: float) -> bool:
-    """Whether it advanced at a plausible rate and cannot have rolled over: the common case of `counted_on`."""
+    """Whether it advanced at a plausible rate and cannot have rolled over: the common case of
+    `counted_on`.
+    """
     if after.high >= counter.top or after.high < before.low:
         return False
     grown, most = after.low - before.high, lasted if counter.is_time else lasted * counter.fastest
@@ -181,17 +218,30 @@ def _continues(counter: Counter, before: Interval, after: Interval, lasted: floa
     return (usual + counter.step - grown) / counter.modulus < 1.0
 
 
-def difference(counter: Counter, before: Reading, after: Reading, begin: str, end: str) -> Difference:
+def difference(
+    counter: Counter, before: Reading, after: Reading, begin: str, end: str
+) -> Difference:
     """Return the difference of a counter that continues."""
     low, high = after.shown.low - before.shown.high, after.shown.high - before.shown.low
     is_unchanged = low <= 0 <= high
     rule = "unchanged" if is_unchanged else "went_on"
     worked = Interval(max(0.0, low - counter.step), max(0.0, high) + counter.step)
     kind = DifferenceKind.ZERO if is_unchanged else DifferenceKind.NORMAL
-    return Difference(*counter.key, begin, end, before.shown.low, after.shown.low, kind, rule, RULES[rule], worked, is_known=True)
+    return Difference(
+        *counter.key,
+        begin,
+        end,
+        before.shown.low,
+        after.shown.low,
+        kind,
+        rule,
+        RULES[rule],
+        worked,
+        is_known=True,
+    )
 
 
-# -- tracing ------------------------------------------------------------------------------------------------------------------
+# -- tracing ---------------------------------------------------------------------------------------
 
 MARGIN = 10.0  # factor by which other work may advance a counter faster than ever seen
 LEAST_SEEN = 6  # fewer may all be from quiet weeks
@@ -200,7 +250,9 @@ UNSURE = frozenset({*OPEN, "rolled_over_or_reset"})
 
 @dataclass
 class Traces:
-    """The counters of the current station (`now`) and of the stations that it replaced (`earlier`)."""
+    """The counters of the current station (`now`) and of the stations that it replaced
+    (`earlier`).
+    """
 
     history: History
     now: dict[Key, Trace] = field(default_factory=dict)
@@ -222,7 +274,9 @@ def traces_of(history: History) -> Traces:
 
 
 def _doubted_looks(left_out: Iterable[Collection[int]]) -> Iterator[int]:
-    """Yield the looks that another unit answered once, because several counters are ignored, and the looks after them."""
+    """Yield the looks that another unit answered once, because several counters are ignored, and
+    the looks after them.
+    """
     for look, counters in Counted(look for looks in left_out for look in looks).items():
         if counters > 1:
             yield from (look, look + 1)
@@ -239,15 +293,24 @@ def _paces(looks: Sequence[Sequence[Judged]]) -> dict[Key, float]:
 
 
 class _Pass:
-    """One pass through a history, with the `paces` and `ratios` of an earlier pass. `doubted`: looks before which the unit may have
-    been exchanged, as later looks showed; `late`: those that this pass finds."""
+    """One pass through a history, with the `paces` and `ratios` of an earlier pass. `doubted`:
+    looks before which the unit may have been exchanged, as later looks showed; `late`: those that
+    this pass finds."""
 
-    def __init__(self, history: History, paces: Mapping[Key, float], ratios: Ratios, doubted: Collection[int] = ()) -> None:
+    def __init__(
+        self,
+        history: History,
+        paces: Mapping[Key, float],
+        ratios: Ratios,
+        doubted: Collection[int] = (),
+    ) -> None:
         self.history, self.paces, self.ratios = history, paces, ratios
         self.traces = Traces(history)
         self.judged: list[list[Judged]] = []
         self._counters = {key: self._counter(key, found) for key, found in history.readings.items()}
-        self._left_out = {key: misread(found, self._maker(key)) for key, found in history.readings.items()}
+        self._left_out = {
+            key: misread(found, self._maker(key)) for key, found in history.readings.items()
+        }
         self._doubted = {*doubted, *_doubted_looks(self._left_out.values())}
         self.late: set[int] = set()
         self._odd = self._doubted.union(*self._left_out.values())
@@ -259,7 +322,12 @@ class _Pass:
         self._rolled: dict[Key, float] = {}  # what roll-overs add to a reading
 
     def _counter(self, key: Key, found: Sequence[Reading]) -> Counter:
-        return Counter(key, trait_of(key[1]), modulus_of(key[1], (one.shown.high for one in found)), self.paces.get(key))
+        return Counter(
+            key,
+            trait_of(key[1]),
+            modulus_of(key[1], (one.shown.high for one in found)),
+            self.paces.get(key),
+        )
 
     def run(self) -> None:
         """Trace all looks."""
@@ -272,13 +340,15 @@ class _Pass:
             else:
                 self._add_judged(look, readings)
 
-    # -- looks without an event -----------------------------------------------------------------------------------------------
+    # -- looks without an event --------------------------------------------------------------------
 
     def _is_plain(self, look: int, readings: Mapping[Key, Reading]) -> bool:
         if not look or look in self._odd or self._replaced(look, ()) is not None:
             return False
         elapsed_h = self.history.elapsed.at_most_h(look - 1, look)
-        return math.isfinite(elapsed_h) and is_plain(look, self._last, readings, self._counters, elapsed_h)
+        return math.isfinite(elapsed_h) and is_plain(
+            look, self._last, readings, self._counters, elapsed_h
+        )
 
     def _add_plain(self, look: int, readings: Mapping[Key, Reading]) -> None:
         begin, end = self.history.looks[look - 1].time, self.history.looks[look].time
@@ -286,7 +356,9 @@ class _Pass:
             trace, by = self.traces.now[key], self._rolled.get(key, 0.0)
             shown = Interval(one.shown.low + by, one.shown.high + by) if by else one.shown
             trace.points.append(Point(look, end, shown))
-            trace.differences.append(difference(self._counters[key], self._last[key], one, begin, end))
+            trace.differences.append(
+                difference(self._counters[key], self._last[key], one, begin, end)
+            )
         self._last |= readings
         self._plain.append(look)
 
@@ -297,7 +369,7 @@ class _Pass:
             events = (key for key in now if not self._counters[key].is_time)
             yield [counted_on(self._span_of(key, before, now)) for key in events]
 
-    # -- other looks ----------------------------------------------------------------------------------------------------------
+    # -- other looks -------------------------------------------------------------------------------
 
     def _add_judged(self, look: int, readings: Mapping[Key, Reading]) -> None:
         fitting = {key: one for key, one in readings.items() if look not in self._left_out[key]}
@@ -319,7 +391,11 @@ class _Pass:
         self._resets.stated = self._stated(look)
         judged = judge(spans, look, self._resets, self.ratios)
         if self._resets.other == look:
-            odd = (one.before.look for one in spans if math.isfinite(one.elapsed_h) and not is_ordinary(one))
+            odd = (
+                one.before.look
+                for one in spans
+                if math.isfinite(one.elapsed_h) and not is_ordinary(one)
+            )
             since = max(odd, default=look - 1)
             if since < look - 1:
                 self.late.update(range(since + 1, look + 1))
@@ -341,36 +417,49 @@ class _Pass:
             return {}
         begin = self.history.times[look - 1]
         stated: dict[int, float] = {}
-        for fact in self.history.stated(RESET, look - 1, look):  # the last of several: everything before it is lost
+        # the last of several: everything before it is lost
+        for fact in self.history.stated(RESET, look - 1, look):
             port = fact.port or 0
             stated[port] = max(stated.get(port, 0.0), (seconds(fact.time) - begin) / 3600)
         return stated
 
-    # -- spans --------------------------------------------------------------------------------------------------------------
+    # -- spans -------------------------------------------------------------------------------------
 
     def _maker(self, key: Key) -> MakeSpan:
         return lambda before, after: self._span(key, before, after)
 
     def _span_of(self, key: Key, last: Mapping[Key, Reading], now: Mapping[Key, Reading]) -> Span:
         """Return the span of a counter, with the time bounded by its hour counters."""
-        look, elapsed_h = last[key].look, self.history.elapsed.at_most_h(last[key].look, now[key].look)
+        look, elapsed_h = (
+            last[key].look,
+            self.history.elapsed.at_most_h(last[key].look, now[key].look),
+        )
         lasted = lasted_h(self._counters[key].hours, self._believed(look), now, look, elapsed_h)
         return self._span(key, last[key], now[key], lasted)
 
     def _believed(self, look: int) -> Mapping[Key, Reading]:
         """Return the readings of a look without the ignored ones."""
         readings = self._by_look[look]
-        return {key: one for key, one in readings.items() if look not in self._left_out[key]} if look in self._odd else readings
+        return (
+            {key: one for key, one in readings.items() if look not in self._left_out[key]}
+            if look in self._odd
+            else readings
+        )
 
     def _span(self, key: Key, before: Reading, after: Reading, lasted: float = math.inf) -> Span:
-        counter, elapsed = self._counters[key], self.history.elapsed.at_most_h(before.look, after.look)
+        counter, elapsed = (
+            self._counters[key],
+            self.history.elapsed.at_most_h(before.look, after.look),
+        )
         lasted = min(lasted, elapsed * DRIFT)
         most = lasted if counter.is_time else lasted * counter.fastest
         usual = most if counter.pace is None else min(most, counter.pace * max(lasted, LEAST_HOURS))
         grown = Interval(after.shown.low - before.shown.high, after.shown.high - before.shown.low)
-        return Span(*key, counter.trait, counter.modulus, before, after, elapsed, most, usual, grown)
+        return Span(
+            *key, counter.trait, counter.modulus, before, after, elapsed, most, usual, grown
+        )
 
-    # -- traces -------------------------------------------------------------------------------------------------------------
+    # -- traces ------------------------------------------------------------------------------------
 
     def _keep(self, one: Judged) -> None:
         key, span = (one.span.port, one.span.counter), one.span
@@ -381,7 +470,11 @@ class _Pass:
             self._rolled[key] = 0.0
         by = self._rolled[key]
         shown = Interval(span.after.shown.low + by, span.after.shown.high + by)
-        trace.points.append(Point(span.after.look, self.history.looks[span.after.look].time, shown, one.join, one.lost))
+        trace.points.append(
+            Point(
+                span.after.look, self.history.looks[span.after.look].time, shown, one.join, one.lost
+            )
+        )
         trace.differences.append(self._difference(one))
         self._last[key] = span.after
 
@@ -401,7 +494,9 @@ class _Pass:
         if key in self.traces.now:
             span = self._span(key, self._last[key], reading)
             self.traces.now[key].aside.append(
-                self._difference(Judged(span, DifferenceKind.SUSPECT, "left_out", Join.LOOSE, is_known=False))
+                self._difference(
+                    Judged(span, DifferenceKind.SUSPECT, "left_out", Join.LOOSE, is_known=False)
+                )
             )
 
     def _difference(self, one: Judged) -> Difference:

@@ -1,4 +1,5 @@
-"""The client of one station: sends requests and decides which answers to accept. Generators without I/O.
+"""The client of one station: sends requests and decides which answers to accept. Generators without
+I/O.
 
 Start with `robot.py`, then `dialogue.py`; `interface.py` is what a session sees of it.
 """

@@ -1,4 +1,6 @@
-"""Reads of values that decide something, repeated until confirmed, and the proof of a station's family."""
+"""Reads of values that decide something, repeated until confirmed, and the proof of a station's
+family.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +8,23 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from jbclog.core.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, ImplausibleAnswer, NotReceived, StationError
+from jbclog.core.errors import (
+    AnswerCorrupt,
+    AnswerFormat,
+    AnswerTimeout,
+    ImplausibleAnswer,
+    NotReceived,
+    StationError,
+)
 from jbclog.core.io_requests import Steps, T, Wait
 from jbclog.core.quantities import Value
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import Family, foreign_reads
 
-# An XOR check byte misses two flipped bits in the same place of two characters, so one answer proves little
-# (docs/reference/faults.md, F-3). A setting, a counter, a tool and a name are read until an answer comes twice.
+# An XOR check byte misses two flipped bits in the same place of two characters, so one answer
+# proves little (docs/reference/faults.md, F-3). A setting, a counter, a tool and a name are read
+# until an answer comes twice.
 
 ANSWERS = 4  # at most
 
@@ -29,11 +39,13 @@ def read_confirmed(
     grows: bool = False,
     doubted: Counter[str] | None = None,
 ) -> Steps[Value]:
-    """Read until two answers are equal; one is enough if it equals `known`, which two answers have confirmed before.
+    """Read until two answers are equal; one is enough if it equals `known`, which two answers have
+    confirmed before.
 
-    With `grows` (a counter, which may increase meanwhile) the middle one of three non-decreasing answers is enough: it is correct,
-    or lies between two correct ones. `doubted` counts, by the command's name, answers that the next one did not confirm.
-    Raises `ImplausibleAnswer` where `ANSWERS` answers do not agree, and what reading raises.
+    With `grows` (a counter, which may increase meanwhile) the middle one of three non-decreasing
+    answers is enough: it is correct, or lies between two correct ones. `doubted` counts, by the
+    command's name, answers that the next one did not confirm. Raises `ImplausibleAnswer` where
+    `ANSWERS` answers do not agree, and what reading raises.
     """
     question = client.question(command, port, tool)
     given: list[Value] = []
@@ -44,23 +56,34 @@ def read_confirmed(
             return value
         if doubted is not None and len(given) > 1:
             doubted[command.name] += 1
-    raise ImplausibleAnswer(f"{question.title()}: {', '.join(map(command.shown, given))} when asked {ANSWERS} times")
+    raise ImplausibleAnswer(
+        f"{question.title()}: {', '.join(map(command.shown, given))} when asked {ANSWERS} times"
+    )
 
 
-def confirmed_value(given: Sequence[Value], known: Value | None = None, *, grows: bool = False) -> Value | None:
-    """Return the value confirmed by the last of `given`, oldest first; None where there is none yet."""
+def confirmed_value(
+    given: Sequence[Value], known: Value | None = None, *, grows: bool = False
+) -> Value | None:
+    """Return the value confirmed by the last of `given`, oldest first; None where there is none
+    yet.
+    """
     *before, last = given
     if last == known or last in before:
         return last
     if grows and len(before) > 1:
         first, middle = before[-2:]
-        if isinstance(first, int | float) and isinstance(middle, int | float) and isinstance(last, int | float):
+        if (
+            isinstance(first, int | float)
+            and isinstance(middle, int | float)
+            and isinstance(last, int | float)
+        ):
             return middle if first <= middle <= last else None
     return None
 
 
-# Reads at the start of a run: what the link lost or garbled is read again a few times, because one lost answer or a busy station
-# must not refuse a run. A refusal is final at once: unknown command, value out of range, Robot mode off.
+# Reads at the start of a run: what the link lost or garbled is read again a few times, because one
+# lost answer or a busy station must not refuse a run. A refusal is final at once: unknown command,
+# value out of range, Robot mode off.
 
 SETTLE_S: Final = 0.2  # for late bytes and bursts of noise
 PAUSES_S: Final = (SETTLE_S, 1.0, 2.0, 3.0)
@@ -91,15 +114,17 @@ def pause(client: Client, number: int) -> Steps[None]:
     client.unasked((yield Wait(client.now + PAUSES_S[min(number, len(PAUSES_S)) - 1])))
 
 
-# A model name that the line file accepts proves nothing, and status 00001 puts a soldering tool to rest but switches hot air on. So
-# before the first status order the station must answer what only its kind answers (`Family.answered_by_kind`), twice each,
-# and nothing that only another kind does.
+# A model name that the line file accepts proves nothing, and status 00001 puts a soldering tool to
+# rest but switches hot air on. So before the first status order the station must answer what only
+# its kind answers (`Family.answered_by_kind`), twice each, and nothing that only another kind does.
 
 NOT_DRIVEN: Final = "Nothing was written to it: correct `family`, or the cable"
 
 
 def kind_problem(client: Client, family: Family, port: int) -> Steps[str | None]:
-    """Describe why the station is not of the kind of `family`; None where it is. Raises `LinkError`."""
+    """Describe why the station is not of the kind of `family`; None where it is. Raises
+    `LinkError`.
+    """
     why = yield from unanswered_read(client, family, port, START_TRIES)
     for command in foreign_reads(family) if why is None else ():
         if (yield from _refusal(client, command, port, tries=1)) is None:

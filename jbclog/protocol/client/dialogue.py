@@ -2,17 +2,19 @@
 
 The rules:
 
-1. One request is outstanding at a time. An answer is accepted only if check byte, addresses, header, code, length and digits
-   match the pending request; every other frame is counted and dropped.
-2. After a frame with a wrong check byte the answer may still follow. A corrupt frame as long as the answer was the answer, so only
-   bytes already on their way are waited for.
-3. Answers carry no sequence number, so a late one looks like a fresh one. Codes whose answers may be on their way are in doubt
-   until the station answers anything else; `robot.py` handles that.
-4. Other forms are accepted where the manuals contradict each other, and counted (`protocol/commands/decisions.py`). A form that
-   another answer could have is accepted only while nothing is in doubt, and never right after the request that it would answer
-   properly.
-5. The time-out follows from the number of bytes, the line format and the response times of reads seen on this station, up to
-   `MOST_S`. A write gets longer: storing may be slow, and no manual prints how slow (docs/reference/contradictions.md, B-13).
+1. One request is outstanding at a time. An answer is accepted only if check byte, addresses,
+   header, code, length and digits match the pending request; every other frame is counted and
+   dropped.
+2. After a frame with a wrong check byte the answer may still follow. A corrupt frame as long as the
+   answer was the answer, so only bytes already on their way are waited for.
+3. Answers carry no sequence number, so a late one looks like a fresh one. Codes whose answers may
+   be on their way are in doubt until the station answers anything else; `robot.py` handles that.
+4. Other forms are accepted where the manuals contradict each other, and counted
+   (`protocol/commands/decisions.py`). A form that another answer could have is accepted only while
+   nothing is in doubt, and never right after the request that it would answer properly.
+5. The time-out follows from the number of bytes, the line format and the response times of reads
+   seen on this station, up to `MOST_S`. A write gets longer: storing may be slow, and no manual
+   prints how slow (docs/reference/contradictions.md, B-13).
 
 Everything here is a generator without I/O (`core.io_requests`).
 """
@@ -40,7 +42,12 @@ from jbclog.core.quantities import Value
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.interface import Anomalies, FloodDetector
 from jbclog.protocol.commands.command import Command, Effect, Scope
-from jbclog.protocol.commands.ranges import ACKNOWLEDGED_WITH_VALUE, READ_ANSWERED_AS, WRITE_ANSWERED_AS, odd_form
+from jbclog.protocol.commands.ranges import (
+    ACKNOWLEDGED_WITH_VALUE,
+    READ_ANSWERED_AS,
+    WRITE_ANSWERED_AS,
+    odd_form,
+)
 from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS
 from jbclog.protocol.frame import ETX, CorruptFrame, Frame, FrameReader, check_byte
 
@@ -49,16 +56,19 @@ KNOWN_QUESTIONS = 4096
 
 
 Known = tuple[dict[bytes, tuple[str, Value]], dict[str, Value], dict[str, int]]
-"""Caches: complete answers to data fields with their values, data fields to values, and odd data fields to their B-numbers."""
+"""Caches: complete answers to data fields with their values, data fields to values, and odd data
+fields to their B-numbers.
+"""
 
 
 @dataclass(slots=True)
 class Question:
     """A frame to send and the shape of its answer.
 
-    `digits` are the characters of data in the answer; None: any number above 0. `is_short` is R-TT, whose code has two
-    letters. `also` is another code under which some stations answer, with its B-number; "" for none. `repeated` is data that an
-    acknowledgement may carry. `least_s` is the minimum response time allowed for.
+    `digits` are the characters of data in the answer; None: any number above 0. `is_short` is R-TT,
+    whose code has two letters. `also` is another code under which some stations answer, with its
+    B-number; "" for none. `repeated` is data that an acknowledgement may carry. `least_s` is the
+    minimum response time allowed for.
     """
 
     command: Command
@@ -82,10 +92,16 @@ class Question:
 
     def text_in(self, data: bytes) -> str | None:
         """Return the data field if `data` is exactly the complete answer."""
-        return data[len(self.answer_start) : -2].decode("ascii", "replace") if self._is_whole_answer(data) else None
+        return (
+            data[len(self.answer_start) : -2].decode("ascii", "replace")
+            if self._is_whole_answer(data)
+            else None
+        )
 
     def answer_in(self, data: bytes) -> tuple[str, Value] | None:
-        """Return the data field and its value if `data` is exactly the complete answer and valid, as it nearly always is."""
+        """Return the data field and its value if `data` is exactly the complete answer and valid,
+        as it nearly always is.
+        """
         text = self.text_in(data)
         if text is None:
             return None
@@ -122,7 +138,11 @@ class Question:
 
     def odd_row(self, text: str) -> int | None:
         """Return the B-number of an odd data field; None where it has the recommended form."""
-        return self.odd.get(text) if len(self.odd) < KNOWN_ANSWERS else odd_form(self.command.name, text)
+        return (
+            self.odd.get(text)
+            if len(self.odd) < KNOWN_ANSWERS
+            else odd_form(self.command.name, text)
+        )
 
     def title(self) -> str:
         """Name for messages: ``tip temperature of port 1``."""
@@ -137,10 +157,12 @@ def known_answers(frame: bytes, command: Command, answer_start: bytes) -> Known:
 
 
 REPEATS = 2  # a read is sent three times at most
-UNMEASURED_S = 0.3  # response time allowed for before any was measured (docs/reference/contradictions.md, B-13)
+# response time allowed for before any was measured (docs/reference/contradictions.md, B-13)
+UNMEASURED_S = 0.3
 LEAST_S = 0.1  # minimum response time allowed for: a busy host may need that long to pass bytes on
 SETTING_S = 1.0  # the minimum for a write: a setting, a tool's state
-STORING_S = 2.0  # the minimum for a write that erases, stores, restarts, moves or changes the address
+# the minimum for a write that erases, stores, restarts, moves or changes the address
+STORING_S = 2.0
 MOST_S = 2.0  # the maximum: an ever slower station must not stretch every time-out
 QUIET_S = 0.02  # silence after which a line counts as drained
 MOST_DOUBTED = 64  # requests whose answers may still come; no station queues more
@@ -160,7 +182,9 @@ Pair = tuple[int | None, int | None]
 
 
 class AnsweredByOtherCode(AnswerFormat):
-    """The answer has the letters of another command, as from some stations; `data` is its data field."""
+    """The answer has the letters of another command, as from some stations; `data` is its data
+    field.
+    """
 
     def __init__(self, text: str, data: str) -> None:
         super().__init__(text)
@@ -174,7 +198,9 @@ def least_s(command: Command) -> float:
 
 
 class Dialogue:
-    """Exchanges with one station, and what is known about its answers. `robot.Station` is the public class."""
+    """Exchanges with one station, and what is known about its answers. `robot.Station` is the
+    public class.
+    """
 
     def __init__(self, line: LineFormat, address: int | None, host_address: int) -> None:
         self.line = line
@@ -190,16 +216,21 @@ class Dialogue:
         self.anomalies = Anomalies()
         self.flow = FloodDetector()
         self._reader = FrameReader()
-        self._doubted: list[str] = []  # codes of requests whose answers may be on their way, oldest first
+        # codes of requests whose answers may be on their way, oldest first
+        self._doubted: list[str] = []
         self._is_clear = True  # nothing was in doubt when the pending request left
         self._pending = self._last = ""  # codes of the pending request and of the one before
         self._is_overdue = False  # the last request timed out
         self._patience_s = 0.0  # of the pending request
-        self._answer_from_station = True  # the learnt order of addresses in answers (docs/reference/contradictions.md, B-6)
-        self._moving: tuple[Pair, ...] = ()  # addresses that may acknowledge the pending change of address
+        # the learnt order of addresses in answers (docs/reference/contradictions.md, B-6)
+        self._answer_from_station = True
+        # addresses that may acknowledge the pending change of address
+        self._moving: tuple[Pair, ...] = ()
         self._questions: dict[tuple[str, int | None, int | None], Question] = {}
 
-    def question(self, command: Command, port: int | None = None, tool: int | None = None) -> Question:
+    def question(
+        self, command: Command, port: int | None = None, tool: int | None = None
+    ) -> Question:
         """Prepare the read of `command`, once."""
         key = (command.name, port, tool)
         known = self._questions.get(key)
@@ -207,7 +238,9 @@ class Dialogue:
             known = self._questions[key] = self._make(command, "R", port, tool)
         return known
 
-    def _make(self, command: Command, header: str, port: int | None, tool: int | None, data: str = "") -> Question:
+    def _make(
+        self, command: Command, header: str, port: int | None, tool: int | None, data: str = ""
+    ) -> Question:
         """Build a request: a read, whose `data` can only be padding, or a write of `data`."""
         code, is_write = command.code(port, tool), header == "W"
         digits = 0 if is_write else command.answer_digits
@@ -218,7 +251,9 @@ class Dialogue:
         tries = 1 if is_write or command.sent_once else 1 + REPEATS
         is_short = command.scope is Scope.STATION and len(code) == 2
         known = known_answers(frame, command, start)
-        question = Question(command, port, frame, code, digits, start, length, wire_s, tries, is_short, *known)
+        question = Question(
+            command, port, frame, code, digits, start, length, wire_s, tries, is_short, *known
+        )
         answered_as = (WRITE_ANSWERED_AS if is_write else READ_ANSWERED_AS).get(command.name)
         if answered_as is not None:
             question.also_number, question.also = answered_as[0], f"{answered_as[1]}{port}"
@@ -230,7 +265,9 @@ class Dialogue:
     def _frame(self, header: str, text: str, *, sending: bool) -> bytes:
         if self.address is None:
             return Frame(header, text).encode()
-        source, target = (self.host_address, self.address) if sending else (self.address, self.host_address)
+        source, target = (
+            (self.host_address, self.address) if sending else (self.address, self.host_address)
+        )
         return Frame(header, text, source, target).encode()
 
     def patience_s(self, question: Question) -> float:
@@ -242,7 +279,9 @@ class Dialogue:
         return question.wire_s + max(from_reads, question.least_s)
 
     def _exchange(self, question: Question, heard: IoResult | None = None) -> Steps[str]:
-        """Send a request, unless `heard` is its result already, and return the data field of its answer."""
+        """Send a request, unless `heard` is its result already, and return the data field of its
+        answer.
+        """
         if heard is None:
             heard = yield self._begin(question)
             text = None if self._count(question, heard) else question.text_in(heard.data)
@@ -252,7 +291,9 @@ class Dialogue:
         return (yield from self._gather(question, heard, heard.sent + self._patience_s))
 
     def _begin(self, question: Question) -> Ask:
-        """Note that `question` is sent now, and return the request. On a flooded link only writes are sent."""
+        """Note that `question` is sent now, and return the request. On a flooded link only writes
+        are sent.
+        """
         if self.flow.found is not None and not question.is_write:
             raise self.flow.taken()
         if self._reader.held:
@@ -262,11 +303,15 @@ class Dialogue:
         doubted.append(question.code)  # until this or a later request is answered
         if len(doubted) > MOST_DOUBTED:
             del doubted[0]
-        self._patience_s = patience_s = self._patience_of_write_s(question) if question.is_write else self.patience_s(question)
+        self._patience_s = patience_s = (
+            self._patience_of_write_s(question) if question.is_write else self.patience_s(question)
+        )
         return Ask(question.frame, patience_s)
 
     def _count(self, question: Question, heard: IoResult) -> bool:
-        """Note the result of a request; return whether no answer may be accepted, because far more came."""
+        """Note the result of a request; return whether no answer may be accepted, because far more
+        came.
+        """
         self.exchanges += 1
         self.sent = sent = heard.sent
         if self.first_sent is None:
@@ -274,33 +319,50 @@ class Dialogue:
         return self.flow.came(heard.now, len(heard.data), question.answer_length)
 
     def _patience_of_write_s(self, question: Question) -> float:
-        """Return the time-out of a write: in a flood no acknowledgement can be found, and other tools wait for their orders."""
+        """Return the time-out of a write: in a flood no acknowledgement can be found, and other
+        tools wait for their orders.
+        """
         if self.flow.is_flooded or self.flow.is_suspect:
             return question.wire_s + LEAST_S
         return self.patience_s(question)
 
     def _gather(self, question: Question, heard: IoResult, end: float) -> Steps[str]:
-        """Find the answer in everything that arrives until `end`: in pieces, in garbage, after other frames."""
+        """Find the answer in everything that arrives until `end`: in pieces, in garbage, after
+        other frames.
+        """
         until = end
-        failure: StationError = AnswerTimeout(f"{question.title()}: no answer within {until - heard.sent:.3f} s")
+        failure: StationError = AnswerTimeout(
+            f"{question.title()}: no answer within {until - heard.sent:.3f} s"
+        )
         while heard.data:
             self.now = heard.now
             self._expect_no_flood()
             for found in self._reader.feed(heard.data):
                 if self.flow.is_suspect:
                     self.strays["flood"] += 1
-                    failure = AnswerFormat(f"{question.title()}: far more came than an answer, and none of it is believed")
+                    failure = AnswerFormat(
+                        f"{question.title()}: far more came than an answer, and none of it is"
+                        " believed"
+                    )
                     continue
                 if isinstance(found, CorruptFrame):
-                    failure = AnswerCorrupt(f"{question.title()}: wrong check byte in {found.raw.hex(' ')}")
+                    failure = AnswerCorrupt(
+                        f"{question.title()}: wrong check byte in {found.raw.hex(' ')}"
+                    )
                     until = min(until, self._rest_of(question, found, end))
                     continue
                 data = self._match(question, found)
                 if data is not None:
-                    self._note_time(heard.now, question, self.line.seconds(len(question.frame) + len(found.encode())))
+                    self._note_time(
+                        heard.now,
+                        question,
+                        self.line.seconds(len(question.frame) + len(found.encode())),
+                    )
                     return data
                 if not isinstance(failure, AnswerCorrupt):
-                    failure = AnswerFormat(f"{question.title()}: answered by {self._why_no_answer(found)}")
+                    failure = AnswerFormat(
+                        f"{question.title()}: answered by {self._why_no_answer(found)}"
+                    )
             heard = yield Listen(until)
             self.flow.came(heard.now, len(heard.data))
         self.now = heard.now
@@ -315,7 +377,11 @@ class Dialogue:
 
     def _why_no_answer(self, frame: Frame) -> str:
         """Describe a frame that is not the answer, with its address if that is another one."""
-        description, pair, own = f"{frame.header}{frame.text}", (frame.source, frame.target), (self.address, self.host_address)
+        description, pair, own = (
+            f"{frame.header}{frame.text}",
+            (frame.source, frame.target),
+            (self.address, self.host_address),
+        )
         expected = [(None, None)] if self.address is None else [own, own[::-1], *self._moving]
         if pair in expected:
             return f"{description}, which is no answer to it"
@@ -326,13 +392,17 @@ class Dialogue:
         return f"{description} from address {other:02d}, {asked}"
 
     def _rest_of(self, question: Question, corrupt: CorruptFrame, end: float) -> float:
-        """Return until when to listen after a corrupt frame: one as long as the answer was the answer."""
+        """Return until when to listen after a corrupt frame: one as long as the answer was the
+        answer.
+        """
         if question.digits is not None and len(corrupt.raw) < question.answer_length:
             return end
         return self.now + QUIET_S + self.line.seconds(question.answer_length)
 
     def _match(self, question: Question, frame: Frame) -> str | None:
-        """Return the data if `frame` answers `question`, else None; refusals and invalid data raise."""
+        """Return the data if `frame` answers `question`, else None; refusals and invalid data
+        raise.
+        """
         if frame.header in "RW":
             self.strays["echo"] += 1
             return None
@@ -346,28 +416,44 @@ class Dialogue:
         if data is None:
             self.strays["code"] += 1
         elif question.digits not in (None, len(data)):
-            raise AnswerFormat(f"{question.title()}: {len(data)} characters of data in A{frame.text}")
+            raise AnswerFormat(
+                f"{question.title()}: {len(data)} characters of data in A{frame.text}"
+            )
         return data
 
     def _data_in(self, question: Question, text: str) -> str | None:
-        """Return the data field of an answer to `question`; None for an answer to something else."""
+        """Return the data field of an answer to `question`; None for an answer to something
+        else.
+        """
         if text.startswith(question.code):
             data = text[len(question.code) :]
-            return self._acknowledgement(question, data) if question.digits == 0 else self._value(question, data)
-        if question.also and text.startswith(question.also) and self._is_clear and self._last != question.also:
+            return (
+                self._acknowledgement(question, data)
+                if question.digits == 0
+                else self._value(question, data)
+            )
+        if (
+            question.also
+            and text.startswith(question.also)
+            and self._is_clear
+            and self._last != question.also
+        ):
             self._answered_otherwise(question, text)
             return ""
         return None
 
     def _acknowledgement(self, question: Question, data: str) -> str | None:
-        """Accept an acknowledgement without data, or with the written value (docs/reference/contradictions.md, B-43)."""
+        """Accept an acknowledgement without data, or with the written value
+        (docs/reference/contradictions.md, B-43).
+        """
         if data and data == question.repeated and self._is_clear:
             self._meet(ACKNOWLEDGED_WITH_VALUE[question.command.name], question, data)
             return ""
         return None if data else ""
 
     def _value(self, question: Question, data: str) -> str | None:
-        """Return the value's data. No data is an acknowledgement; six characters are ATT1ddddd for RTT, or ATT0ddddd.
+        """Return the value's data. No data is an acknowledgement; six characters are ATT1ddddd for
+        RTT, or ATT0ddddd.
 
         docs/reference/protocol.md, Similar codes; docs/reference/contradictions.md, B-10.
         """
@@ -377,7 +463,8 @@ class Dialogue:
         return None if not data or (question.digits == 5 and len(data) == 6) else data
 
     def _answered_otherwise(self, question: Question, text: str) -> None:
-        """Handle the letters of another command's answer: they acknowledge a write, but give no value.
+        """Handle the letters of another command's answer: they acknowledge a write, but give no
+        value.
 
         docs/reference/contradictions.md, B-36 and B-53.
         """
@@ -385,15 +472,25 @@ class Dialogue:
         if question.digits:
             raise AnsweredByOtherCode(f"{question.title()}: answered by A{text}", data)
         if data:
-            raise AnswerFormat(f"{question.title()}: answered by A{text}, which is no acknowledgement")
+            raise AnswerFormat(
+                f"{question.title()}: answered by A{text}, which is no acknowledgement"
+            )
         self._meet(question.also_number, question, text)
 
     def _meet(self, number: int, question: Question, raw: str) -> None:
         self.anomalies.meet(number, question.title(), raw, question.port)
 
     def _addresses_fit(self, question: Question, frame: Frame) -> bool:
-        """Whether the addresses, in either order, are this station's; the check byte is the same for both orders (B-6)."""
-        pair, ordered = (frame.source, frame.target), (self.address, None if self.address is None else self.host_address)
+        """Whether the addresses, in either order, are this station's; the check byte is the same
+        for both orders (B-6).
+        """
+        pair, ordered = (
+            (frame.source, frame.target),
+            (
+                self.address,
+                None if self.address is None else self.host_address,
+            ),
+        )
         if pair == ordered:
             return True
         if pair == ordered[::-1]:
@@ -401,7 +498,8 @@ class Dialogue:
                 self._answer_from_station = False
                 self._questions.clear()
                 raw = f"{frame.source:02d}{frame.target:02d}{frame.header}{frame.text}"
-                self.anomalies.meet(6, question.title(), raw, times=0)  # each accepted answer is counted
+                # each accepted answer is counted
+                self.anomalies.meet(6, question.title(), raw, times=0)
             return True
         if pair in self._moving:
             self._meet(9, question, f"{pair}{frame.header}{frame.text}")
@@ -409,8 +507,11 @@ class Dialogue:
         return False
 
     def _refused(self, question: Question, frame: Frame) -> None:
-        """Raise the error of an N frame; ignore one with another code, unless the station did not understand its request."""
-        code, digits = frame.text[:-5].rstrip(), frame.text[-5:]  # R-TT's may have a blank as third character
+        """Raise the error of an N frame; ignore one with another code, unless the station did not
+        understand its request.
+        """
+        # R-TT's may have a blank as third character
+        code, digits = frame.text[:-5].rstrip(), frame.text[-5:]
         if not digits.isdigit():
             raise AnswerFormat(f"{question.title()}: N{frame.text} carries no error number")
         number = int(digits)
@@ -421,7 +522,9 @@ class Dialogue:
             self._meet(11, question, f"N{frame.text}")
         self._settled()
         meaning = COMMUNICATION_ERRORS.get(number, "unknown communication error")
-        raise REFUSALS.get(number, Refusal)(number, f"{question.title()}: refused with N {number:05d}, {meaning}")
+        raise REFUSALS.get(number, Refusal)(
+            number, f"{question.title()}: refused with N {number:05d}, {meaning}"
+        )
 
     def _note_time(self, now: float, question: Question, wire_s: float) -> None:
         """Note a complete answer at `now`. Only reads count for the response time."""
@@ -439,7 +542,8 @@ class Dialogue:
         self.turnaround_s = took
 
     def _settled(self) -> None:
-        """Note an answer: answers come in the order of requests, so none to an earlier request is on its way.
+        """Note an answer: answers come in the order of requests, so none to an earlier request is
+        on its way.
 
         If the pending code is in doubt more than once, the answer may be to an earlier request.
         """
@@ -453,7 +557,8 @@ class Dialogue:
     def _drain(self) -> Steps[None]:
         """Listen until the line has been quiet long enough for any late answer."""
         quiet = max(QUIET_S, self.turnaround_s or 0.0) + self.line.seconds(4)
-        end = self.now + min(50 * quiet, 2 * MOST_S)  # on a line that is never quiet the next request fails
+        # on a line that is never quiet the next request fails
+        end = self.now + min(50 * quiet, 2 * MOST_S)
         while self.now < end:
             heard = yield Listen(self.now + quiet)
             self.now = heard.now

@@ -1,4 +1,6 @@
-"""The interface of a station's client, whatever its protocol, with its flood detector and its count of anomalies."""
+"""The interface of a station's client, whatever its protocol, with its flood detector and its count
+of anomalies.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +16,16 @@ from jbclog.protocol.commands.command import Command
 
 # A flood is far more bytes on a link than answers are due. The rules:
 #
-# 1. A link is flooded if in one second more than `MOST_TIMES` the bytes of the due answers arrive, whatever its baud rate. At least
-#    `LEAST_DUE` bytes a second count as due. A second begins with the first bytes after the last one; if nothing is reported for
-#    longer, as while a session waits, the rule applies to that whole time. Late answers stay due, because a station or a
+# 1. A link is flooded if in one second more than `MOST_TIMES` the bytes of the due answers arrive,
+#    whatever its baud rate. At least `LEAST_DUE` bytes a second count as due. A second begins with
+#    the first bytes after the last one; if nothing is reported for longer, as while a session
+#    waits, the rule applies to that whole time. Late answers stay due, because a station or a
 #    server that was stuck may send them all at once.
-# 2. In a flood any answer may be a copy of an old one. So once more than `SUSPECT` bytes and more than `MOST_TIMES` the due
-#    bytes have arrived, no answer is accepted, even before the second is over.
-# 3. A flooded link is quiet again if less than a flood arrives within `QUIET_S` of reopening it (`expect_quiet`).
+# 2. In a flood any answer may be a copy of an old one. So once more than `SUSPECT` bytes and more
+#    than `MOST_TIMES` the due bytes have arrived, no answer is accepted, even before the second is
+#    over.
+# 3. A flooded link is quiet again if less than a flood arrives within `QUIET_S` of reopening it
+#    (`expect_quiet`).
 #
 # Only bytes and times count, so a replayed run behaves the same.
 
@@ -43,7 +48,8 @@ class FloodDetector:
         self.found: LinkFlooded | None = None  # a flood not raised yet
 
     def came(self, now: float, size: int, due: int = 0) -> bool:
-        """Count `size` bytes received at `now` (monotonic seconds) for a request with an answer of `due` bytes.
+        """Count `size` bytes received at `now` (monotonic seconds) for a request with an answer of
+        `due` bytes.
 
         Returns whether no answer among them may be accepted.
         """
@@ -60,7 +66,9 @@ class FloodDetector:
     @property
     def is_suspect(self) -> bool:
         """Whether too much has arrived in the current second to accept any answer."""
-        return self._came > max(SUSPECT, MOST_TIMES * self._due + self._late) or self.found is not None
+        return (
+            self._came > max(SUSPECT, MOST_TIMES * self._due + self._late) or self.found is not None
+        )
 
     def taken(self) -> LinkFlooded:
         """Return the flood to raise, and start counting again."""
@@ -87,7 +95,9 @@ class FloodDetector:
 
 
 def expect_quiet(client: Client) -> Steps[None]:
-    """Listen for a while on a link that was flooded and reopened. Raises `LinkFlooded` where it still is."""
+    """Listen for a while on a link that was flooded and reopened. Raises `LinkFlooded` where it
+    still is.
+    """
     began = client.now
     heard = yield Wait(began + QUIET_S)
     client.unasked(heard)
@@ -99,12 +109,15 @@ def expect_quiet(client: Client) -> Steps[None]:
         raise LinkFlooded(len(heard.data), 0, seconds, limit)
 
 
-# Anomalies are answers that depart from the recommended form and are accepted (docs/reference/contradictions.md).
+# Anomalies are answers that depart from the recommended form and are accepted
+# (docs/reference/contradictions.md).
 
 
 @dataclass(frozen=True, slots=True)
 class Anomaly:
-    """The first anomaly of its kind. `number` is the B-number, `place` names the request, `raw` is the answer."""
+    """The first anomaly of its kind. `number` is the B-number, `place` names the request, `raw` is
+    the answer.
+    """
 
     number: int
     place: str
@@ -120,7 +133,9 @@ class Anomalies:
         self.pending: list[Anomaly] = []
         self._reported: set[int] = set()
 
-    def meet(self, number: int, place: str, raw: str, port: int | None = None, *, times: int = 1) -> None:
+    def meet(
+        self, number: int, place: str, raw: str, port: int | None = None, *, times: int = 1
+    ) -> None:
         """Count it `times` times; the first of its kind is added to `pending`."""
         self.counts[number] += times
         if number not in self._reported:
@@ -134,7 +149,9 @@ class Anomalies:
 
 
 Permit = Callable[[Command, Value, int | None, int | None], None]
-"""Called before each write with command, value, port and tool; raises `WriteForbidden`, and then nothing is sent."""
+"""Called before each write with command, value, port and tool; raises `WriteForbidden`, and then
+nothing is sent.
+"""
 
 
 def permit_all(_command: Command, _value: Value, _port: int | None, _tool: int | None) -> None:
@@ -142,7 +159,9 @@ def permit_all(_command: Command, _value: Value, _port: int | None, _tool: int |
 
 
 class PreparedRead(Protocol):
-    """A read that is prepared once and sent often; opaque except for its command, its duration and its name."""
+    """A read that is prepared once and sent often; opaque except for its command, its duration and
+    its name.
+    """
 
     @property
     def command(self) -> Command: ...
@@ -157,10 +176,12 @@ class PreparedRead(Protocol):
 class Client(Protocol):
     """A client of one station, as generators without I/O (`core.io_requests`).
 
-    Times are monotonic seconds: `sent` and `heard` are when the last request left and its answer was complete, `now` is the time of
-    the last result, `first_sent` that of the first request since the session set it to None. `data` is the raw data field of
-    the last answer that has one. `strays` counts frames without a request, by kind; `anomalies` accepted departures from the
-    recommended form. `permit` is called before each write. `flow` detects floods: reads raise `LinkFlooded`.
+    Times are monotonic seconds: `sent` and `heard` are when the last request left and its answer
+    was complete, `now` is the time of the last result, `first_sent` that of the first request since
+    the session set it to None. `data` is the raw data field of the last answer that has one.
+    `strays` counts frames without a request, by kind; `anomalies` accepted departures from the
+    recommended form. `permit` is called before each write. `flow` detects floods: reads raise
+    `LinkFlooded`.
     """
 
     permit: Permit
@@ -179,20 +200,30 @@ class Client(Protocol):
     def garbage_bytes(self) -> int:
         """Bytes outside of any frame."""
 
-    def question(self, command: Command, port: int | None = None, tool: int | None = None) -> PreparedRead:
+    def question(
+        self, command: Command, port: int | None = None, tool: int | None = None
+    ) -> PreparedRead:
         """Prepare the read of `command`, once."""
 
-    def read(self, command: Command, port: int | None = None, tool: int | None = None) -> Steps[Value]:
-        """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the station is silent."""
+    def read(
+        self, command: Command, port: int | None = None, tool: int | None = None
+    ) -> Steps[Value]:
+        """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the
+        station is silent.
+        """
 
     def request(self, question: PreparedRead) -> Ask | None:
-        """Begin a prepared read and return the request to send; None where nothing was begun, and `ask` has to be used.
+        """Begin a prepared read and return the request to send; None where nothing was begun, and
+        `ask` has to be used.
 
-        With `value` it is `ask` without a generator of its own, for answers in good order, which are nearly all.
+        With `value` it is `ask` without a generator of its own, for answers in good order, which
+        are nearly all.
         """
 
     def value(self, question: PreparedRead, heard: IoResult) -> Value | None:
-        """Return the value if the result of `request` is exactly the answer; else None, and ``ask(question, heard)`` continues."""
+        """Return the value if the result of `request` is exactly the answer; else None, and
+        ``ask(question, heard)`` continues.
+        """
 
     def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
         """Read a value by a prepared read of this client; `heard` is the result of `request`."""
@@ -207,10 +238,11 @@ class Client(Protocol):
         hurry: bool = False,
         once: bool = False,
     ) -> Steps[None]:
-        """Write a value. An acknowledgement proves nothing: read back. In a `hurry` wait for it no longer than for a read.
+        """Write a value. An acknowledgement proves nothing: read back. In a `hurry` wait for it no
+        longer than for a read.
 
-        A setting that the station did not understand is sent again, unless `once`. Raises what `permit` raises; then nothing is
-        sent.
+        A setting that the station did not understand is sent again, unless `once`. Raises what
+        `permit` raises; then nothing is sent.
         """
 
     def unasked(self, heard: IoResult) -> None:

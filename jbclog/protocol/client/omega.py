@@ -2,18 +2,22 @@
 
 The rules:
 
-1. One request is outstanding at a time. An answer is accepted only if its sum is correct, it begins with the request's letter in
-   lower case, for a condition followed by its number, and its length is right. a alone, without its digit, is accepted too: 003,
-   11.3.1 prints no more.
-2. The controller ignores what it refuses, and drops a frame with a wrong sum (003, 11.2): both look like a lost answer. So after
-   silence another request is sent that has been answered before, A if possible. If it is answered, the link works, and a request
-   without an answer in three tries was refused (`Ignored`). If not, the controller is gone (`StationSilent`). If it has never
-   answered another request, there is no other one to send: each try waits, and three silent tries mean silence.
-3. The same probe proves that no answer is on its way, because answers come in the order of requests: a letter is not sent again
-   before it, or before `GONE_S`. Right after itself a letter is sent only once the line was quiet for `QUIET_S`: a repeated
-   answer would pass for the next.
-4. A read is sent three times at most. D and H move the machine and are sent once; reading back decides whether D succeeded.
-5. h and i come when a joint is completed, at any time. They answer nothing and are kept in `completions`.
+1. One request is outstanding at a time. An answer is accepted only if its sum is correct, it begins
+   with the request's letter in lower case, for a condition followed by its number, and its length
+   is right. a alone, without its digit, is accepted too: 003, 11.3.1 prints no more.
+2. The controller ignores what it refuses, and drops a frame with a wrong sum (003, 11.2): both look
+   like a lost answer. So after silence another request is sent that has been answered before, A if
+   possible. If it is answered, the link works, and a request without an answer in three tries was
+   refused (`Ignored`). If not, the controller is gone (`StationSilent`). If it has never answered
+   another request, there is no other one to send: each try waits, and three silent tries mean
+   silence.
+3. The same probe proves that no answer is on its way, because answers come in the order of
+   requests: a letter is not sent again before it, or before `GONE_S`. Right after itself a letter
+   is sent only once the line was quiet for `QUIET_S`: a repeated answer would pass for the next.
+4. A read is sent three times at most. D and H move the machine and are sent once; reading back
+   decides whether D succeeded.
+5. h and i come when a joint is completed, at any time. They answer nothing and are kept in
+   `completions`.
 6. The time-out is transmission time plus `ALLOWED_S`; 003, 11.1 prints 0 to 250 ms.
 
 Everything here is a generator without I/O (`core.io_requests`).
@@ -25,27 +29,47 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from jbclog.core.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, Ignored, StationError, StationSilent
+from jbclog.core.errors import (
+    AnswerCorrupt,
+    AnswerFormat,
+    AnswerTimeout,
+    Ignored,
+    StationError,
+    StationSilent,
+)
 from jbclog.core.io_requests import Ask, IoResult, Listen, Steps
 from jbclog.core.quantities import Value
 from jbclog.core.serial_line import FRAMING, LineFormat
-from jbclog.protocol.client.interface import Anomalies, FloodDetector, Permit, PreparedRead, permit_all
+from jbclog.protocol.client.interface import (
+    Anomalies,
+    FloodDetector,
+    Permit,
+    PreparedRead,
+    permit_all,
+)
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.omega import COMPLETION_MESSAGES, OMEGA, Digit
 from jbclog.protocol.frame import CorruptFrame
 from jbclog.protocol.omega import OmegaReader, encode
 
 REPEATS = 2  # a read is sent three times at most
-ALLOWED_S = 0.4  # minimum response time allowed for: the printed 250 ms, and a busy host (docs/reference/contradictions.md, B-47)
+# minimum response time allowed for: the printed 250 ms, and a busy host
+# (docs/reference/contradictions.md, B-47)
+ALLOWED_S = 0.4
 MOST_S = 1.0  # maximum response time allowed for
 GONE_S = 2.0  # a later answer never comes
 QUIET_S = 0.03
 PROBES = 2  # unanswered probes after which a controller counts as silent
 COMPLETION_S = 120.0  # for a joint, from H to h or i
 LOOK_S = 1.0  # between two probes meanwhile
-RECORD = 50  # characters of the longest answer of variable length (docs/reference/protocol.md, Condition record)
+# characters of the longest answer of variable length (docs/reference/protocol.md, Condition record)
+RECORD = 50
 
-PROBE_COMMANDS = [command for command in OMEGA if command.name in ("information", "temperature_control", "set_temperature_state")]
+PROBE_COMMANDS = [
+    command
+    for command in OMEGA
+    if command.name in ("information", "temperature_control", "set_temperature_state")
+]
 UNCERTAIN = (AnswerTimeout, AnswerCorrupt, AnswerFormat)
 """After these an answer may still be on its way."""
 
@@ -85,7 +109,9 @@ class OmegaQuestion:
 
 
 class OmegaStation:
-    """The client of an OMEGA; the attributes are those of `interface.Client`. The session empties `completions`."""
+    """The client of an OMEGA; the attributes are those of `interface.Client`. The session empties
+    `completions`.
+    """
 
     def __init__(self, line: LineFormat) -> None:
         self.line = line
@@ -101,7 +127,8 @@ class OmegaStation:
         self.completions: list[Completion] = []
         self.without_digit: set[str] = set()  # letters of answers that came without their digit
         self._reader = OmegaReader()
-        self._doubted: dict[str, float] = {}  # letters of answers that may be on their way, and until when
+        # letters of answers that may be on their way, and until when
+        self._doubted: dict[str, float] = {}
         self._last = ""  # the letter of the last answer
         self._answered: set[str] = set()  # letters of all answers so far
         self._questions: dict[str, OmegaQuestion] = {}
@@ -111,8 +138,12 @@ class OmegaStation:
         """Bytes outside of any frame."""
         return self._reader.garbage
 
-    def read(self, command: Command, port: int | None = None, tool: int | None = None) -> Steps[Value]:
-        """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the station is silent."""
+    def read(
+        self, command: Command, port: int | None = None, tool: int | None = None
+    ) -> Steps[Value]:
+        """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the
+        station is silent.
+        """
         return self.ask(self.question(command, port, tool))
 
     def request(self, question: PreparedRead) -> None:
@@ -142,15 +173,21 @@ class OmegaStation:
             except UNCERTAIN as error:
                 failures.append(error)
                 if self._answered == {question.letter}:
-                    continue  # no other request to send: the next try waits until no answer can come
+                    # no other request to send: the next try waits until no answer can come
+                    continue
                 is_proven = yield from self._settle(question.letter)
                 if not is_proven:
-                    raise StationSilent(f"no answer to {question.title()}, and none to anything else") from error
+                    raise StationSilent(
+                        f"no answer to {question.title()}, and none to anything else"
+                    ) from error
         if not all(isinstance(failure, AnswerTimeout) for failure in failures):
             raise failures[-1]
         if is_proven:
             raise _ignored(question)
-        raise StationSilent(f"no answer to {question.title()} in {question.tries} tries, and it has never answered anything else")
+        raise StationSilent(
+            f"no answer to {question.title()} in {question.tries} tries, and it has never answered"
+            " anything else"
+        )
 
     def write(
         self,
@@ -162,19 +199,24 @@ class OmegaStation:
         hurry: bool = False,
         once: bool = False,
     ) -> Steps[None]:
-        """Write a value, always once. An acknowledgement proves nothing: read back. `hurry` has no effect.
+        """Write a value, always once. An acknowledgement proves nothing: read back. `hurry` has no
+        effect.
 
-        After H wait for its end, at most `COMPLETION_S`. Raises `Ignored` where D was not answered but the next request was, and
-        another `StationError` where the result is not known.
+        After H wait for its end, at most `COMPLETION_S`. Raises `Ignored` where D was not answered
+        but the next request was, and another `StationError` where the result is not known.
         """
         self.permit(command, value, port, tool)
-        question = self._shape(command, command.code() + command.quantity.encode(value), command.letters.lower())
+        question = self._shape(
+            command, command.code() + command.quantity.encode(value), command.letters.lower()
+        )
         known = len(self.completions)
         try:
             yield from self._exchange(question)
         except AnswerTimeout as error:
             if not (yield from self._settle(question.letter)):
-                raise StationSilent(f"no answer to {question.title()}, and none to anything else") from error
+                raise StationSilent(
+                    f"no answer to {question.title()}, and none to anything else"
+                ) from error
             if question.letter not in COMPLETION_MESSAGES:
                 raise _ignored(question) from error
             yield from self._await_completion(question, known)
@@ -193,8 +235,12 @@ class OmegaStation:
         if self.flow.found is not None:
             raise self.flow.taken()
 
-    def question(self, command: Command, port: int | None = None, tool: int | None = None) -> OmegaQuestion:
-        """Prepare the read of `command`, once. OMEGA has one port and no tool; requests contain neither."""
+    def question(
+        self, command: Command, port: int | None = None, tool: int | None = None
+    ) -> OmegaQuestion:
+        """Prepare the read of `command`, once. OMEGA has one port and no tool; requests contain
+        neither.
+        """
         code = command.code()
         known = self._questions.get(code)
         if known is None:
@@ -211,7 +257,9 @@ class OmegaStation:
         return OmegaQuestion(command, frame, answer, digits, may_lack, length, wire_s, tries, name)
 
     def _note_length(self, question: OmegaQuestion) -> None:
-        """Adjust the expected duration to an answer without its digit, which is a character shorter."""
+        """Adjust the expected duration to an answer without its digit, which is a character
+        shorter.
+        """
         if question.may_lack and not self.data and question.letter not in self.without_digit:
             self.without_digit.add(question.letter)
             shorter = question.wire_s - self.line.seconds(question.digits or 0)
@@ -222,9 +270,15 @@ class OmegaStation:
         return self._doubted.get(letter, self.now) > self.now
 
     def _settle(self, letter: str) -> Steps[bool]:
-        """Have a probe answered, so that no answer with `letter` is on its way. False where none is answered."""
+        """Have a probe answered, so that no answer with `letter` is on its way. False where none is
+        answered.
+        """
         probes = [self.question(command) for command in PROBE_COMMANDS]
-        others = [probe for probe in probes if probe.letter != letter and not self._is_doubted(probe.letter)]
+        others = [
+            probe
+            for probe in probes
+            if probe.letter != letter and not self._is_doubted(probe.letter)
+        ]
         if self._answered:
             others = [probe for probe in others if probe.letter in self._answered]
         for probe in others[:PROBES]:
@@ -247,7 +301,9 @@ class OmegaStation:
         return question.wire_s + min(max(ALLOWED_S, 2 * self.turnaround_s), MOST_S)
 
     def _exchange(self, question: OmegaQuestion) -> Steps[str]:
-        """Send a request and return the text after the letter of its answer. Raises one of `UNCERTAIN`."""
+        """Send a request and return the text after the letter of its answer. Raises one of
+        `UNCERTAIN`.
+        """
         self._expect_no_flood()
         patience_s = self.patience_s(question)
         heard = yield Ask(question.frame, patience_s)
@@ -256,7 +312,9 @@ class OmegaStation:
         self.sent, until = heard.sent, heard.sent + patience_s
         if self.first_sent is None:
             self.first_sent = heard.sent
-        unanswered: StationError = AnswerTimeout(f"{question.title()}: no answer within {patience_s:.3f} s")
+        unanswered: StationError = AnswerTimeout(
+            f"{question.title()}: no answer within {patience_s:.3f} s"
+        )
         while heard.data:
             self._expect_no_flood()
             self.now = heard.now
@@ -296,7 +354,9 @@ class OmegaStation:
             elif question.fits(found):
                 answers.append(found[1:])
             else:
-                damaged = AnswerFormat(f"{question.title()}: {len(found) - 1} characters behind the letter of {found}")
+                damaged = AnswerFormat(
+                    f"{question.title()}: {len(found) - 1} characters behind the letter of {found}"
+                )
         if question is not None and damaged is not None and not answers:
             raise damaged
         return answers
@@ -309,13 +369,17 @@ class OmegaStation:
         return "code" if asked else "unasked"
 
     def _note_answer(self, question: OmegaQuestion, now: float) -> None:
-        """Note an answer: answers come in the order of requests, so none to an earlier request is on its way."""
+        """Note an answer: answers come in the order of requests, so none to an earlier request is
+        on its way.
+        """
         self.now = self.heard = now
         self._doubted.clear()
         self._last = question.letter
         self._answered.add(question.letter)
         took = max(now - self.sent - question.wire_s, 0.0)
-        self.turnaround_s = took if took > self.turnaround_s else self.turnaround_s * 0.99 + took * 0.01
+        self.turnaround_s = (
+            took if took > self.turnaround_s else self.turnaround_s * 0.99 + took * 0.01
+        )
 
     def _await_completion(self, question: OmegaQuestion, known: int) -> Steps[None]:
         """Wait for h or i, with a probe now and then.
@@ -326,14 +390,20 @@ class OmegaStation:
         while len(self.completions) == known:
             if self.now >= end:
                 raise AnswerTimeout(
-                    f"{question.title()}: neither h nor i within {COMPLETION_S:g} s; an unknown number is ignored without an answer"
+                    f"{question.title()}: neither h nor i within {COMPLETION_S:g} s; an unknown"
+                    " number is ignored without an answer"
                 )
             heard = yield Listen(min(end, self.now + LOOK_S))
             self._hear(heard)
             self._sort(None, heard)
             if not heard.data and not (yield from self._settle(question.letter)):
-                raise StationSilent(f"{question.title()}: sent, but the controller does not answer any more")
+                raise StationSilent(
+                    f"{question.title()}: sent, but the controller does not answer any more"
+                )
 
 
 def _ignored(question: OmegaQuestion) -> Ignored:
-    return Ignored(f"{question.title()}: ignored, while the next question was answered; so OMEGA refuses what it does not take")
+    return Ignored(
+        f"{question.title()}: ignored, while the next question was answered; so OMEGA refuses what"
+        " it does not take"
+    )

@@ -1,20 +1,23 @@
-"""The client of one JBC station in Robot mode: what is sent again, what never is, and which answers need confirmation.
+"""The client of one JBC station in Robot mode: what is sent again, what never is, and which answers
+need confirmation.
 
 The rules:
 
-1. A read is repeated at most `REPEATS` times. A command that clears, moves or erases something is sent once
-   (docs/reference/faults.md, F-2 and F-39), and so is every write: reading back decides whether it succeeded. Only N 1 and N 2
-   prove that a write was not executed, so a setting refused by them is sent again, unless the caller does that; N 99999 is
-   sent again once.
-2. After a request without an answer the line is drained, and a probe with another code must be answered before the same code is
-   sent again (docs/reference/faults.md, F-5).
-3. R-DC may be answered as ACD, which is R-CD's answer (docs/reference/contradictions.md, B-36). A late or repeated ACD must never
-   become a count of dispensed cycles. So ACD is accepted only if no answer can be on its way, not right after R-CD, only
-   from a station that never sent ADC, and only if it comes twice, with a drained line and a probe in between.
-4. W-HD may be acknowledged as ALD (docs/reference/contradictions.md, B-53) under the first two of these conditions; reading back
-   proves it.
+1. A read is repeated at most `REPEATS` times. A command that clears, moves or erases something is
+   sent once (docs/reference/faults.md, F-2 and F-39), and so is every write: reading back decides
+   whether it succeeded. Only N 1 and N 2 prove that a write was not executed, so a setting refused
+   by them is sent again, unless the caller does that; N 99999 is sent again once.
+2. After a request without an answer the line is drained, and a probe with another code must be
+   answered before the same code is sent again (docs/reference/faults.md, F-5).
+3. R-DC may be answered as ACD, which is R-CD's answer (docs/reference/contradictions.md, B-36). A
+   late or repeated ACD must never become a count of dispensed cycles. So ACD is accepted only if no
+   answer can be on its way, not right after R-CD, only from a station that never sent ADC, and only
+   if it comes twice, with a drained line and a probe in between.
+4. W-HD may be acknowledged as ALD (docs/reference/contradictions.md, B-53) under the first two of
+   these conditions; reading back proves it.
 
-`dialogue.py` distinguishes an answer from everything else on the line. Everything here is a generator without I/O.
+`dialogue.py` distinguishes an answer from everything else on the line. Everything here is a
+generator without I/O.
 """
 
 from __future__ import annotations
@@ -35,24 +38,41 @@ from jbclog.core.errors import (
 from jbclog.core.io_requests import Ask, IoResult, Steps
 from jbclog.core.quantities import Value
 from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.dialogue import LEAST_S, REPEATS, AnsweredByOtherCode, Dialogue, Pair, Question
+from jbclog.protocol.client.dialogue import (
+    LEAST_S,
+    REPEATS,
+    AnsweredByOtherCode,
+    Dialogue,
+    Pair,
+    Question,
+)
 from jbclog.protocol.client.interface import Permit, PreparedRead, permit_all
 from jbclog.protocol.commands.command import Command, Effect
 from jbclog.protocol.commands.ranges import WITHOUT_DATA
 from jbclog.protocol.commands.robot import COMMON
 
 PROBES = 2  # unanswered probes after which a station counts as silent
-MOST_ROUNDS = 3  # rounds of probes, plus one for each earlier request, while it answers but maybe earlier requests
-PROBE_COMMANDS = [command for command in COMMON if command.name in ("model", "station_error", "maximum_temperature")]
+# rounds of probes, plus one for each earlier request, while it answers but maybe earlier requests
+MOST_ROUNDS = 3
+PROBE_COMMANDS = [
+    command
+    for command in COMMON
+    if command.name in ("model", "station_error", "maximum_temperature")
+]
 BADLY_FORMED, UNDEFINED = 2, 99999  # communication errors
-EXTRACTOR_ORDER = ("status", "00010")  # refused by some stations (docs/reference/contradictions.md, B-19)
+# refused by some stations (docs/reference/contradictions.md, B-19)
+EXTRACTOR_ORDER = ("status", "00010")
 
 UNCERTAIN = (AnswerTimeout, AnswerCorrupt, AnswerFormat)
-"""After these an answer may still be on its way: what arrived may have been noise, an echo or another answer."""
+"""After these an answer may still be on its way: what arrived may have been noise, an echo or
+another answer.
+"""
 
 
 class Station(Dialogue):
-    """The client of a station; the attributes are those of `interface.Client`. `address` is None on a line without addresses."""
+    """The client of a station; the attributes are those of `interface.Client`. `address` is None on
+    a line without addresses.
+    """
 
     def __init__(self, line: LineFormat, address: int | None = 1, host_address: int = 0) -> None:
         super().__init__(line, address, host_address)
@@ -68,8 +88,12 @@ class Station(Dialogue):
         """Bytes outside of any frame."""
         return self._reader.garbage
 
-    def read(self, command: Command, port: int | None = None, tool: int | None = None) -> Steps[Value]:
-        """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the station is silent."""
+    def read(
+        self, command: Command, port: int | None = None, tool: int | None = None
+    ) -> Steps[Value]:
+        """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the
+        station is silent.
+        """
         return self.ask(self.question(command, port, tool))
 
     def request(self, question: PreparedRead) -> Ask | None:
@@ -92,7 +116,9 @@ class Station(Dialogue):
         return value
 
     def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
-        """Read a value by a prepared read, from its beginning, or from the result of `request` on."""
+        """Read a value by a prepared read, from its beginning, or from the result of `request`
+        on.
+        """
         assert isinstance(question, Question)
         return self._ask_short(question) if question.is_short else self._ask(question, heard)
 
@@ -127,7 +153,9 @@ class Station(Dialogue):
                 raise failure
 
     def _note_form(self, question: Question, text: str) -> None:
-        """Count an odd form. A station that has answered under its own letters is not accepted under others."""
+        """Count an odd form. A station that has answered under its own letters is not accepted
+        under others.
+        """
         row = question.odd_row(text)
         if row is not None:
             self._meet(row, question, text)
@@ -155,10 +183,12 @@ class Station(Dialogue):
         hurry: bool = False,
         once: bool = False,
     ) -> Steps[None]:
-        """Write a value. An acknowledgement proves nothing: read back. In a `hurry` wait for it no longer than for a read.
+        """Write a value. An acknowledgement proves nothing: read back. In a `hurry` wait for it no
+        longer than for a read.
 
-        A write that the station did not understand is sent again, unless `once`. Raises `Refusal` where the station refuses, and
-        `AnswerTimeout` or another `StationError` where it is not known whether it was executed. A write is sent even on a flooded
+        A write that the station did not understand is sent again, unless `once`. Raises `Refusal`
+        where the station refuses, and `AnswerTimeout` or another `StationError` where it is not
+        known whether it was executed. A write is sent even on a flooded
         link: it may stop a tool.
         """
         self.permit(command, value, port, tool)
@@ -184,7 +214,9 @@ class Station(Dialogue):
             self._moving = ()
 
     def _write(self, question: Question, *, again: bool) -> Steps[None]:
-        """Send a write; `again`: repeat it if the station did not understand it, because then it was not executed."""
+        """Send a write; `again`: repeat it if the station did not understand it, because then it
+        was not executed.
+        """
         for tries_left in reversed(range(1 + REPEATS if again else 1)):
             try:
                 yield from self._exchange(question)
@@ -200,9 +232,15 @@ class Station(Dialogue):
         self._meet(WITHOUT_DATA[command.name], question, f"W{question.code}")
 
     def _pairs(self, address: Value) -> tuple[Pair, ...]:
-        """Return further addresses that may acknowledge a change to `address` (docs/reference/contradictions.md, B-9)."""
+        """Return further addresses that may acknowledge a change to `address`
+        (docs/reference/contradictions.md, B-9).
+        """
         new = address if isinstance(address, int) and address else None
-        return ((None, None),) if new is None else ((None, None), (new, self.host_address), (self.host_address, new))
+        return (
+            ((None, None),)
+            if new is None
+            else ((None, None), (new, self.host_address), (self.host_address, new))
+        )
 
     def move_to(self, address: int | None) -> None:
         """Use another address from now on; None: no addresses."""
@@ -222,7 +260,9 @@ class Station(Dialogue):
             self._reader.feed(heard.data)  # dropped with the next request
 
     def _ask_short(self, question: Question) -> Steps[Value]:
-        """Send R-TT bare; if that is refused or times out, and never succeeded, once with a blank (B-10)."""
+        """Send R-TT bare; if that is refused or times out, and never succeeded, once with a blank
+        (B-10).
+        """
         if self._padded is not None:
             value = yield from self._ask(self._padded)
             self.anomalies.counts[10] += 1
@@ -230,7 +270,11 @@ class Station(Dialogue):
         try:
             value = yield from self._ask(question)
         except (NotReceived, NotSupported, AnswerTimeout) as error:
-            if self._takes_bare or isinstance(error, StationSilent) or getattr(error, "code", 0) == 1:
+            if (
+                self._takes_bare
+                or isinstance(error, StationSilent)
+                or getattr(error, "code", 0) == 1
+            ):
                 raise
             return (yield from self._ask_padded(question, error))
         self._takes_bare = True
@@ -246,20 +290,27 @@ class Station(Dialogue):
         except StationError as error:
             if isinstance(why, NotSupported):
                 raise why from error
-            raise NotSupported(4, f"{question.title()}: neither R{question.code} nor R{question.code} with a blank") from why
+            raise NotSupported(
+                4, f"{question.title()}: neither R{question.code} nor R{question.code} with a blank"
+            ) from why
         padded.tries = question.tries
         self._padded = padded
         self._meet(10, question, f"R{question.code} ")
         return value
 
     def _settle(self, doubted: Question) -> Steps[None]:
-        """Make sure that no answer to `doubted` is on its way: have a probe answered, after draining if one is overdue.
+        """Make sure that no answer to `doubted` is on its way: have a probe answered, after
+        draining if one is overdue.
 
-        Raises `StationSilent` where the probes time out, and the last error where answers cannot be accepted.
+        Raises `StationSilent` where the probes time out, and the last error where answers cannot be
+        accepted.
         """
-        failure: StationError = AnswerTimeout(f"{doubted.title()}: answers to earlier questions may still come")
+        failure: StationError = AnswerTimeout(
+            f"{doubted.title()}: answers to earlier questions may still come"
+        )
         unanswered = 0  # in a row
-        most = MOST_ROUNDS * PROBES + len(self._doubted)  # each answered probe may settle just one earlier request
+        # each answered probe may settle just one earlier request
+        most = MOST_ROUNDS * PROBES + len(self._doubted)
         for probe in islice(cycle(self._probes(doubted.code)), most):
             if self._is_overdue:
                 yield from self._drain()
@@ -280,5 +331,9 @@ class Station(Dialogue):
         raise failure
 
     def _probes(self, doubted: str) -> list[Question]:
-        """Return harmless reads without the code in doubt, each with another code than the one before."""
-        return [self.question(command) for command in PROBE_COMMANDS if command.letters != doubted][:PROBES]
+        """Return harmless reads without the code in doubt, each with another code than the one
+        before.
+        """
+        return [self.question(command) for command in PROBE_COMMANDS if command.letters != doubted][
+            :PROBES
+        ]

@@ -15,9 +15,9 @@ from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.robot import COMMON
 
-# Response time is the time from request to complete answer, minus what their bytes take at the stated line format. Behind a network
-# server, or where the stated rate is too low, an answer can be complete sooner than that: then the response time is 0, and
-# the link is faster than stated.
+# Response time is the time from request to complete answer, minus what their bytes take at the
+# stated line format. Behind a network server, or where the stated rate is too low, an answer can be
+# complete sooner than that: then the response time is 0, and the link is faster than stated.
 
 READS = 12  # a median over these tolerates a late answer
 LEAST_ANSWERED = READS // 2  # with fewer the link is too bad for a run
@@ -28,8 +28,8 @@ TOLERANCE = 0.03  # both ends of a real line may differ by this share of the rat
 class ResponseTime:
     """The result of up to `READS` harmless reads, in µs; at least one was answered.
 
-    `took` are the response times, sorted, none below 0. `whole` is the median time from request to complete answer, `wire` the
-    median time of their bytes at the stated line format.
+    `took` are the response times, sorted, none below 0. `whole` is the median time from request to
+    complete answer, `wire` the median time of their bytes at the stated line format.
     """
 
     took: tuple[float, ...]
@@ -55,15 +55,19 @@ class ResponseTime:
         if not self.is_faster:
             return None
         return (
-            f"the link is faster than its stated {line}: a question and its answer take {self.whole / 1000:.2f} ms, "
-            f"{self.wire / 1000:.2f} ms at that rate"
+            f"the link is faster than its stated {line}: a question and its answer take"
+            f" {self.whole / 1000:.2f} ms, {self.wire / 1000:.2f} ms at that rate"
         )
 
 
-def response_time(client: Client, family: Family, port: int) -> Steps[tuple[ResponseTime | None, int]]:
-    """Measure with `READS` harmless reads; return the response time, None without any answer, and the number of answers.
+def response_time(
+    client: Client, family: Family, port: int
+) -> Steps[tuple[ResponseTime | None, int]]:
+    """Measure with `READS` harmless reads; return the response time, None without any answer, and
+    the number of answers.
 
-    Commands that the station does not support are left out and named. Stops once `LEAST_ANSWERED` cannot be reached any more.
+    Commands that the station does not support are left out and named. Stops once `LEAST_ANSWERED`
+    cannot be reached any more.
     """
     names, ignored = list(family.harmless), []
     heard: list[tuple[float, float]] = []
@@ -90,7 +94,9 @@ def _response_time_of(heard: list[tuple[float, float]], ignored: list[str]) -> R
     if not heard:
         return None
     took = tuple(sorted(max(whole - wire, 0.0) for whole, wire in heard))
-    return ResponseTime(took, median(whole for whole, _ in heard), median(wire for _, wire in heard), tuple(ignored))
+    return ResponseTime(
+        took, median(whole for whole, _ in heard), median(wire for _, wire in heard), tuple(ignored)
+    )
 
 
 def _question(client: Client, family: Family, name: str, port: int) -> PreparedRead:
@@ -98,8 +104,9 @@ def _question(client: Client, family: Family, name: str, port: int) -> PreparedR
     return client.question(command, None if command.scope is Scope.STATION else port)
 
 
-# W-RST and W-SAD interrupt the link. Both are sent once. No manual prints their answer (docs/reference/contradictions.md, B-9,
-# B-40), so an acknowledgement and silence count alike; what counts is who answers R-SMN afterwards.
+# W-RST and W-SAD interrupt the link. Both are sent once. No manual prints their answer
+# (docs/reference/contradictions.md, B-9, B-40), so an acknowledgement and silence count alike; what
+# counts is who answers R-SMN afterwards.
 
 MODEL = next(command for command in COMMON if command.name == "model")
 NOT_ACKNOWLEDGED = 40  # B-number
@@ -125,7 +132,9 @@ def restart(client: Client, command: Command) -> Steps[float]:
 
 
 def settle_restart(client: Client) -> Steps[None]:
-    """Wait until a restarting station answers steadily. Raises `StationSilent` where it does not."""
+    """Wait until a restarting station answers steadily. Raises `StationSilent` where it does
+    not.
+    """
     end, steady = client.now + BACK_S, 0
     while steady < STEADY:
         if client.now > end:
@@ -155,7 +164,8 @@ def change_address(station: Station, command: Command, address: int | None) -> S
 def settle_address(station: Station, address: int | None) -> Steps[None]:
     """Confirm by R-SMN that the station answers at `address`.
 
-    Raises `AnswerTimeout` where it does not: it answers at its old address, which `station` then uses again, or at neither.
+    Raises `AnswerTimeout` where it does not: it answers at its old address, which `station` then
+    uses again, or at neither.
     """
     old = station.address
     for tried in (address, old, address, old):  # it may still be storing the new address
@@ -167,7 +177,10 @@ def settle_address(station: Station, address: int | None) -> Steps[None]:
         if tried == address:
             return
         raise AnswerTimeout(f"the station still answers at its old address ({_words(old)})")
-    raise AnswerTimeout(f"the station answers neither at its new address ({_words(address)}) nor at its old one ({_words(old)})")
+    raise AnswerTimeout(
+        f"the station answers neither at its new address ({_words(address)}) nor at its old one"
+        f" ({_words(old)})"
+    )
 
 
 def _words(address: int | None) -> str:

@@ -1,8 +1,9 @@
 """One row of a command table.
 
-A code is two letters and the port, one letter with port and tool, or three letters for the whole station (manual 002,
-"Commands"); RTT, the transformer, has two letters alone (docs/reference/contradictions.md, B-10). OMEGA's codes are one letter, for
-some followed by the number of a solder condition (docs/reference/protocol.md, OMEGA).
+A code is two letters and the port, one letter with port and tool, or three letters for the whole
+station (manual 002, "Commands"); RTT, the transformer, has two letters alone
+(docs/reference/contradictions.md, B-10). OMEGA's codes are one letter, for some followed by the
+number of a solder condition (docs/reference/protocol.md, OMEGA).
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ class Effect(Enum):
 class Limits:
     """The values that a family's manual prints; others are not sent.
 
-    `printed=False`: the manual prints no range, so the station decides, by N 00003. `off` can be printed without a range.
+    `printed=False`: the manual prints no range, so the station decides, by N 00003. `off` can be
+    printed without a range.
     """
 
     low: float | None = None
@@ -54,7 +56,9 @@ class Limits:
             return None if self.off else "cannot be switched off"
         if not isinstance(value, int | float):
             return None
-        if (self.low is not None and value < self.low) or (self.high is not None and value > self.high):
+        if (self.low is not None and value < self.low) or (
+            self.high is not None and value > self.high
+        ):
             return f"{value} is outside {self}"
         if self.step and abs(value / self.step - round(value / self.step)) > 1e-6:
             return f"{value} is not a step of {self.step:g}"
@@ -64,16 +68,19 @@ class Limits:
         if self.low is None and self.high is None:
             text = "range not printed"
         else:
-            text = f"{'' if self.low is None else f'{self.low:g}'}..{'' if self.high is None else f'{self.high:g}'}"
+            low, high = ("" if one is None else f"{one:g}" for one in (self.low, self.high))
+            text = f"{low}..{high}"
         text += f" step {self.step:g}" if self.step else ""
         return text + (" or off" if self.off else "")
 
 
 @dataclass(frozen=True, slots=True)
 class InferredLimits:
-    """Limits that the family's manual does not print, taken from `source`, another manual or section.
+    """Limits that the family's manual does not print, taken from `source`, another manual or
+    section.
 
-    A value beyond `limits` is sent: a plan notes it, and the station decides. `unit`: the unit is taken from there too.
+    A value beyond `limits` is sent: a plan notes it, and the station decides. `unit`: the unit is
+    taken from there too.
     """
 
     source: str
@@ -85,9 +92,10 @@ class InferredLimits:
 class Command:
     """A command by its trade name, with everything that a driver, a page or a person needs to know.
 
-    `limits` are printed for every family that has this row, `inferred` are not. `within` are the commands that read the
-    station's own minimum and maximum of the value; None where it has none. `share_of` reads the maximum of a number without a
-    printed unit: recipes and samples have it in per mille of that (B-33).
+    `limits` are printed for every family that has this row, `inferred` are not. `within` are the
+    commands that read the station's own minimum and maximum of the value; None where it has none.
+    `share_of` reads the maximum of a number without a printed unit: recipes and samples have it in
+    per mille of that (B-33).
     """
 
     name: str
@@ -127,7 +135,9 @@ class Command:
         if self.scope is Scope.STATION:
             return self.letters
         if self.scope is Scope.CONDITION:
-            raise ValueError(f"{self.name} needs the number of a solder condition; use numbered(101)")
+            raise ValueError(
+                f"{self.name} needs the number of a solder condition; use numbered(101)"
+            )
         if port is None or not 1 <= port <= 4:
             raise ValueError(f"{self.name} needs a port from 1 to 4, not {port}")
         if self.scope is Scope.PORT:
@@ -143,7 +153,9 @@ class Command:
         return replace(self, letters=f"{self.letters}{condition:04X}", scope=Scope.STATION)
 
     def raw_text(self, data: str, value: Value) -> str:
-        """Return the raw characters of `value`: `data`, those of the last answer, if they decode to it, else the usual form."""
+        """Return the raw characters of `value`: `data`, those of the last answer, if they decode to
+        it, else the usual form.
+        """
         try:
             return data if self.quantity.decode(data) == value else self.quantity.encode(value)
         except ValueError:

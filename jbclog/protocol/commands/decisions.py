@@ -1,7 +1,7 @@
 """The contradictions, misprints and gaps of the manuals, each with jbclog's interpretation.
 
-Each row states the contradiction, what jbclog does, and why; then how a virtual station behaves in the alternative, and the
-event's text when a station does.
+Each row states the contradiction, what jbclog does, and why; then how a virtual station behaves in
+the alternative, and the event's text when a station does.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from types import MappingProxyType
 class Decision:
     """A row of docs/reference/contradictions.md.
 
-    `reading` is what is sent and how answers are read, `reason` why. `quirks` are the alternatives of virtual stations, all of
-    which the driver accepts; `met` is the text of the first event ``protocol.anomaly``, with `number` as its code; empty where
-    a run cannot meet it. `doubtful`: the value itself may be wrong; `usual`: every station of its kind does it, so nobody is
-    warned. `families` are those concerned; empty for all with JBC's protocol.
+    `reading` is what is sent and how answers are read, `reason` why. `quirks` are the alternatives
+    of virtual stations, all of which the driver accepts; `met` is the text of the first event
+    ``protocol.anomaly``, with `number` as its code; empty where a run cannot meet it. `doubtful`:
+    the value itself may be wrong; `usual`: every station of its kind does it, so nobody is warned.
+    `families` are those concerned; empty for all with JBC's protocol.
     """
 
     number: int
@@ -39,9 +40,14 @@ HOT_AIR_ROWS = (
     Decision(
         33,
         "The unit of the air flow is not printed",
-        "the share of the station's own R-MAF in per mille; the raw numbers of R-SF, R-MIF and R-MAF stand in `settings`",
-        "No manual decides; a share needs no unit, and the raw numbers can be read anew once somebody knows.",
-        met="No manual gives the air flow a unit; its numbers are kept as they came, and sampled as shares of the greatest.",
+        "the share of the station's own R-MAF in per mille; the raw numbers of R-SF, R-MIF and"
+        " R-MAF stand in `settings`",
+        "No manual decides; a share needs no unit, and the raw numbers can be read anew once"
+        " somebody knows.",
+        met=(
+            "No manual gives the air flow a unit; its numbers are kept as they came, and sampled as"
+            " shares of the greatest."
+        ),
         doubtful=True,
         usual=True,
         families=HOT_AIR,
@@ -127,7 +133,8 @@ OMEGA_ROWS = (
         "tenths, as for every field; the three digits are kept as they came, and marked",
         "No text decides; only a known temperature, read back, can.",
         ("temperature_in_degrees",),
-        "A condition sets a temperature, and no document says whether its number is in tenths; it is kept as it came.",
+        "A condition sets a temperature, and no document says whether its number is in tenths; it"
+        " is kept as it came.",
         doubtful=True,
         usual=True,
         families=OMEGA,
@@ -147,7 +154,8 @@ LINK = (
         1,
         "Baud rates 1200 to 500000 with any parity, or 19200 8N1 only",
         "as the line file states; 19200 8N1 without it",
-        "An old station's menu decides, and a wrong format gives garbage and no answer: `scan` tries them in turn.",
+        "An old station's menu decides, and a wrong format gives garbage and no answer: `scan`"
+        " tries them in turn.",
     ),
     Decision(
         2,
@@ -166,8 +174,10 @@ LINK = (
     Decision(
         4,
         "Numbers from -9999 to 99999, or none below -0050",
-        "the whole range is read; no adjustment below -50 is written, and above 50 none where 002 prints that bound",
-        "-0050 is the lowest adjustment, not the lowest number; both readings take every number that a station can send.",
+        "the whole range is read; no adjustment below -50 is written, and above 50 none where 002"
+        " prints that bound",
+        "-0050 is the lowest adjustment, not the lowest number; both readings take every number"
+        " that a station can send.",
     ),
     Decision(
         5,
@@ -181,7 +191,8 @@ LINK = (
         6,
         "The order of the addresses in an answer is not stated",
         "the station first, the robot second; the other order is taken too and learnt",
-        'The field is defined as "the sender\'s"; the check byte is the same in both orders, so it proves neither.',
+        'The field is defined as "the sender\'s"; the check byte is the same in both orders, so it'
+        " proves neither.",
         ("addresses_swapped",),
         "Answers name the robot before the station; either order is taken.",
     ),
@@ -189,34 +200,46 @@ LINK = (
         7,
         "Frames with addresses by menu, or by default",
         "as the line file states; with addresses without it",
-        "A virtual station takes it from the same key; `scan` tries both, and a digit behind STX means addresses.",
+        "A virtual station takes it from the same key; `scan` tries both, and a digit behind STX"
+        " means addresses.",
     ),
     Decision(
         8,
         "Feeder 10 and extractor 20 have addresses and no commands",
         "an ALE is a soldering station at 01, unless the line file states 10",
-        "The examples for ALE use 01; `scan` falls back to 10, and the line file's address is what a run uses.",
+        "The examples for ALE use 01; `scan` falls back to 10, and the line file's address is what"
+        " a run uses.",
     ),
     Decision(
         9,
         "W-SAD 00000: address 00 or no addresses; its acknowledgement is not printed",
         "sent by `write` only; then R-SMN must be answered at the new address, else at the old one",
-        "The acknowledgement may come from the old address, the new one, or without any; what counts is who answers.",
+        "The acknowledgement may come from the old address, the new one, or without any; what"
+        " counts is who answers.",
         ("address_acknowledged_from_the_new_one", "address_acknowledged_without_any"),
-        "The change of address is not acknowledged from the old address; who answers at the new one is asked.",
+        "The change of address is not acknowledged from the old address; who answers at the new one"
+        " is asked.",
     ),
     Decision(
         10,
         "R-TT has two letters in a field of three; padding is not printed",
-        "sent bare; one try with a blank where it is refused or not answered, then counted as not supported",
-        "ATT and six characters is the transformer only where the first is a blank or 0: no port has that number.",
-        ("transformer_padded_with_blank", "transformer_padded_with_zero", "transformer_wants_blank"),
-        "The transformer's temperature is asked or told with a third character behind TT; it is left out.",
+        "sent bare; one try with a blank where it is refused or not answered, then counted as not"
+        " supported",
+        "ATT and six characters is the transformer only where the first is a blank or 0: no port"
+        " has that number.",
+        (
+            "transformer_padded_with_blank",
+            "transformer_padded_with_zero",
+            "transformer_wants_blank",
+        ),
+        "The transformer's temperature is asked or told with a third character behind TT; it is"
+        " left out.",
     ),
     Decision(
         11,
         "What an N frame repeats is not printed",
-        "with the question's code, without any, or, for N 1 and 2, with another: it refuses the one question that is out",
+        "with the question's code, without any, or, for N 1 and 2, with another: it refuses the one"
+        " question that is out",
         "One question is out at a time; after a wrong check byte the station cannot know the code.",
         ("refusal_without_code",),
         "A refusal does not repeat what it refuses; it is taken for the question that was out.",
@@ -225,19 +248,23 @@ LINK = (
         12,
         "The acknowledgement of a write carries no value",
         "every setting is read back; only then it is `confirmed`",
-        "All manuals agree on the frame; what it proves is the question, and reading back answers that.",
+        "All manuals agree on the frame; what it proves is the question, and reading back answers"
+        " that.",
     ),
     Decision(
         13,
         "No response time, no rule for repeats",
-        "300 ms at first, then four times the slowest answer seen, 100 ms to 2 s; reads three times, writes once",
-        "Nothing to be accepted or not; a virtual station has `turnaround_ms`, and its late answers are a fault of their own.",
+        "300 ms at first, then four times the slowest answer seen, 100 ms to 2 s; reads three"
+        " times, writes once",
+        "Nothing to be accepted or not; a virtual station has `turnaround_ms`, and its late answers"
+        " are a fault of their own.",
     ),
     Decision(
         14,
         "A frame for another address or without one: silence or N 2",
         "silence and N 2 alike mean that no station has this address",
-        "It matters only to who seeks a station (`scan`, `doctor`, and after W-SAD), and who seeks counts neither as an answer.",
+        "It matters only to who seeks a station (`scan`, `doctor`, and after W-SAD), and who seeks"
+        " counts neither as an answer.",
         ("refuses_other_addresses",),
     ),
     Decision(
@@ -270,20 +297,26 @@ STATUS = (
     Decision(
         19,
         "Status words that may be written: 0 and 1, or 10 as well",
-        "00000, 00001, and 00010 on every family of 002; where 00010 is refused as the safe state, 00001 follows",
-        "002 prints 00010 for W-PSx without a limit of family, 000 prints 00000 and 00001 only. Asked for by a recipe at the "
-        "start, a refusal stops the station as that of any setting does.",
+        "00000, 00001, and 00010 on every family of 002; where 00010 is refused as the safe state,"
+        " 00001 follows",
+        "002 prints 00010 for W-PSx without a limit of family, 000 prints 00000 and 00001 only."
+        " Asked for by a recipe at the start, a refusal stops the station as that of any setting"
+        " does.",
         ("extractor_refused",),
-        "The extractor state 00010 is refused; where it was to be the safe state, the tool is told to stand.",
+        "The extractor state 00010 is refused; where it was to be the safe state,"
+        " the tool is ordered to stand.",
         families=("dde", "nae", "dme", "hde", "ucr", "ale"),
     ),
     Decision(
         20,
         "Sleep and hibernation delays: no unit, minutes, and defaults in seconds",
-        "minutes, as 002 and 004 say; the number stands in `settings` as it came, and defaults are never assumed",
-        "Nothing proves the unit but the station: right after the order to stand, R-ED is held against the delay.",
+        "minutes, as 002 and 004 say; the number stands in `settings` as it came, and defaults are"
+        " never assumed",
+        "Nothing proves the unit but the station: right after the order to stand, R-ED is held"
+        " against the delay.",
         ("sleep_delay_in_seconds",),
-        "Right after the order to stand, the time to sleep does not agree with a delay in minutes; both are kept as they came.",
+        "Right after the order to stand, the time to sleep does not agree with a delay in minutes;"
+        " both are kept as they came.",
         doubtful=True,
     ),
     Decision(
@@ -295,15 +328,18 @@ STATUS = (
     Decision(
         22,
         "Alarm delays as ss.cc in a field of digits; the least is 00.00 or 00.10",
-        "ss.cc, 00.00 at once; five digits without a dot are hundredths; 00.00 that is refused stops the start",
-        "99999 is off in either form, and 160 hundredths can be nothing else. A comma or a dot elsewhere is no delay.",
+        "ss.cc, 00.00 at once; five digits without a dot are hundredths; 00.00 that is refused"
+        " stops the start",
+        "99999 is off in either form, and 160 hundredths can be nothing else. A comma or a dot"
+        " elsewhere is no delay.",
         ("delay_without_dot",),
         "An alarm delay has no dot; its digits are read as hundredths of a second.",
     ),
     Decision(
         23,
         'An alarm limit that is "not set" has no printed number',
-        "99999, 00000 and what no station can reach (above 600 °C) are not set; none of them is ever written",
+        "99999, 00000 and what no station can reach (above 600 °C) are not set; none of them is"
+        " ever written",
         "99999 is what the manuals print for everything else that is off.",
         ("alarm_not_set_is_zero", "alarm_not_set_is_out_of_range"),
         "An alarm limit that cannot be one is read as not set.",
@@ -333,7 +369,8 @@ STATUS = (
     Decision(
         27,
         "The selected temperature is volatile, or nothing is printed about it",
-        "volatile; a run never sends W-NVS, and after a restart of the station its settings are read again",
+        "volatile; a run never sends W-NVS, and after a restart of the station its settings are"
+        " read again",
         "A station that kept it would answer the same; the EEPROM wears.",
     ),
 )
@@ -377,27 +414,33 @@ VALUES = (
     Decision(
         34,
         "Model names of five characters, and models of six letters",
-        "blanks on either side are left out, any length is accepted, and its beginning gives the family",
+        "blanks on either side are left out, any length is accepted, and its beginning gives the"
+        " family",
         "UCR245 does not fit in five characters, so either the field is longer or the name is cut.",
         ("six_letter_model", "model_cut_to_five", "model_unpadded"),
-        "The model name is not what fills five characters; its beginning is enough to tell the family.",
+        "The model name is not what fills five characters;"
+        " its beginning is enough to tell the family.",
     ),
     Decision(
         35,
         "Dispensed length: hexadecimal with 0x and eleven digits in a field of five",
-        "hexadecimal of any width, with or without 0x, in either case; the column `raw` keeps the characters",
-        "Digits without a letter are hexadecimal too. Only a known length can prove it, so such numbers are marked.",
+        "hexadecimal of any width, with or without 0x, in either case; the column `raw` keeps the"
+        " characters",
+        "Digits without a letter are hexadecimal too. Only a known length can prove it, so such"
+        " numbers are marked.",
         ("hex_with_0x", "hex_lower_case", "hex_of_eight"),
-        "A dispensed length is not five capital hexadecimal digits, or has no letter that proves it hexadecimal; it is read as "
-        "hexadecimal, and its characters are kept.",
+        "A dispensed length is not five capital hexadecimal digits, or has no letter that proves it"
+        " hexadecimal; it is read as hexadecimal, and its characters are kept.",
         doubtful=True,
         usual=True,
     ),
     Decision(
         36,
         "R-DCx is answered by ACDx, which is the answer to R-CDx",
-        "ADCx; ACDx only from a station that never used ADCx, and only when two answers agree (`protocol/client/robot.py`)",
-        "The text of R-DCx is a copy of R-CDx; a late or repeated ACDx must not become a count of dispensed cycles.",
+        "ADCx; ACDx only from a station that never used ADCx, and only when two answers agree"
+        " (`protocol/client/robot.py`)",
+        "The text of R-DCx is a copy of R-CDx; a late or repeated ACDx must not become a count of"
+        " dispensed cycles.",
         ("dispensed_cycles_answers_acd",),
         "R-DC is answered by ACD; it was asked twice over a drained line, and said the same.",
         doubtful=True,
@@ -434,9 +477,11 @@ VALUES = (
 
 PLAIN_MISPRINTS = Decision(
     53,
-    "B.4, misprints without effect on the wire; W-HDx answered by ALDx (000, 4.8.24) is the one that could have one",
+    "B.4, misprints without effect on the wire; W-HDx answered by ALDx (000, 4.8.24) is the one"
+    " that could have one",
     "AHDx; ALDx for a pending W-HDx on the same port, when no answer to W-LDx can be under way",
-    "The example there is AHD3. An acknowledgement proves nothing either way: the delay is read back.",
+    "The example there is AHD3. An acknowledgement proves nothing either way: the delay is read"
+    " back.",
     ("alarm_delay_answers_ald",),
     "The upper alarm delay is acknowledged as the lower one; it was read back.",
 )
@@ -447,5 +492,10 @@ def _number(row: Decision) -> int:
 
 
 DECISIONS: Mapping[int, Decision] = MappingProxyType(
-    {row.number: row for row in sorted((*LINK, *STATUS, *VALUES, *HOT_AIR_ROWS, *OMEGA_ROWS, PLAIN_MISPRINTS), key=_number)}
+    {
+        row.number: row
+        for row in sorted(
+            (*LINK, *STATUS, *VALUES, *HOT_AIR_ROWS, *OMEGA_ROWS, PLAIN_MISPRINTS), key=_number
+        )
+    }
 )

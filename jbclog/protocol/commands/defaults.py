@@ -1,6 +1,7 @@
 """Factory settings as the manuals print them, and a choice where they print none.
 
-Virtual stations start with them, and a factory reset restores them. A driver assumes none: it reads the station's settings.
+Virtual stations start with them, and a factory reset restores them. A driver assumes none: it reads
+the station's settings.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ def _printed(command: str, value: Value, printed: str, note: str = "", model: st
     return Default(command, value, printed, PRINTED_AT, note, model)
 
 
-_DELAY_NOTE = "B-20: the wire counts minutes, so seconds cannot be meant; a virtual station's own choice"
+_DELAY_NOTE = (
+    "B-20: the wire counts minutes, so seconds cannot be meant; a virtual station's own choice"
+)
 
 SOLDERING_DEFAULTS = (
     _printed("selected_temperature", 350, "350 °C"),
@@ -48,8 +51,12 @@ SOLDERING_DEFAULTS = (
     _printed("sleep_temperature", 150, "150 °C"),
     _printed("sleep_delay", 5, "10 sec. (general), 0 sec. (tool)", _DELAY_NOTE),
     _printed("hibernation_delay", 30, "10 sec.", _DELAY_NOTE),
-    _printed("alarm_high_limit", OFF, "not set", "B-23: no manual prints how to write it; read as 99999"),
-    _printed("alarm_low_limit", OFF, "not set", "B-23: no manual prints how to write it; read as 99999"),
+    _printed(
+        "alarm_high_limit", OFF, "not set", "B-23: no manual prints how to write it; read as 99999"
+    ),
+    _printed(
+        "alarm_low_limit", OFF, "not set", "B-23: no manual prints how to write it; read as 99999"
+    ),
     Default("alarm_high_delay", OFF),
     Default("alarm_low_delay", OFF),
     _printed("maximum_temperature", 500, "500 °C"),
@@ -58,7 +65,14 @@ SOLDERING_DEFAULTS = (
 
 UCR_DEFAULTS = (
     *SOLDERING_DEFAULTS,
-    Default("maximum_temperature", 450, "450 °C", "004 Factory Settings", "B-31: 002 prints 500 °C for all", "UCR245"),
+    Default(
+        "maximum_temperature",
+        450,
+        "450 °C",
+        "004 Factory Settings",
+        "B-31: 002 prints 500 °C for all",
+        "UCR245",
+    ),
 )
 
 FEEDER_DEFAULTS = (
@@ -70,7 +84,10 @@ FEEDER_DEFAULTS = (
     Default("clog_detection", "off"),
 )
 
-OLD_DEFAULTS = tuple(replace(one, printed="", manual="", note="000 prints no factory settings") for one in SOLDERING_DEFAULTS)
+OLD_DEFAULTS = tuple(
+    replace(one, printed="", manual="", note="000 prints no factory settings")
+    for one in SOLDERING_DEFAULTS
+)
 
 AIR_DEFAULTS = tuple(
     Default(command, value, note="001 prints no factory settings")

@@ -10,7 +10,14 @@ from typing import Final
 
 from jbclog.protocol.commands import hotair, omega, robot
 from jbclog.protocol.commands.command import Command
-from jbclog.protocol.commands.defaults import AIR_DEFAULTS, FEEDER_DEFAULTS, OLD_DEFAULTS, SOLDERING_DEFAULTS, UCR_DEFAULTS, Default
+from jbclog.protocol.commands.defaults import (
+    AIR_DEFAULTS,
+    FEEDER_DEFAULTS,
+    OLD_DEFAULTS,
+    SOLDERING_DEFAULTS,
+    UCR_DEFAULTS,
+    Default,
+)
 from jbclog.protocol.commands.robot import ErrorTable
 from jbclog.protocol.commands.signals import (
     DISPENSING_COUNTERS,
@@ -40,14 +47,16 @@ def _by_name(commands: Iterable[Command]) -> Mapping[str, Command]:
 class Family:
     """One family of control units. All tables are read-only.
 
-    `models` are beginnings of model names that prove the family; empty where the station reports no model. `ports` is None
-    where the manual does not print their number: then it is those that answer R-CT. `tools` is empty where the station reports
-    none. The first of `safe_states` is the default; those in `proven_by_cooling` count only if the tool is seen to cool. `harmless`
-    are reads without effect, for measuring the response time; `answered_by_kind` are reads that only soldering stations, or
-    only hot air, have: they prove the kind where the model name cannot. `plausible_c` are possible temperatures of its tools,
-    and `jump_c` is more than they change within a tick. `defaults` are the factory settings. `baudrate` and `rate_hz` apply
-    where a file names none; `turnaround_ms` is the printed range of the response time. `hot_part` names in messages what the
-    temperature is of.
+    `models` are beginnings of model names that prove the family; empty where the station reports no
+    model. `ports` is None where the manual does not print their number: then it is those that
+    answer R-CT. `tools` is empty where the station reports none. The first of `safe_states` is the
+    default; those in `proven_by_cooling` count only if the tool is seen to cool. `harmless` are
+    reads without effect, for measuring the response time; `answered_by_kind` are reads that only
+    soldering stations, or only hot air, have: they prove the kind where the model name cannot.
+    `plausible_c` are possible temperatures of its tools, and `jump_c` is more than they change
+    within a tick. `defaults` are the factory settings. `baudrate` and `rate_hz` apply where a file
+    names none; `turnaround_ms` is the printed range of the response time. `hot_part` names in
+    messages what the temperature is of.
     """
 
     name: str
@@ -66,7 +75,8 @@ class Family:
     answered_by_kind: tuple[str, ...] = ("tip_temperature", "transistor_temperature")
     port_errors: ErrorTable = robot.PORT_ERRORS
     station_errors: ErrorTable = robot.STATION_ERRORS
-    plausible_c: range = range(601)  # no unit is made for more than 500 °C (manual 002, factory settings)
+    # no unit is made for more than 500 °C (manual 002, factory settings)
+    plausible_c: range = range(601)
     jump_c: int = 50  # the fastest cartridges change little more in half a second
     hot_part: str = "tip"
     has_feeder: bool = False
@@ -84,20 +94,28 @@ class Family:
         object.__setattr__(self, "_of_signal", of_signal)  # looked up at nearly every exchange
 
     def may_stand_at_last(self, safe_state: str) -> bool:
-        """Whether a tool whose safe state is `safe_state` may end in stand, where it cools by the station's own delays only."""
-        return safe_state == "stand" or (safe_state in self.proven_by_cooling and "stand" in self.status.last_resorts)
+        """Whether a tool whose safe state is `safe_state` may end in stand, where it cools by the
+        station's own delays only.
+        """
+        return safe_state == "stand" or (
+            safe_state in self.proven_by_cooling and "stand" in self.status.last_resorts
+        )
 
     def tool_name(self, code: int) -> str:
         """Return the tool's name; ``tool_<n>`` for an unknown code."""
         return self.tools.get(code, f"tool_{code}")
 
     def command_of(self, signal: str) -> Command | None:
-        """Return the command that fills the columns of `signal` (``temperature_c``, ``set_c``); None where there is none."""
+        """Return the command that fills the columns of `signal` (``temperature_c``, ``set_c``);
+        None where there is none.
+        """
         return self._of_signal.get(signal)
 
     def is_empty(self, tool: int | None, error: int | None) -> bool:
         """Whether a port has no tool, by its last tool code and error; None where not known."""
-        return bool(self.tools) and (tool == 0 or (error is not None and error == self.port_errors.no_tool))
+        return bool(self.tools) and (
+            tool == 0 or (error is not None and error == self.port_errors.no_tool)
+        )
 
     def void(self, signal: str, tool: int | None, error: int | None) -> str | None:
         """Return the reason for which `signal` of a port means nothing; None where it counts.
@@ -110,7 +128,9 @@ class Family:
 
     def may_be_void(self, signal: str | None) -> bool:
         """Whether `void` can ever return a reason for `signal`."""
-        return signal in NEEDS_A_TOOL or any(name == signal for _, name, _ in self.port_errors.voids)
+        return signal in NEEDS_A_TOOL or any(
+            name == signal for _, name, _ in self.port_errors.voids
+        )
 
     def signal_of(self, command: str) -> str | None:
         """Return the signal that `command` fills; None where there is none."""
@@ -122,7 +142,9 @@ class Family:
         return self.counters[0].command if self.counters else None
 
     def proves(self, model: str) -> bool:
-        """Whether the model name `model` proves this family. A name contains letters, digits and a few separators."""
+        """Whether the model name `model` proves this family. A name contains letters, digits and a
+        few separators.
+        """
         return bool(_MODEL.fullmatch(model)) and model.upper().startswith(self.models)
 
 
@@ -156,13 +178,17 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             Family(
                 "soldering",
                 "older soldering stations (manual 000)",
-                # 000 prints "DDR" alone. The others are inferred, as whole names: two letters would also match DDE
+                # 000 prints "DDR" alone. The others are inferred, as whole names: two letters would
+                # also match DDE
                 ("DDR", "DIR", "CDR", "HDR", "NAR", "DMR"),
                 _OLD,
                 None,
                 robot.TOOLS_000,
                 defaults=OLD_DEFAULTS,
-                note="Its manual prints one model name, DDR; the others are inferred from it and from the newer units' names.",
+                note=(
+                    "Its manual prints one model name, DDR; the others are inferred from it and"
+                    " from the newer units' names."
+                ),
                 manual="000",
             ),
             _bench("dde", "DDE 2-tool control unit", (1, 2)),
@@ -248,29 +274,42 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
 
 def family_of(model: str) -> Family | None:
     """Return the family that a model name proves, newest tables first; None where there is none."""
-    named = [family for family in FAMILIES.values() if family.name != "soldering" and family.proves(model)]
+    named = [
+        family
+        for family in FAMILIES.values()
+        if family.name != "soldering" and family.proves(model)
+    ]
     if named:
         return named[0]
     return FAMILIES["soldering"] if FAMILIES["soldering"].proves(model) else None
 
 
-# The manuals print two model names, DDR (000) and JTSE (001); all others in `Family.models` are inferred. A station with
-# another name is driven as the line file says with its key `model`, with one restriction: status 00001 is "stand" for a
-# soldering tool and "on" for hot air, so a name never makes a soldering station of a hot air station, or the reverse.
+# The manuals print two model names, DDR (000) and JTSE (001); all others in `Family.models` are
+# inferred. A station with another name is driven as the line file says with its key `model`, with
+# one restriction: status 00001 is "stand" for a soldering tool and "on" for hot air, so a name
+# never makes a soldering station of a hot air station, or the reverse.
 
 HOT_AIR: Final = "JT"
 """Beginning of the model names of hot air stations (001, 4.9.18)."""
 
 
 def model_problem(family: Family, model: str) -> str | None:
-    """Describe why a station with the name `model` cannot be driven as `family`; None where it can."""
+    """Describe why a station with the name `model` cannot be driven as `family`; None where it
+    can.
+    """
     if not family.models:
         return f"a station of family {family.name} reports no model; leave it out"
     is_hot_air, named_so = family.models == (HOT_AIR,), model.upper().startswith(HOT_AIR)
     if named_so and not is_hot_air:
-        return f'"{model}" begins with {HOT_AIR}: it is a hot air station, which status 00001 switches on, and no {family.name}'
+        return (
+            f'"{model}" begins with {HOT_AIR}: it is a hot air station, which status 00001 switches'
+            f" on, and no {family.name}"
+        )
     if is_hot_air and not named_so:
-        return f'"{model}" does not begin with {HOT_AIR}, as the model names of hot air stations do: it is no {family.name}'
+        return (
+            f'"{model}" does not begin with {HOT_AIR}, as the model names of hot air stations do:'
+            f" it is no {family.name}"
+        )
     return None
 
 
@@ -290,19 +329,25 @@ def accept_line(model: str) -> str:
 def unknown_model_text(model: str) -> str:
     """Describe what to write in the line file for a name that no table has."""
     return (
-        f"it says model {model!r}, which no table has. If you know what it is, name its family in the line file in place of "
+        f"it says model {model!r}, which no table has. If you know what it is, name its family in"
+        " the line file in place of "
         f'"auto", and add {accept_line(model)}'
     )
 
 
 def other_model_text(family: Family, model: str) -> str:
     """Describe what to write where the model name proves another family than the line file's."""
-    found = f"the line file says family {family.name}, the station says model {model}; nothing was written to it. "
+    found = (
+        f"the line file says family {family.name}, the station says model {model}; nothing was"
+        " written to it. "
+    )
     known = family_of(model)
     if model_problem(family, model) is not None:
         right = f' (family = "{known.name}")' if known is not None else ""
         return f"{found}Correct `family`{right}, or the cable"
-    return f"{found}Correct `family`, or the cable; if it is a {family.name}, add {accept_line(model)}"
+    return (
+        f"{found}Correct `family`, or the cable; if it is a {family.name}, add {accept_line(model)}"
+    )
 
 
 def model_not_accepted_text(accepted: str, model: str) -> str:

@@ -1,8 +1,9 @@
 """Apollo Seiko OMEGA: its commands, and the values in its answers.
 
-The page of manual 003 at hand has the frame, the sum and A, which is answered by a, without a digit. The other commands are on its
-pages 6 to 10, which are missing here; they are taken from a public description of them (docs/reference/manuals.md) and marked so.
-No row is more certain than that. So a controller that answers A with a, and nothing else, is driven too.
+The page of manual 003 at hand has the frame, the sum and A, which is answered by a, without a
+digit. The other commands are on its pages 6 to 10, which are missing here; they are taken from a
+public description of them (docs/reference/manuals.md) and marked so. No row is more certain than
+that. So a controller that answers A with a, and nothing else, is driven too.
 
 OMEGA reports no temperature, no model and no error number, and refuses by silence.
 """
@@ -19,8 +20,9 @@ from jbclog.protocol.commands.command import Command, Effect, Limits, Scope
 from jbclog.protocol.commands.robot import ErrorTable
 from jbclog.protocol.commands.signals import ReadInterval, Signal
 
-# A condition is stored in the controller under its number and describes one joint: rise, three feeds of solder wire, each with a
-# way back, and the times between them. On the serial line (docs/reference/protocol.md, Condition record; not in manual 003)::
+# A condition is stored in the controller under its number and describes one joint: rise, three
+# feeds of solder wire, each with a way back, and the times between them. On the serial line
+# (docs/reference/protocol.md, Condition record; not in manual 003)::
 #
 #
 #     0065  0  023  01E 032 005 032  00A  014 ...
@@ -48,7 +50,9 @@ WITHOUT_DIGIT: Final = "answered without a digit"
 
 @dataclass(frozen=True, slots=True)
 class Digit:
-    """One digit that stands for a word. With `may_lack`, an answer without it is accepted as `WITHOUT_DIGIT`."""
+    """One digit that stands for a word. With `may_lack`, an answer without it is accepted as
+    `WITHOUT_DIGIT`.
+    """
 
     names: tuple[str, ...]
     unit: str = ""
@@ -74,7 +78,9 @@ def is_condition(number: int) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ConditionNumber:
-    """The number of a solder condition as four hexadecimal digits: 101 to 199, 201 to 299 and 301 to 399."""
+    """The number of a solder condition as four hexadecimal digits: 101 to 199, 201 to 299 and 301
+    to 399.
+    """
 
     unit: str = ""
 
@@ -91,7 +97,9 @@ class ConditionNumber:
 
 
 class StoredRecord(CompoundValue):
-    """The record stored under one number. Fields whose names end in a unit are transmitted as tenths of it."""
+    """The record stored under one number. Fields whose names end in a unit are transmitted as
+    tenths of it.
+    """
 
     __slots__ = ()
     condition: int
@@ -102,7 +110,11 @@ class StoredRecord(CompoundValue):
         for one in fields(self):  # type: ignore[arg-type]  # each class below is a dataclass
             if one.name != "condition":
                 value = getattr(self, one.name)
-                yield one.name, _unit(one.name), f"{value:.1f}" if isinstance(value, float) else str(value)
+                yield (
+                    one.name,
+                    _unit(one.name),
+                    f"{value:.1f}" if isinstance(value, float) else str(value),
+                )
 
     def __str__(self) -> str:
         values = ", ".join(f"{name} {text}" for name, _, text in self.values())
@@ -134,7 +146,8 @@ class ConditionRecord(StoredRecord):
 
 @dataclass(frozen=True, slots=True)
 class SetTemperature(StoredRecord):
-    """Mode 5. No document says whether its two numbers are tenths, as all others are: they are kept raw.
+    """Mode 5. No document says whether its two numbers are tenths, as all others are: they are kept
+    raw.
 
     docs/reference/contradictions.md, B-51.
     """
@@ -147,7 +160,9 @@ class SetTemperature(StoredRecord):
 
 @dataclass(frozen=True, slots=True)
 class Cleaning(StoredRecord):
-    """Condition 0: how long air is blown. It has no mode; whether its record has a digit for one is not known."""
+    """Condition 0: how long air is blown. It has no mode; whether its record has a digit for one is
+    not known.
+    """
 
     air_blow_s: float
     condition: int = CLEANING
@@ -156,7 +171,9 @@ class Cleaning(StoredRecord):
 
 @dataclass(frozen=True, slots=True)
 class StoredCondition:
-    """The record of C, c and D. When read, condition 0 may have a mode; when written, it has none."""
+    """The record of C, c and D. When read, condition 0 may have a mode; when written, it has
+    none.
+    """
 
     unit: str = ""
 
@@ -165,7 +182,9 @@ class StoredCondition:
         if number == CLEANING:
             return Cleaning(_tenths(_parts(rest[1:] if len(rest) == 4 else rest, 1))[0])
         if not is_condition(number):
-            raise ValueError(f"{data!r} begins with {number}, which is no number of a solder condition")
+            raise ValueError(
+                f"{data!r} begins with {number}, which is no number of a solder condition"
+            )
         mode = _hexadecimal(rest[:1], 1)
         if mode == SET_TEMPERATURE:
             return SetTemperature(number, *_parts(rest[1:], 2))
@@ -180,7 +199,9 @@ class StoredCondition:
             case SetTemperature():
                 return _head(value) + _field(value.set_temperature_raw) + _field(value.process_raw)
             case ConditionRecord() if 0 <= value.mode < SET_TEMPERATURE:
-                return _head(value) + "".join(_raw(getattr(value, one.name)) for one in fields(value)[2:])
+                return _head(value) + "".join(
+                    _raw(getattr(value, one.name)) for one in fields(value)[2:]
+                )
         raise ValueError(f"{value} is no solder condition of a known mode")
 
 
@@ -228,17 +249,27 @@ def _field(raw: int) -> str:
 
 
 def differing(asked: StoredRecord, found: StoredRecord) -> list[tuple[str, str, str]]:
-    """List the differences of two records of one number: the field's name and both values as text; of two kinds only the mode."""
+    """List the differences of two records of one number: the field's name and both values as text;
+    of two kinds only the mode.
+    """
     values = {name: text for name, _, text in found.values()}
-    return [(name, text, values[name]) for name, _, text in asked.values() if values.get(name, text) != text]
+    return [
+        (name, text, values[name])
+        for name, _, text in asked.values()
+        if values.get(name, text) != text
+    ]
 
 
 def difference(asked: StoredRecord, found: StoredRecord) -> str:
     """Describe the differences: ``feed1_mm 2.0 instead of 3.0``."""
-    return ", ".join(f"{name} {there} instead of {wanted}" for name, wanted, there in differing(asked, found))
+    return ", ".join(
+        f"{name} {there} instead of {wanted}" for name, wanted, there in differing(asked, found)
+    )
 
 
-INFORMATION = Digit(("normal", "solder shortage", "solder clogged", "solder shortage and clogged"), may_lack=True)
+INFORMATION = Digit(
+    ("normal", "solder shortage", "solder clogged", "solder shortage and clogged"), may_lack=True
+)
 CONTROL = Digit(("ready", "preparing or error"))
 AT_TEMPERATURE = Digit(("in range", "out of range"))
 
@@ -262,7 +293,19 @@ def _state(name: str, letters: str, quantity: Quantity, manual: str, note: str =
 
 
 def _order(name: str, letters: str, quantity: Quantity, limits: Limits, note: str) -> Command:
-    return Command(name, letters, Scope.STATION, quantity, "w", _unseen(letters), limits, Effect.MOVES, True, 0, note)
+    return Command(
+        name,
+        letters,
+        Scope.STATION,
+        quantity,
+        "w",
+        _unseen(letters),
+        limits,
+        Effect.MOVES,
+        True,
+        0,
+        note,
+    )
 
 
 OMEGA = (
@@ -274,7 +317,11 @@ OMEGA = (
         "B-48: printed as 41H(''), and answered by a; its digit is of A.13",
     ),
     _state(
-        "temperature_control", "B", CONTROL, _unseen("B"), "one digit for preparing and for errors: it does not distinguish them"
+        "temperature_control",
+        "B",
+        CONTROL,
+        _unseen("B"),
+        "one digit for preparing and for errors: it does not distinguish them",
     ),
     Command(
         "condition",
@@ -286,15 +333,28 @@ OMEGA = (
         answer_digits=None,
         note="B-49, B-50, B-51; an unknown number is ignored",
     ),
-    _order("store_condition", "D", StoredCondition(), Limits(), "B-50, B-52; d only when it was taken, else silence"),
-    _state("set_temperature_state", "F", AT_TEMPERATURE, _unseen("F"), "whether it is within the alarm range"),
+    _order(
+        "store_condition",
+        "D",
+        StoredCondition(),
+        Limits(),
+        "B-50, B-52; d only when it was taken, else silence",
+    ),
+    _state(
+        "set_temperature_state",
+        "F",
+        AT_TEMPERATURE,
+        _unseen("F"),
+        "whether it is within the alarm range",
+    ),
     _state("mode", "G", Digit(MODES), _unseen("G"), "of the conditions 301 to 399"),
     _order(
         "run_condition",
         "H",
         ConditionNumber(),
         Limits(101, 399, 1),
-        "B-52; h when a point is done, i after the first stage of a slide, late; an unknown number is ignored",
+        "B-52; h when a point is done, i after the first stage of a slide, late; an unknown number"
+        " is ignored",
     ),
 )
 
@@ -304,7 +364,9 @@ OMEGA_SIGNALS = (
     Signal("set_temperature_state", ("in_range",), ReadInterval.FAST),
 )
 
-COMPLETION_MESSAGES = MappingProxyType({"h": "soldering a point is completed", "i": "the first stage of slide soldering is over"})
+COMPLETION_MESSAGES = MappingProxyType(
+    {"h": "soldering a point is completed", "i": "the first stage of slide soldering is over"}
+)
 """Unsolicited messages of the controller, long after H."""
 
 NO_ERRORS = ErrorTable("OMEGA", MappingProxyType({}))

@@ -1,4 +1,6 @@
-"""The values that a command accepts, the answers that can be true, and the odd forms that are tolerated."""
+"""The values that a command accepts, the answers that can be true, and the odd forms that are
+tolerated.
+"""
 
 from __future__ import annotations
 
@@ -21,26 +23,35 @@ def range_problem(command: Command, value: Value) -> str | None:
     try:
         command.quantity.encode(value)
     except ValueError as error:
-        return f"{str(error).removesuffix(f'; {allowed(command)}')}; {allowed(command)}"  # not twice
+        # not twice
+        return f"{str(error).removesuffix(f'; {allowed(command)}')}; {allowed(command)}"
     return None
 
 
 def inferred_note(command: Command, value: Value, manual: str) -> str | None:
-    """Describe, for a plan, that the value exceeds inferred limits; None where it does not. `manual`: the family's own."""
+    """Describe, for a plan, that the value exceeds inferred limits; None where it does not.
+    `manual`: the family's own.
+    """
     if command.inferred is None or command.inferred.limits.problem(value) is None:
         return None
     usual = _usual(command.inferred.limits, f" {command.unit}".rstrip())
     return (
-        f"{command.shown(value)} is not within {usual} ({command.inferred.source}). Manual {manual} prints no such limit of "
-        f"{command.name}, so it is sent, and the station accepts it or refuses it with N 00003"
+        f"{command.shown(value)} is not within {usual} ({command.inferred.source}). Manual {manual}"
+        f" prints no such limit of {command.name}, so it is sent, and the station accepts it or"
+        " refuses it with N 00003"
     )
 
 
 def unit_note(command: Command, manual: str) -> str | None:
-    """Describe, for a plan, that the unit is from another manual; None where the family's own prints it."""
+    """Describe, for a plan, that the unit is from another manual; None where the family's own
+    prints it.
+    """
     if command.inferred is None or not command.inferred.unit:
         return None
-    return f"manual {manual} prints no unit of {command.name}; {command.unit} is taken from {command.inferred.source}"
+    return (
+        f"manual {manual} prints no unit of {command.name}; {command.unit} is taken from"
+        f" {command.inferred.source}"
+    )
 
 
 def allowed(command: Command) -> str:
@@ -52,7 +63,9 @@ def allowed(command: Command) -> str:
         return CONDITIONS
     off = ', or "off"' if limits.off else ""
     if not limits.printed:
-        return ("its manual prints no range" if command.inferred else "no manual prints a range") + off
+        return (
+            "its manual prints no range" if command.inferred else "no manual prints a range"
+        ) + off
     if limits.low is None and limits.high is None:
         if not limits.step:
             return "anything"
@@ -63,13 +76,23 @@ def allowed(command: Command) -> str:
 
 def _usual(limits: Limits, unit: str) -> str:
     """Describe inferred limits, which may be a step alone."""
-    return f"steps of {limits.step:g}{unit}" if limits.low is None and limits.high is None else _range(limits, unit)
+    return (
+        f"steps of {limits.step:g}{unit}"
+        if limits.low is None and limits.high is None
+        else _range(limits, unit)
+    )
 
 
 def _range(limits: Limits, unit: str) -> str:
     """Describe a range: ``5 °C or more, in steps of 5``."""
     low, high = (None if end is None else f"{end:g}" for end in (limits.low, limits.high))
-    text = f"{low} to {high}{unit}" if low and high else f"{low}{unit} or more" if low else f"{high}{unit} or less"
+    text = (
+        f"{low} to {high}{unit}"
+        if low and high
+        else f"{low}{unit} or more"
+        if low
+        else f"{high}{unit} or less"
+    )
     return text + (f", in steps of {limits.step:g}" if limits.step else "")
 
 
@@ -81,15 +104,17 @@ def _as_written(value: Value, unit: str) -> str:
     return f"{digits} {unit}".rstrip()
 
 
-# Possible values: by the manuals, by the station's own limits, by what tools are made for. Anything else is not a value,
-# however often it is repeated; it is read again before that is decided.
+# Possible values: by the manuals, by the station's own limits, by what tools are made for. Anything
+# else is not a value, however often it is repeated; it is read again before that is decided.
 
 TEMPERATURES = frozenset({"temperature_c", "external_c", "transistor_c", "transformer_c"})
 """Signals that are temperatures and change slowly."""
 STILL_C = 25  # maximum change between two answers right after each other
-NO_COUNTDOWN = frozenset({99999, 65535})  # sent while no countdown runs (docs/reference/contradictions.md, B-25)
+# sent while no countdown runs (docs/reference/contradictions.md, B-25)
+NO_COUNTDOWN = frozenset({99999, 65535})
 COUNTED_DOWN = ("sleep_delay", "hibernation_delay")
-# A value above full is kept and flagged (docs/reference/contradictions.md, B-32, B-33); above this it is invalid.
+# A value above full is kept and flagged (docs/reference/contradictions.md, B-32, B-33); above this
+# it is invalid.
 MOST_OF_FULL = 1.5
 
 Possible = Callable[[Value], bool]
@@ -102,14 +127,18 @@ def plausibility_check(signal: str | None, family: Family) -> Possible | None:
         return lambda value: value in plausible_c
     if signal == "delay_s":
         longest_s = longest_countdown_s(family)
-        return lambda value: value in NO_COUNTDOWN or (isinstance(value, int) and 0 <= value <= longest_s)
+        return lambda value: (
+            value in NO_COUNTDOWN or (isinstance(value, int) and 0 <= value <= longest_s)
+        )
     return _is_power if signal == "power_permille" else None
 
 
 def longest_countdown_s(family: Family) -> float:
     """Return the longest delay of the family in s; infinite where its manual prints no range."""
     ends = [family.commands[name].limits.high for name in COUNTED_DOWN if name in family.commands]
-    return max((math.inf if minutes is None else 60.0 * minutes for minutes in ends), default=math.inf)
+    return max(
+        (math.inf if minutes is None else 60.0 * minutes for minutes in ends), default=math.inf
+    )
 
 
 def _is_power(value: Value) -> bool:
@@ -121,8 +150,9 @@ def is_share(value: Value, whole: int) -> bool:
     return isinstance(value, int) and 0 <= value <= MOST_OF_FULL * whole
 
 
-# Odd forms that are accepted from a station, by command name, with their rows in docs/reference/contradictions.md. jbclog sends
-# only two of them, R-TT with a blank and orders without data, and only after the station has refused the recommended form.
+# Odd forms that are accepted from a station, by command name, with their rows in
+# docs/reference/contradictions.md. jbclog sends only two of them, R-TT with a blank and orders
+# without data, and only after the station has refused the recommended form.
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,17 +192,23 @@ ODD_FORMS: Mapping[str, OddForm] = MappingProxyType(
 READ_ANSWERED_AS: Mapping[str, tuple[int, str]] = MappingProxyType({"dispensed_cycles": (36, "CD")})
 """Reads that may be answered under another command's letters, with those letters."""
 
-WRITE_ANSWERED_AS: Mapping[str, tuple[int, str]] = MappingProxyType({"alarm_high_delay": (53, "LD")})
+WRITE_ANSWERED_AS: Mapping[str, tuple[int, str]] = MappingProxyType(
+    {"alarm_high_delay": (53, "LD")}
+)
 """Writes that may be acknowledged under another command's letters."""
 
 ACKNOWLEDGED_WITH_VALUE: Mapping[str, int] = MappingProxyType({"status": 43})
 """Writes whose acknowledgement may repeat the value."""
 
 WITHOUT_DATA: Mapping[str, int] = MappingProxyType({"stop_feeding": 37, "ignore_fuse_error": 37})
-"""Orders that may be sent without data after 00000 was refused as badly formed; none of them acts or erases."""
+"""Orders that may be sent without data after 00000 was refused as badly formed; none of them acts
+or erases.
+"""
 
 
 def odd_form(command: str, data: str) -> int | None:
-    """Return the B-number of an odd data field in an answer to `command`; None for the recommended form."""
+    """Return the B-number of an odd data field in an answer to `command`; None for the recommended
+    form.
+    """
     form = ODD_FORMS.get(command)
     return form.number if form is not None and form.data.fullmatch(data) else None

@@ -1,6 +1,7 @@
 """The command tables of JBC soldering stations in Robot mode.
 
-Notes cite docs/reference/contradictions.md ("B-nn") where the manuals are in doubt or contradict each other.
+Notes cite docs/reference/contradictions.md ("B-nn") where the manuals are in doubt or contradict
+each other.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ from jbclog.protocol.commands.command import Command, Effect, InferredLimits, Li
 FUSE = Choice(("absent", "present"))
 
 UCR = (
-    Command("fuse", "FST", Scope.STATION, FUSE, "r", "002 R-FST", note="B-39: garbled row; UCR only"),
+    Command(
+        "fuse", "FST", Scope.STATION, FUSE, "r", "002 R-FST", note="B-39: garbled row; UCR only"
+    ),
     Command(
         "address",
         "SAD",
@@ -49,7 +52,8 @@ UCR = (
 
 
 CELSIUS = Whole("°C")
-OFFSET = Whole("°C", minus="-.")  # manual 000, 3.1 prints "." for the sign (docs/reference/contradictions.md, B-3)
+# manual 000, 3.1 prints "." for the sign (docs/reference/contradictions.md, B-3)
+OFFSET = Whole("°C", minus="-.")
 HOURS = Unsigned("h")
 COUNT = Unsigned("count")
 NOTHING = Number()
@@ -66,14 +70,27 @@ ALARM_FLAGS = Flags((0, 0, 0, 1, 1))
 
 
 def per_port(
-    name: str, letters: str, quantity: Quantity, manual: str, limits: Limits = UNPRINTED, note: str = "", **more: object
+    name: str,
+    letters: str,
+    quantity: Quantity,
+    manual: str,
+    limits: Limits = UNPRINTED,
+    note: str = "",
+    **more: object,
 ) -> Command:
     """Return a read-only command of one port. Ranges are printed for few."""
     return Command(name, letters, Scope.PORT, quantity, "r", manual, limits, note=note, **more)  # type: ignore[arg-type]  # table helper
 
 
 def setting(
-    name: str, letters: str, scope: Scope, quantity: Quantity, manual: str, limits: Limits, note: str = "", **more: object
+    name: str,
+    letters: str,
+    scope: Scope,
+    quantity: Quantity,
+    manual: str,
+    limits: Limits,
+    note: str = "",
+    **more: object,
 ) -> Command:
     """Return a command that is written and read back."""
     return Command(name, letters, scope, quantity, "rw", manual, limits, note=note, **more)  # type: ignore[arg-type]  # table helper
@@ -81,12 +98,29 @@ def setting(
 
 READINGS = (
     per_port("tip_temperature", "TT", CELSIUS, "002 R-TTx; 000 4.8.3"),
-    per_port("power", "PP", Unsigned("‰"), "002 R-PPx; 000 4.8.4", limits=Limits(0, 1000), note="B-32: per mille"),
     per_port(
-        "port_error", "PE", Number(printed_for=((80000, 8),)), "002 R-PEx, Port Errors; 000 4.8.5", note="B-28: 80000 is read as 8"
+        "power",
+        "PP",
+        Unsigned("‰"),
+        "002 R-PPx; 000 4.8.4",
+        limits=Limits(0, 1000),
+        note="B-32: per mille",
+    ),
+    per_port(
+        "port_error",
+        "PE",
+        Number(printed_for=((80000, 8),)),
+        "002 R-PEx, Port Errors; 000 4.8.5",
+        note="B-28: 80000 is read as 8",
     ),
     per_port("tool", "CT", TOOL_CODE, "002 R-CTx, Tools; 000 4.8.8"),
-    per_port("time_to_sleep", "ED", Unsigned("s"), "002 R-EDx; 000 4.8.9", note="B-25: value when not counting unprinted"),
+    per_port(
+        "time_to_sleep",
+        "ED",
+        Unsigned("s"),
+        "002 R-EDx; 000 4.8.9",
+        note="B-25: value when not counting unprinted",
+    ),
     per_port("transistor_temperature", "QT", CELSIUS, "002 R-QTx; 000 4.8.18"),
     per_port(
         "alarm_flags",
@@ -97,11 +131,32 @@ READINGS = (
         note="B-24: latched, cleared by reading (000); units high, tens low",
     ),
     Command(
-        "model", "SMN", Scope.STATION, Text(), "r", "002 R-SMN; 000 4.8.28", answer_digits=None, note="B-34: six letters occur"
+        "model",
+        "SMN",
+        Scope.STATION,
+        Text(),
+        "r",
+        "002 R-SMN; 000 4.8.28",
+        answer_digits=None,
+        note="B-34: six letters occur",
     ),
-    Command("station_error", "SER", Scope.STATION, Number(), "r", "002 R-SER, Station Errors; 000 4.8.33"),
     Command(
-        "transformer_temperature", "TT", Scope.STATION, CELSIUS, "r", "002 R-TT; 000 4.8.34", UNPRINTED, note="B-10: two letters"
+        "station_error",
+        "SER",
+        Scope.STATION,
+        Number(),
+        "r",
+        "002 R-SER, Station Errors; 000 4.8.33",
+    ),
+    Command(
+        "transformer_temperature",
+        "TT",
+        Scope.STATION,
+        CELSIUS,
+        "r",
+        "002 R-TT; 000 4.8.34",
+        UNPRINTED,
+        note="B-10: two letters",
     ),
 )
 
@@ -118,7 +173,15 @@ TIP_STATUS = Command(
 
 def _alarm_delay(name: str, letters: str, manual: str) -> Command:
     """Return an alarm delay; both manuals print the form ss.cc, which bounds the value."""
-    return setting(name, letters, Scope.PORT, AlarmDelay(), manual, Limits(0, 99.99, 0.01, off=True), "B-21, B-22")
+    return setting(
+        name,
+        letters,
+        Scope.PORT,
+        AlarmDelay(),
+        manual,
+        Limits(0, 99.99, 0.01, off=True),
+        "B-21, B-22",
+    )
 
 
 ALARM_DELAYS = (
@@ -140,7 +203,15 @@ SELECTED = Command(
 SETTINGS = (  # 002 and 004
     SELECTED,
     TIP_STATUS,
-    setting("adjust", "A", Scope.TOOL, OFFSET, "002 W-Axy", Limits(-50, 50, 1), "B-3: the sign was once a dot"),
+    setting(
+        "adjust",
+        "A",
+        Scope.TOOL,
+        OFFSET,
+        "002 W-Axy",
+        Limits(-50, 50, 1),
+        "B-3: the sign was once a dot",
+    ),
     setting(
         "sleep_temperature",
         "S",
@@ -152,14 +223,47 @@ SETTINGS = (  # 002 and 004
         within=SLEEP_WITHIN,
         inferred=FACTORY_RANGE,
     ),
-    setting("sleep_delay", "D", Scope.TOOL, Delay("min"), "002 W-Dxy", Limits(0, 9, 1, off=True), "B-20: minutes"),
-    setting("hibernation_delay", "H", Scope.TOOL, Delay("min"), "002 W-Hxy", Limits(0, 60, 5, off=True), "B-20: minutes"),
-    setting("alarm_high_limit", "HA", Scope.PORT, AlarmLimit(), "002 W-HAx", STEPS_OF_5, "B-23: not set is 99999 or 0"),
-    setting("alarm_low_limit", "LA", Scope.PORT, AlarmLimit(), "002 W-LAx", STEPS_OF_5, "B-23: not set is 99999 or 0"),
+    setting(
+        "sleep_delay",
+        "D",
+        Scope.TOOL,
+        Delay("min"),
+        "002 W-Dxy",
+        Limits(0, 9, 1, off=True),
+        "B-20: minutes",
+    ),
+    setting(
+        "hibernation_delay",
+        "H",
+        Scope.TOOL,
+        Delay("min"),
+        "002 W-Hxy",
+        Limits(0, 60, 5, off=True),
+        "B-20: minutes",
+    ),
+    setting(
+        "alarm_high_limit",
+        "HA",
+        Scope.PORT,
+        AlarmLimit(),
+        "002 W-HAx",
+        STEPS_OF_5,
+        "B-23: not set is 99999 or 0",
+    ),
+    setting(
+        "alarm_low_limit",
+        "LA",
+        Scope.PORT,
+        AlarmLimit(),
+        "002 W-LAx",
+        STEPS_OF_5,
+        "B-23: not set is 99999 or 0",
+    ),
     *ALARM_DELAYS,
 )
 _NO_RANGE = Limits(printed=False, off=True)
-OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only the lowest number (3.1)
+# 000 prints no range, no step and no unit of a delay; only the lowest number (3.1)
+OLD_SETTINGS = (
     replace(
         SELECTED,
         manual="000 4.8.2",
@@ -232,8 +336,26 @@ OLD_SETTINGS = (  # 000 prints no range, no step and no unit of a delay; only th
 )
 
 STATION_LIMITS = (
-    Command("maximum_temperature", "MAT", Scope.STATION, CELSIUS, "rw", "002 W-MAT; 000 4.8.30", UNPRINTED, dangerous=True),
-    Command("minimum_temperature", "MIT", Scope.STATION, CELSIUS, "rw", "002 W-MIT; 000 4.8.32", UNPRINTED, dangerous=True),
+    Command(
+        "maximum_temperature",
+        "MAT",
+        Scope.STATION,
+        CELSIUS,
+        "rw",
+        "002 W-MAT; 000 4.8.30",
+        UNPRINTED,
+        dangerous=True,
+    ),
+    Command(
+        "minimum_temperature",
+        "MIT",
+        Scope.STATION,
+        CELSIUS,
+        "rw",
+        "002 W-MIT; 000 4.8.32",
+        UNPRINTED,
+        dangerous=True,
+    ),
 )
 
 COUNTERS = (
@@ -243,36 +365,85 @@ COUNTERS = (
     per_port("hibernation_hours", "CH", HOURS, "002 R-CHx; 000 4.8.39"),
     per_port("work_hours", "CW", HOURS, "002 R-CWx; 000 4.8.40"),
     per_port("sleep_cycles", "CC", COUNT, "002 R-CCx; 000 4.8.41"),
-    per_port("desolder_cycles", "CD", COUNT, "002 R-CDx; 000 4.8.42", note="B-36: the printed example RCC1 is a misprint"),
+    per_port(
+        "desolder_cycles",
+        "CD",
+        COUNT,
+        "002 R-CDx; 000 4.8.42",
+        note="B-36: the printed example RCC1 is a misprint",
+    ),
 )
 
 
 def _order(name: str, letters: str, manual: str, effect: Effect, note: str = "") -> Command:
-    return Command(name, letters, Scope.STATION, NOTHING, "w", manual, Limits(0, 0), effect, True, note=note)
+    return Command(
+        name, letters, Scope.STATION, NOTHING, "w", manual, Limits(0, 0), effect, True, note=note
+    )
 
 
 ORDERS = (
-    _order("restart", "RST", "002 W-RST; 000 4.7", Effect.ERASES, "B-40: answer unprinted, may be silence; B-37: data 00000"),
+    _order(
+        "restart",
+        "RST",
+        "002 W-RST; 000 4.7",
+        Effect.ERASES,
+        "B-40: answer unprinted, may be silence; B-37: data 00000",
+    ),
     _order("factory_reset", "RSP", "002 W-RSP; 000 4.9.35", Effect.ERASES, "B-37: data 00000"),
 )
-STORE = _order("store", "NVS", "002 W-NVS", Effect.ERASES, "writes the selected temperature into the EEPROM, which wears")
+STORE = _order(
+    "store",
+    "NVS",
+    "002 W-NVS",
+    Effect.ERASES,
+    "writes the selected temperature into the EEPROM, which wears",
+)
 SOFTWARE_VERSION = Command(
-    "software_version", "SVR", Scope.STATION, Text(), "r", "002 R-SVR", answer_digits=None, note="B-5: format unprinted"
+    "software_version",
+    "SVR",
+    Scope.STATION,
+    Text(),
+    "r",
+    "002 R-SVR",
+    answer_digits=None,
+    note="B-5: format unprinted",
 )
 
-IGNORE_FUSE_ERROR = _order("ignore_fuse_error", "IFE", "002 W-IFE", Effect.ERASES, "B-37: data 00000")
+IGNORE_FUSE_ERROR = _order(
+    "ignore_fuse_error", "IFE", "002 W-IFE", Effect.ERASES, "B-37: data 00000"
+)
 
 COMMON = (*READINGS, TIP_STATUS, *ALARM_DELAYS, *STATION_LIMITS, *COUNTERS, *ORDERS)
 """Printed alike in 000, 002 and 004."""
 OLD = (*READINGS, *OLD_SETTINGS, *STATION_LIMITS, *COUNTERS, *ORDERS)
-BENCH = (*READINGS, *SETTINGS, *STATION_LIMITS, *COUNTERS, *ORDERS, STORE, SOFTWARE_VERSION, IGNORE_FUSE_ERROR)
+BENCH = (
+    *READINGS,
+    *SETTINGS,
+    *STATION_LIMITS,
+    *COUNTERS,
+    *ORDERS,
+    STORE,
+    SOFTWARE_VERSION,
+    IGNORE_FUSE_ERROR,
+)
 """Printed in 002 for all stations, or without naming any."""
 
-TOOLS_000 = {0: "none", 1: "T210", 2: "T245/T470", 3: "PA", 4: "HT", 5: "DS", 6: "DR", 7: "NT105", 8: "NP105"}
+TOOLS_000 = {
+    0: "none",
+    1: "T210",
+    2: "T245/T470",
+    3: "PA",
+    4: "HT",
+    5: "DS",
+    6: "DR",
+    7: "NT105",
+    8: "NP105",
+}
 TOOLS_002 = {
     0: "none",
     1: "T210",
-    2: "T245/T470/TR245/TR470",  # two rows with the same number (docs/reference/contradictions.md, B-29)
+    # two rows with the same number (docs/reference/contradictions.md, B-29)
+    2: "T245/T470/TR245/TR470",
     3: "PA120/AM120",
     4: "HT420/AT420",
     5: "DS360",
@@ -303,10 +474,14 @@ class ErrorTable:
         return self.texts.get(code, f"unknown {self.kind} error {code}")
 
     def void(self, code: int | None, signal: str) -> str | None:
-        """Return the reason for which `signal` means nothing during the error `code`; None where it counts."""
+        """Return the reason for which `signal` means nothing during the error `code`; None where it
+        counts.
+        """
         if not self.voids:
             return None
-        return next((reason for error, name, reason in self.voids if (error, name) == (code, signal)), None)
+        return next(
+            (reason for error, name, reason in self.voids if (error, name) == (code, signal)), None
+        )
 
 
 PORT_ERRORS = ErrorTable(
@@ -370,30 +545,76 @@ MODES = Choice(("continuous", "discontinuous", "program", "reload"))
 SWITCH = Choice(("off", "on"))
 
 
-def _feeder(name: str, letters: str, quantity: Quantity, manual: str, access: str = "rw", note: str = "") -> Command:
+def _feeder(
+    name: str, letters: str, quantity: Quantity, manual: str, access: str = "rw", note: str = ""
+) -> Command:
     limits = Limits() if isinstance(quantity, Choice) else UNPRINTED  # choices are printed
     return Command(name, letters, Scope.STATION, quantity, access, manual, limits, note=note)
 
 
 def _motor(name: str, letters: str, manual: str, effect: Effect) -> Command:
     return Command(
-        name, letters, Scope.STATION, NOTHING, "w", manual, Limits(0, 0), effect, effect is Effect.MOVES, note="B-37: data 00000"
+        name,
+        letters,
+        Scope.STATION,
+        NOTHING,
+        "w",
+        manual,
+        Limits(0, 0),
+        effect,
+        effect is Effect.MOVES,
+        note="B-37: data 00000",
     )
 
 
 FEEDER = (
     _feeder("feeder_mode", "MOD", MODES, "002 R-MOD, W-MOD"),
-    _feeder("feeder_length", "LEN", Scaled("mm", 10), "002 R-LEN, W-LEN", note="B-38; the wire carries dmm"),
-    _feeder("feeder_speed", "SPD", Scaled("mm/s", 10), "002 R-SPD, W-SPD", note="B-38; the wire carries dmm/s"),
-    _feeder("feeder_diameter", "DIA", Scaled("mm", 100), "002 R-DIA, W-DIA", note="the wire carries cmm"),
-    _feeder("feeder_backward", "BCK", Scaled("mm", 10), "002 R-BCK, W-BCK", note="the wire carries dmm"),
-    _feeder("clog_detection", "WCD", SWITCH, "002 R-WCD, W-WCD", note="whether detection is on, not a clog"),
+    _feeder(
+        "feeder_length",
+        "LEN",
+        Scaled("mm", 10),
+        "002 R-LEN, W-LEN",
+        note="B-38; the wire carries dmm",
+    ),
+    _feeder(
+        "feeder_speed",
+        "SPD",
+        Scaled("mm/s", 10),
+        "002 R-SPD, W-SPD",
+        note="B-38; the wire carries dmm/s",
+    ),
+    _feeder(
+        "feeder_diameter", "DIA", Scaled("mm", 100), "002 R-DIA, W-DIA", note="the wire carries cmm"
+    ),
+    _feeder(
+        "feeder_backward", "BCK", Scaled("mm", 10), "002 R-BCK, W-BCK", note="the wire carries dmm"
+    ),
+    _feeder(
+        "clog_detection",
+        "WCD",
+        SWITCH,
+        "002 R-WCD, W-WCD",
+        note="whether detection is on, not a clog",
+    ),
     _feeder("feeding", "FEE", Choice(tuple(one.value for one in FeederState)), "002 R-FEE", "r"),
     _motor("start_feeding", "STR", "002 W-STR", Effect.MOVES),
     _motor("stop_feeding", "STP", "002 W-STP", Effect.STOPS),
 )
 
 DISPENSED = (
-    per_port("dispensed_cycles", "DC", COUNT, "002 R-DCx", note="B-36: the printed text is a copy of R-CDx"),
-    per_port("dispensed_length", "DL", HexLength(), "002 R-DLx", answer_digits=None, note="B-35: hexadecimal, any width"),
+    per_port(
+        "dispensed_cycles",
+        "DC",
+        COUNT,
+        "002 R-DCx",
+        note="B-36: the printed text is a copy of R-CDx",
+    ),
+    per_port(
+        "dispensed_length",
+        "DL",
+        HexLength(),
+        "002 R-DLx",
+        answer_digits=None,
+        note="B-35: hexadecimal, any width",
+    ),
 )

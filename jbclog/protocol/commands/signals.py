@@ -1,4 +1,6 @@
-"""Readings that become columns of `samples` and rows of `counters`, and how often (docs/reference/configuration.md)."""
+"""Readings that become columns of `samples` and rows of `counters`, and how often
+(docs/reference/configuration.md).
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ class ReadInterval(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A command read repeatedly and the columns that its answer fills; the first column names the signal."""
+    """A command read repeatedly and the columns that its answer fills; the first column names the
+    signal.
+    """
 
     command: str
     columns: tuple[str, ...]
@@ -55,7 +59,9 @@ FEEDER_SIGNALS = (
 
 @dataclass(frozen=True, slots=True)
 class UsageCounter:
-    """A counter's command, and its name and unit in `counters`. It is due as often as the shorter of `interval` and COUNTERS."""
+    """A counter's command, and its name and unit in `counters`. It is due as often as the shorter
+    of `interval` and COUNTERS.
+    """
 
     command: str
     name: str
@@ -74,5 +80,8 @@ HOUR_COUNTERS = (
 )
 _DISPENSED_MM = UsageCounter("dispensed_length", "dispensed_mm", "mm")
 DISPENSING_COUNTERS = (UsageCounter("dispensed_cycles", "dispensed_cycles", "count"), _DISPENSED_MM)
-FEEDER_COUNTERS = (UsageCounter("dispensed_cycles", "dispensed_cycles", "count", ReadInterval.ALARMS), _DISPENSED_MM)
+FEEDER_COUNTERS = (
+    UsageCounter("dispensed_cycles", "dispensed_cycles", "count", ReadInterval.ALARMS),
+    _DISPENSED_MM,
+)
 """Each feed is evidence of a joint, so a feeder's cycles are read as often as its state."""

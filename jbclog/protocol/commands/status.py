@@ -1,8 +1,9 @@
-"""The status word `0MDES` of R-PSx and W-PSx: its meaning for each kind of station, and the words that may be written.
+"""The status word `0MDES` of R-PSx and W-PSx: its meaning for each kind of station, and the words
+that may be written.
 
-The units digit is the state of the tool; the tens digit is the extractor state of soldering stations and the cooling of hot
-air (manual 002, "Tool Operating Status"; manual 001, 4.6; docs/reference/protocol.md, Status word;
-docs/reference/contradictions.md, B-17 to B-19).
+The units digit is the state of the tool; the tens digit is the extractor state of soldering
+stations and the cooling of hot air (manual 002, "Tool Operating Status"; manual 001, 4.6;
+docs/reference/protocol.md, Status word; docs/reference/contradictions.md, B-17 to B-19).
 """
 
 from __future__ import annotations
@@ -22,10 +23,11 @@ EXTRACTOR: StatusWord = (0, 0, 0, 1, 0)
 class StatusTable:
     """The status words of one kind of station.
 
-    `names` are the states by units digit; in `heating` the tool is at work, in `resting` it is safe. `orders` are the words
-    that may be written, by the name in a recipe; `last_resorts` are tried where another safe state is not reached, because the
-    tool cools by itself in them. With `tens_rests` the tens digit alone stops the work. With `has_suction` the hundreds digit
-    orders suction.
+    `names` are the states by units digit; in `heating` the tool is at work, in `resting` it is
+    safe. `orders` are the words that may be written, by the name in a recipe; `last_resorts` are
+    tried where another safe state is not reached, because the tool cools by itself in them. With
+    `tens_rests` the tens digit alone stops the work. With `has_suction` the hundreds digit orders
+    suction.
     """
 
     names: tuple[str, ...]
@@ -46,9 +48,15 @@ class StatusTable:
         return self.has_suction and word[2] == 1
 
     def safe_words(self, state: str, *, suction: bool) -> tuple[StatusWord, ...]:
-        """Return the words that make a tool safe, in the order to try: `state` with `suction`, without, then the last resorts."""
+        """Return the words that make a tool safe, in the order to try: `state` with `suction`,
+        without, then the last resorts.
+        """
         plain = self.orders[state]
-        words = (self.with_suction(plain, on=suction), plain, *(self.orders[name] for name in self.last_resorts))
+        words = (
+            self.with_suction(plain, on=suction),
+            plain,
+            *(self.orders[name] for name in self.last_resorts),
+        )
         return tuple(dict.fromkeys(words))
 
     def is_working(self, word: StatusWord) -> bool:
@@ -66,7 +74,8 @@ class StatusTable:
         return found[3] == ordered[3] or self.is_resting(found)
 
     def confirms(self, found: StatusWord, ordered: StatusWord) -> bool:
-        """Whether `found` confirms `ordered`: stand may have become sleep, and hot air may have cooled down.
+        """Whether `found` confirms `ordered`: stand may have become sleep, and hot air may have
+        cooled down.
 
         Suction, desoldering and motor are not compared.
         """
@@ -96,5 +105,7 @@ SOLDERING_STATUS = StatusTable(
     tens_rests=True,
 )
 
-NO_STATUS = StatusTable((), frozenset(), frozenset(), MappingProxyType({}), last_resorts=(), tens="", tens_rests=False)
+NO_STATUS = StatusTable(
+    (), frozenset(), frozenset(), MappingProxyType({}), last_resorts=(), tens="", tens_rests=False
+)
 """For stations without a status word."""

@@ -1,9 +1,11 @@
 """An audit as CSV, with a row for each thing that is known or not known, and as one JSON object.
 
-Each CSV row names its audit, line and station. `kind` is what it is about: a `station` (its state is that of its worst task), a
-`counter` (`value` as read, `low` and `high` the work since `since`, `state` the kind of the last difference), a `task` (`value` its
-service interval, `low` and `high` the used per cent), a `use` figure, an `error` as read now, a `parameter` that drifted, a `note`.
-Times are UTC in ISO 8601. Without an upper end `high` is empty, as is what is not known; JSON has null there.
+Each CSV row names its audit, line and station. `kind` is what it is about: a `station` (its state
+is that of its worst task), a `counter` (`value` as read, `low` and `high` the work since `since`,
+`state` the kind of the last difference), a `task` (`value` its service interval, `low` and `high`
+the used per cent), a `use` figure, an `error` as read now, a `parameter` that drifted, a `note`.
+Times are UTC in ISO 8601. Without an upper end `high` is empty, as is what is not known; JSON has
+null there.
 """
 
 from __future__ import annotations
@@ -22,7 +24,19 @@ from jbclog.report.text import Row
 
 SCHEMA: Final = 1
 COLUMNS: Final = (
-    *("schema", "audit", "line", "station", "url", "family", "model", "software", "seen", "source", "last_seen"),
+    *(
+        "schema",
+        "audit",
+        "line",
+        "station",
+        "url",
+        "family",
+        "model",
+        "software",
+        "seen",
+        "source",
+        "last_seen",
+    ),
     *("kind", "port", "name", "unit", "value", "low", "high", "standing", "state", "since"),
     *("due_p10", "due_p50", "due_p90", "part", "text"),
 )
@@ -57,25 +71,52 @@ def _head(audit: FleetAudit, station: StationAudit) -> Row:
 
 
 def _of_station(station: StationAudit) -> Iterator[Row]:
-    yield {"kind": "station", "value": station.audits, "state": station.state.value, "text": station.why}
+    yield {
+        "kind": "station",
+        "value": station.audits,
+        "state": station.state.value,
+        "text": station.why,
+    }
     yield from map(_counter, station.meters)
     yield from map(_task, station.tasks)
     for figure in station.use:
-        row: Row = {"kind": "use", "port": figure.port, "name": figure.name, "unit": figure.unit, "value": figure.value}
+        row: Row = {
+            "kind": "use",
+            "port": figure.port,
+            "name": figure.name,
+            "unit": figure.unit,
+            "value": figure.value,
+        }
         yield row | _range(figure.range) | {"text": figure.why or figure.title}
     yield from _errors(station)
     for drift in station.drifts:
-        yield {"kind": "parameter", "name": drift.name, "value": drift.value, "state": drift.than, "text": drift.text}
+        yield {
+            "kind": "parameter",
+            "name": drift.name,
+            "value": drift.value,
+            "state": drift.than,
+            "text": drift.text,
+        }
     for note in station.notes:
         yield {"kind": "note", "text": note}
 
 
 def _counter(meter: Meter) -> Row:
     total = meter.counter_total
-    row: Row = {"kind": "counter", "port": meter.port, "name": meter.counter, "unit": meter.unit, "since": total.since}
+    row: Row = {
+        "kind": "counter",
+        "port": meter.port,
+        "name": meter.counter,
+        "unit": meter.unit,
+        "since": total.since,
+    }
     row |= _range(total.total)
     if meter.read is not None:
-        row |= {"value": meter.read.value, "standing": meter.read.standing.value, "text": meter.read.why}
+        row |= {
+            "value": meter.read.value,
+            "standing": meter.read.standing.value,
+            "text": meter.read.why,
+        }
     if meter.last is not None:
         row |= {"state": meter.last.kind.value}
         row["text"] = row.get("text") or meter.last.text
@@ -83,7 +124,13 @@ def _counter(meter: Meter) -> Row:
 
 
 def _task(task: TaskState) -> Row:
-    row: Row = {"kind": "task", "port": task.port, "name": task.task, "unit": task.unit, "value": task.life}
+    row: Row = {
+        "kind": "task",
+        "port": task.port,
+        "name": task.task,
+        "unit": task.unit,
+        "value": task.life,
+    }
     row |= _range(task.percent) | {
         "state": task.state.value,
         "since": task.since,
@@ -91,7 +138,9 @@ def _task(task: TaskState) -> Row:
         "text": task.why or task.told_by or task.title,
     }
     due = task.due
-    return row | ({} if due is None else {"due_p10": due.p10, "due_p50": due.p50, "due_p90": due.p90})
+    return row | (
+        {} if due is None else {"due_p10": due.p10, "due_p50": due.p50, "due_p90": due.p90}
+    )
 
 
 def _errors(station: StationAudit) -> Iterator[Row]:
@@ -105,7 +154,11 @@ def _errors(station: StationAudit) -> Iterator[Row]:
 
 
 def _range(found: Interval | None) -> Row:
-    return {} if found is None else {"low": found.low, "high": found.high if math.isfinite(found.high) else None}
+    return (
+        {}
+        if found is None
+        else {"low": found.low, "high": found.high if math.isfinite(found.high) else None}
+    )
 
 
 def _yes(is_so: bool) -> str:

@@ -1,7 +1,8 @@
 """The overview of an audit, and how ranges, dates and states are written.
 
-Used-up service intervals are ordered by their use, the others by their due date. A station that did not answer has the state of its
-last readings; without a worse one it stands between tasks that are due soon and those that are not known.
+Used-up service intervals are ordered by their use, the others by their due date. A station that did
+not answer has the state of its last readings; without a worse one it stands between tasks that are
+due soon and those that are not known.
 """
 
 from __future__ import annotations
@@ -47,10 +48,15 @@ COUNTERS: Final = {
 
 
 def span(value: Interval | None, digits: int = 0) -> str:
-    """Return ``40 to 42``; one number where both ends read alike; ``40 or more`` without a bound; a dash for not known."""
+    """Return ``40 to 42``; one number where both ends read alike; ``40 or more`` without a bound; a
+    dash for not known.
+    """
     if value is None:
         return "–"
-    low, high = number(round(value.low, digits)), number(round(value.high, digits)) if isfinite(value.high) else None
+    low, high = (
+        number(round(value.low, digits)),
+        (number(round(value.high, digits)) if isfinite(value.high) else None),
+    )
     return f"{low} or more" if high is None else low if low == high else f"{low} to {high}"
 
 
@@ -61,18 +67,30 @@ def percent(value: Interval | None) -> str:
     low = floor(value.low + 1e-9)
     if low >= OFF_SCALE:
         return f"over {number(OFF_SCALE)} %"
-    return f"{span(Interval(low, floor(value.high + 1e-9)))} %" if value.is_bounded else f"{number(low)} % or more"
+    return (
+        f"{span(Interval(low, floor(value.high + 1e-9)))} %"
+        if value.is_bounded
+        else f"{number(low)} % or more"
+    )
 
 
 def of_life(task: TaskState) -> str:
     """Return ``1 640 to 1 642 of 2 000 h``; millimetres as metres."""
-    scale, unit = (1000.0, "m") if task.unit == "mm" else (1.0, "" if task.unit == "count" else task.unit)
+    scale, unit = (
+        (1000.0, "m") if task.unit == "mm" else (1.0, "" if task.unit == "count" else task.unit)
+    )
     interval = f"{number(task.life / scale)} {unit}".rstrip()
-    return f"not known, of {interval}" if task.used is None else f"{span(task.used.per(scale))} of {interval}"
+    return (
+        f"not known, of {interval}"
+        if task.used is None
+        else f"{span(task.used.per(scale))} of {interval}"
+    )
 
 
 def window(task: TaskState) -> str:
-    """Return ``2027-03-12 to 2027-06-04``; one day only for tasks by calendar; the reason where there is no range."""
+    """Return ``2027-03-12 to 2027-06-04``; one day only for tasks by calendar; the reason where
+    there is no range.
+    """
     if task.due is not None:
         return _by_calendar(task) if task.counter == DAYS else _range(task.due)
     return USED_UP if task.state in (State.DUE, State.OVERDUE) else task.why or "not known"
@@ -110,7 +128,11 @@ def counted(number_of: int, one: str, many: str | None = None) -> str:
 def listed(words: Iterable[str]) -> str:
     """Return ``a, b and c``."""
     all_of_it = list(words)
-    return " and ".join([", ".join(all_of_it[:-1]), all_of_it[-1]]) if len(all_of_it) > 1 else "".join(all_of_it)
+    return (
+        " and ".join([", ".join(all_of_it[:-1]), all_of_it[-1]])
+        if len(all_of_it) > 1
+        else "".join(all_of_it)
+    )
 
 
 BASELINE: Final = ("unknown", "✓", "BASELINE RECORDED")
@@ -135,12 +157,16 @@ class DueRow:
     @property
     def others(self) -> tuple[TaskState, ...]:
         """The other tasks that are overdue, due or due soon."""
-        return tuple(task for task in self.tasks[1:] if task.state in (State.OVERDUE, State.DUE, State.SOON))
+        return tuple(
+            task for task in self.tasks[1:] if task.state in (State.OVERDUE, State.DUE, State.SOON)
+        )
 
     @property
     def state(self) -> tuple[str, str, str]:
         """Class, sign and word."""
-        if self.worst is None or (not self.station.seen and self.worst.state in (State.UNKNOWN, State.FINE)):
+        if self.worst is None or (
+            not self.station.seen and self.worst.state in (State.UNKNOWN, State.FINE)
+        ):
             return NOT_SEEN if not self.station.seen else ("unknown", "–", "no task")
         return STATES[self.worst.state]
 
@@ -154,7 +180,9 @@ class DueRow:
 
 @dataclass(frozen=True, slots=True)
 class AuditOverview:
-    """The headline (class, sign, words), how many stations are in each state, reasons, and the rows."""
+    """The headline (class, sign, words), how many stations are in each state, reasons, and the
+    rows.
+    """
 
     headline: tuple[str, str, str]
     counts: tuple[tuple[str, str, str, int], ...]
@@ -164,12 +192,21 @@ class AuditOverview:
 
 def overview_of(audit: FleetAudit) -> AuditOverview:
     """Return the overview of an audit."""
-    rows = sorted((_row(at, station) for at, station in enumerate(audit.stations)), key=lambda row: row.rank)
-    order = [*(STATES[state] for state in WORST_FIRST[:3]), NOT_SEEN, STATES[State.UNKNOWN], ("unknown", "–", "no task")]
+    rows = sorted(
+        (_row(at, station) for at, station in enumerate(audit.stations)), key=lambda row: row.rank
+    )
+    order = [
+        *(STATES[state] for state in WORST_FIRST[:3]),
+        NOT_SEEN,
+        STATES[State.UNKNOWN],
+        ("unknown", "–", "no task"),
+    ]
     order.append(STATES[State.FINE])
     counts = [(*state, sum(row.state == state for row in rows)) for state in order]
     present = tuple(one for one in counts if one[3])
-    return AuditOverview(_headline(audit, present), present, tuple(_reasons(audit, rows)), tuple(rows))
+    return AuditOverview(
+        _headline(audit, present), present, tuple(_reasons(audit, rows)), tuple(rows)
+    )
 
 
 def _row(at: int, station: StationAudit) -> DueRow:
@@ -189,13 +226,23 @@ def _reached(task: TaskState) -> float:
 
 
 def is_baseline(audit: FleetAudit) -> bool:
-    """Whether all stations were read, each for the first time, and nothing is due: there is nothing to compare with yet."""
+    """Whether all stations were read, each for the first time, and nothing is due: there is nothing
+    to compare with yet.
+    """
     urgent = (State.OVERDUE, State.DUE, State.SOON)
-    is_calm = not audit.wrong and not any(one.doubts or any(task.state in urgent for task in one.tasks) for one in audit.stations)
-    return bool(audit.stations) and is_calm and all(one.seen and one.audits == 1 for one in audit.stations)
+    is_calm = not audit.wrong and not any(
+        one.doubts or any(task.state in urgent for task in one.tasks) for one in audit.stations
+    )
+    return (
+        bool(audit.stations)
+        and is_calm
+        and all(one.seen and one.audits == 1 for one in audit.stations)
+    )
 
 
-def _headline(audit: FleetAudit, counts: Sequence[tuple[str, str, str, int]]) -> tuple[str, str, str]:
+def _headline(
+    audit: FleetAudit, counts: Sequence[tuple[str, str, str, int]]
+) -> tuple[str, str, str]:
     if not audit.stations:
         return ("unknown", "?", "NO STATION AUDITED")
     style, sign, word, number = counts[0]
@@ -210,15 +257,30 @@ def _headline(audit: FleetAudit, counts: Sequence[tuple[str, str, str, int]]) ->
 
 def _reasons(audit: FleetAudit, rows: Sequence[DueRow]) -> list[str]:
     """Return the reasons of the headline, the worst first."""
-    found = [_reason(row.station, task) for row in rows for task in row.tasks if task.state in (State.OVERDUE, State.DUE)]
-    found += [f"{row.station.station}: not seen, last on {day(row.station.last_seen)}" for row in rows if not row.station.seen]
+    found = [
+        _reason(row.station, task)
+        for row in rows
+        for task in row.tasks
+        if task.state in (State.OVERDUE, State.DUE)
+    ]
+    found += [
+        f"{row.station.station}: not seen, last on {day(row.station.last_seen)}"
+        for row in rows
+        if not row.station.seen
+    ]
     doubts = sum(len(station.doubts) for station in audit.stations)
     if doubts:
         found.append(f"{counted(doubts, 'counter')} changed implausibly; see counter changes")
     if audit.wrong:
-        lines = counted(len(audit.wrong), "line") if len(audit.wrong) <= MOST_FAULTS else f"more than {MOST_FAULTS} lines"
+        lines = (
+            counted(len(audit.wrong), "line")
+            if len(audit.wrong) <= MOST_FAULTS
+            else f"more than {MOST_FAULTS} lines"
+        )
         found.append(f"The ledger is damaged: {lines} ignored")
-    found += [_reason(row.station, task) for row in rows for task in row.tasks if task.state is State.SOON]
+    found += [
+        _reason(row.station, task) for row in rows for task in row.tasks if task.state is State.SOON
+    ]
     found += _unknown(rows)
     return [*baseline(audit), *found] if is_baseline(audit) else found or [_calm(audit)]
 
@@ -229,13 +291,17 @@ def _unknown(rows: Sequence[DueRow]) -> Iterator[str]:
     for row in rows:
         for task in row.tasks:
             if task.state is State.UNKNOWN:
-                found.setdefault(f"{task.title}, {task.why or 'not known'}", []).append(place(row.station.station, task.port))
+                found.setdefault(f"{task.title}, {task.why or 'not known'}", []).append(
+                    place(row.station.station, task.port)
+                )
     yield from (f"{listed(places)}: {text}" for text, places in found.items())
 
 
 def baseline(audit: FleetAudit) -> Iterator[str]:
     """Yield what a first audit did, and what to do next."""
-    yield f"First audit: {counted(len(audit.stations), 'station')} read; their use counts from here."
+    yield (
+        f"First audit: {counted(len(audit.stations), 'station')} read; their use counts from here."
+    )
     yield f"Next: audit daily. Due dates need at least {FEW + 1} audits."
     if not any(one.tasks for one in audit.stations):
         yield "No task is defined: --tasks names a file of tasks with their service intervals."
@@ -243,7 +309,10 @@ def baseline(audit: FleetAudit) -> Iterator[str]:
 
 def _reason(station: StationAudit, task: TaskState) -> str:
     when = f", due {window(task)}" if task.state is State.SOON else ""
-    return f"{place(station.station, task.port)}: {task.title}, {percent(task.percent)} of its service interval{when}"
+    return (
+        f"{place(station.station, task.port)}: {task.title}, {percent(task.percent)} of its service"
+        f" interval{when}"
+    )
 
 
 def _calm(audit: FleetAudit) -> str:

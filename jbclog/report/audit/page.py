@@ -1,7 +1,8 @@
-"""The page of an audit: one HTML file without links to other files. The same audit gives the same bytes.
+"""The page of an audit: one HTML file without links to other files. The same audit gives the same
+bytes.
 
-The template engine cleans and escapes all text from outside; drawings hold numbers only; a content security policy forbids every
-request and every script.
+The template engine cleans and escapes all text from outside; drawings hold numbers only; a content
+security policy forbids every request and every script.
 """
 
 from __future__ import annotations
@@ -19,7 +20,16 @@ from jbclog.analysis.figures.canvas import styled
 from jbclog.core.text import clean, number, stamp, together
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind
-from jbclog.maintenance.fleet import ABSENT, FLEET, TITLES, FleetAudit, Meter, StationAudit, UseFigure, Week
+from jbclog.maintenance.fleet import (
+    ABSENT,
+    FLEET,
+    TITLES,
+    FleetAudit,
+    Meter,
+    StationAudit,
+    UseFigure,
+    Week,
+)
 from jbclog.report.audit import overview, plots
 from jbclog.report.audit.overview import listed, overview_of, span
 
@@ -73,8 +83,12 @@ class UseRow:
 
     @property
     def shares(self) -> tuple[float, float, float] | None:
-        """Worked, slept, without a tool, per cent of the time plugged in; None where one of them is not known."""
-        work, sleep, tool = (self.value(name) for name in ("use_percent", "sleep_percent", "no_tool_percent"))
+        """Worked, slept, without a tool, per cent of the time plugged in; None where one of them is
+        not known.
+        """
+        work, sleep, tool = (
+            self.value(name) for name in ("use_percent", "sleep_percent", "no_tool_percent")
+        )
         return None if work is None or sleep is None or tool is None else (work, sleep, tool)
 
 
@@ -86,13 +100,19 @@ def use_rows(audit: FleetAudit, notes: Notes) -> list[UseRow]:
         if station.use or station.weeks
     ]
     return sorted(
-        rows, key=lambda row: (-(row.value("work_h_a_day_365") or row.value("work_h_a_day_30") or -1), row.station.station)
+        rows,
+        key=lambda row: (
+            -(row.value("work_h_a_day_365") or row.value("work_h_a_day_30") or -1),
+            row.station.station,
+        ),
     )
 
 
 def courses(audit: FleetAudit) -> list[tuple[Week, ...]]:
     """Return the years of the stations of which any week is known."""
-    return [station.weeks for station in audit.stations if any(week.per_day for week in station.weeks)]
+    return [
+        station.weeks for station in audit.stations if any(week.per_day for week in station.weeks)
+    ]
 
 
 def fleet_weeks(audit: FleetAudit) -> list[tuple[Week, int]]:
@@ -118,13 +138,19 @@ class DriftRow:
 
 
 def drift_rows(audit: FleetAudit) -> list[DriftRow]:
-    """Return the drifts, differences from the fleet first; stations with the same drift share a row."""
+    """Return the drifts, differences from the fleet first; stations with the same drift share a
+    row.
+    """
     found: dict[tuple[bool, str, str], list[str]] = {}
     for station in audit.stations:
         for drift in station.drifts:
-            found.setdefault((drift.than != FLEET, drift.name, drift.text), []).append(station.station)
+            found.setdefault((drift.than != FLEET, drift.name, drift.text), []).append(
+                station.station
+            )
     rows = sorted(found.items())
-    return [DriftRow(_setting(name), text, listed(at), not since) for (since, name, text), at in rows]
+    return [
+        DriftRow(_setting(name), text, listed(at), not since) for (since, name, text), at in rows
+    ]
 
 
 def _setting(name: str) -> str:
@@ -135,7 +161,9 @@ def _setting(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class CounterChange:
-    """Unusual changes of counters of one port that have the same interpretation, each with its unit."""
+    """Unusual changes of counters of one port that have the same interpretation, each with its
+    unit.
+    """
 
     station: str
     port: int
@@ -155,8 +183,19 @@ def marks(audit: FleetAudit) -> list[CounterChange]:
         for meter in station.meters:
             for one in filter(_is_shown, meter.counter_total.marks):
                 kind = one.kind.value.replace("_", "-")
-                mark = (station.station, one.port, one.begin, one.end, kind, one.text, one.rule.replace("_", " "), one.is_doubtful)
-                found.setdefault(mark, []).append(("" if meter.unit == "count" else meter.unit, one))
+                mark = (
+                    station.station,
+                    one.port,
+                    one.begin,
+                    one.end,
+                    kind,
+                    one.text,
+                    one.rule.replace("_", " "),
+                    one.is_doubtful,
+                )
+                found.setdefault(mark, []).append(
+                    ("" if meter.unit == "count" else meter.unit, one)
+                )
     together = [CounterChange(*mark, tuple(counters)) for mark, counters in found.items()]
     return sorted(together, key=lambda one: (one.end, one.station, one.port), reverse=True)
 
@@ -167,7 +206,10 @@ def _is_shown(one: Difference) -> bool:
 
 def turns(audit: FleetAudit) -> list[tuple[StationAudit, Meter, int]]:
     """Return counters that certainly rolled over, with how often."""
-    every = [(station, meter, [one for one in meter.counter_total.marks if not _is_shown(one)]) for station, meter in meters(audit)]
+    every = [
+        (station, meter, [one for one in meter.counter_total.marks if not _is_shown(one)])
+        for station, meter in meters(audit)
+    ]
     return [(station, meter, len(over)) for station, meter, over in every if over]
 
 
@@ -175,7 +217,12 @@ def meters(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
     """Yield each counter that ever counted."""
     for station in audit.stations:
         for meter in station.meters:
-            if meter.counter_total.first or meter.counter_total.total.high > 1 or meter.read is None or meter.read.value is None:
+            if (
+                meter.counter_total.first
+                or meter.counter_total.total.high > 1
+                or meter.read is None
+                or meter.read.value is None
+            ):
                 yield station, meter
 
 
@@ -205,9 +252,15 @@ def error_rows(audit: FleetAudit) -> Iterator[ErrorRow]:
             continue
         if errors.station not in (None, OK):
             yield ErrorRow(station.station, None, str(errors.station), True)
-        yield from (ErrorRow(station.station, port, text, True) for port, text in sorted(errors.ports.items()) if text != OK)
         yield from (
-            ErrorRow(station.station, None, f"{kind}: {n}", False) for kind, n in sorted((errors.events or {}).items()) if n
+            ErrorRow(station.station, port, text, True)
+            for port, text in sorted(errors.ports.items())
+            if text != OK
+        )
+        yield from (
+            ErrorRow(station.station, None, f"{kind}: {n}", False)
+            for kind, n in sorted((errors.events or {}).items())
+            if n
         )
 
 
@@ -271,7 +324,14 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         finalize=_shown,
     )
-    environment.filters.update(number=number, stamp=stamp, together=together, span=overview.span, percent=overview.percent)
+    environment.filters.update(
+        number=number, stamp=stamp, together=together, span=overview.span, percent=overview.percent
+    )
     environment.filters.update(day=overview.day, of_life=overview.of_life, window=overview.window)
-    environment.globals.update(place=overview.place, counted=overview.counted, COUNTERS=overview.COUNTERS, STATES=overview.STATES)
+    environment.globals.update(
+        place=overview.place,
+        counted=overview.counted,
+        COUNTERS=overview.COUNTERS,
+        STATES=overview.STATES,
+    )
     return environment

@@ -1,7 +1,8 @@
 """The drawings of an audit's page, of numbers only: nothing in them comes from outside.
 
-Colours follow Okabe and Ito, so that colour-blind readers and grey printers keep them apart; none carries a meaning alone: known
-parts are filled, possible parts are pale with an outline, and each drawing stands beside its figure in words.
+Colours follow Okabe and Ito, so that colour-blind readers and grey printers keep them apart; none
+carries a meaning alone: known parts are filled, possible parts are pale with an outline, and each
+drawing stands beside its figure in words.
 """
 
 from __future__ import annotations
@@ -58,14 +59,29 @@ class _Sketch:
             self.figure = new_figure(self.width, self.height)
         self.pixels = Affine2D().scale(1, -1).translate(0, self.height)
 
-    def fill(self, places: Iterable[tuple[float, float, float, float]], colour: str, outline: str = "none") -> None:
+    def fill(
+        self,
+        places: Iterable[tuple[float, float, float, float]],
+        colour: str,
+        outline: str = "none",
+    ) -> None:
         """Fill rectangles: left, top, width and height of each."""
         ends = [(x, x + max(width, 0), y + height, y) for x, y, width, height in places]
         edge = 0.8 if outline != "none" else 0
-        rectangles(self.figure, ends, "", facecolor=colour, edgecolor=outline, linewidth=edge, transform=self.pixels)
+        rectangles(
+            self.figure,
+            ends,
+            "",
+            facecolor=colour,
+            edgecolor=outline,
+            linewidth=edge,
+            transform=self.pixels,
+        )
 
     def line(self, x: Sequence[float], y: Sequence[float], colour: str, width: float = 1) -> None:
-        drawn = Line2D(x, y, color=colour, linewidth=width, solid_capstyle="projecting", transform=self.pixels)
+        drawn = Line2D(
+            x, y, color=colour, linewidth=width, solid_capstyle="projecting", transform=self.pixels
+        )
         drawn.set_zorder(1)  # as the areas
         self.figure.add_artist(drawn)
 
@@ -80,18 +96,23 @@ class _Sketch:
 
 
 def _svg(figure: Figure, label: str, look: str) -> Markup:
-    """Return a drawing as an element of the page, with what it shows for those who do not see it."""
+    """Return a drawing as an element of the page, with what it shows for those who do not see
+    it.
+    """
     figure.patch.set_visible(False)
     width, height = figure.get_size_inches() * 72
     head = f'<svg class="{look}" width="{width:g}" height="{height:g}" role="img" aria-label="'
-    return Markup(head) + clean(label) + Markup('"' + svg_body(figure))  # the label is escaped; the rest are our numbers
+    # the label is escaped; the rest are our numbers
+    return Markup(head) + clean(label) + Markup('"' + svg_body(figure))
 
 
-# -- the used part of a service interval --------------------------------------------------------------------------------------
+# -- the used part of a service interval -----------------------------------------------------------
 
 
 def bar(percent: Interval | None, state: State, label: str) -> Markup:
-    """Return a service interval: filled as far as surely used, pale as far as it may be, a line at its end."""
+    """Return a service interval: filled as far as surely used, pale as far as it may be, a line at
+    its end.
+    """
     width, height = BAR
     sketch, (fill, pale) = _Sketch(width, height), FILLS[state]
     if percent is None:
@@ -108,7 +129,7 @@ def bar(percent: Interval | None, state: State, label: str) -> Markup:
     return sketch.svg(label, "bar")
 
 
-# -- when it is due -----------------------------------------------------------------------------------------------------------
+# -- when it is due --------------------------------------------------------------------------------
 
 
 def months(now: str) -> Markup:
@@ -121,7 +142,9 @@ def months(now: str) -> Markup:
 
 
 def due(range_: Due | None, state: State, now: str, label: str) -> Markup:
-    """Return the range from P10 to P90 with a mark at P50; an arrow where it reaches beyond a year, no bar without a range."""
+    """Return the range from P10 to P90 with a mark at P50; an arrow where it reaches beyond a year,
+    no bar without a range.
+    """
     width, height = AXIS
     sketch = _Sketch(width, height)
     sketch.line([0, width], [height / 2, height / 2], LINE, 0.8)
@@ -131,7 +154,10 @@ def due(range_: Due | None, state: State, now: str, label: str) -> Markup:
     if range_ is None or range_.p10 is None:
         return sketch.svg(label, "axis")
     fill, pale = FILLS[state]
-    begin, middle, end = (1.5 if one is None else _ahead(_date(one), now) for one in (range_.p10, range_.p50, range_.p90))
+    begin, middle, end = (
+        1.5 if one is None else _ahead(_date(one), now)
+        for one in (range_.p10, range_.p50, range_.p90)
+    )
     left, right = (min(max(at, 0.0), 1.0) * width for at in (begin, end))
     if begin < 1:
         sketch.fill([(left, 3, max(right - left, 3), 8)], pale, fill)
@@ -142,7 +168,9 @@ def due(range_: Due | None, state: State, now: str, label: str) -> Markup:
     return sketch.svg(label, "axis")
 
 
-def _upright(x: Sequence[float], low: Sequence[float], high: Sequence[float]) -> tuple[list[float], list[float]]:
+def _upright(
+    x: Sequence[float], low: Sequence[float], high: Sequence[float]
+) -> tuple[list[float], list[float]]:
     """Return upright lines as one line with breaks."""
     none = float("nan")
     ends = [(a, b, none) for a, b in zip(low, high, strict=True)]
@@ -164,7 +192,7 @@ def _firsts(now: str) -> list[date]:
     return [date((begun + month) // 12, (begun + month) % 12 + 1, 1) for month in range(12)]
 
 
-# -- use ----------------------------------------------------------------------------------------------------------------------
+# -- use -------------------------------------------------------------------------------------------
 
 
 def spent(work: float, sleep: float, no_tool: float, label: str) -> Markup:
@@ -180,25 +208,40 @@ def spent(work: float, sleep: float, no_tool: float, label: str) -> Markup:
 
 
 def course(weeks: Sequence[Week], most: float, label: str) -> Markup:
-    """Return a year of weeks as columns, `most` hours a day at the top; pale where long times without a reading were spread."""
+    """Return a year of weeks as columns, `most` hours a day at the top; pale where long times
+    without a reading were spread.
+    """
     height = 26.0
     sketch = _Sketch(3.0 * len(weeks), height)
     for colour, places in _columns(weeks, most):
         scale = (height - 1) / most
-        sketch.fill([(3 * at, height - 1 - hours * scale, 2.2, hours * scale) for at, hours in places], colour)
+        sketch.fill(
+            [(3 * at, height - 1 - hours * scale, 2.2, hours * scale) for at, hours in places],
+            colour,
+        )
     sketch.line([0, sketch.width], [height - 0.5, height - 0.5], LINE)
     return sketch.svg(label, "course")
 
 
 def _columns(weeks: Sequence[Week], most: float) -> list[tuple[str, list[tuple[int, float]]]]:
-    """Return the hours a day of the weeks that are known, with their number, by colour; `most` at most."""
-    known = [(at, min(week.per_day.middle, most), week.is_spread) for at, week in enumerate(weeks) if week.per_day is not None]
+    """Return the hours a day of the weeks that are known, with their number, by colour; `most` at
+    most.
+    """
+    known = [
+        (at, min(week.per_day.middle, most), week.is_spread)
+        for at, week in enumerate(weeks)
+        if week.per_day is not None
+    ]
     kinds = ((WORK, False), (WORK_PALE, True))
-    return [(colour, [(at, hours) for at, hours, spread in known if spread == pale]) for colour, pale in kinds]
+    return [
+        (colour, [(at, hours) for at, hours, spread in known if spread == pale])
+        for colour, pale in kinds
+    ]
 
 
 def fleet_course(weeks: Sequence[tuple[Week, int]], of: int, wide: bool) -> Markup:
-    """Return the year of the fleet: port hours a day, week by week, with an axis; pale where few of its stations are known.
+    """Return the year of the fleet: port hours a day, week by week, with an axis; pale where few of
+    its stations are known.
 
     `weeks` are sums over the stations that are known that week, with their number.
     """
@@ -216,23 +259,49 @@ def fleet_course(weeks: Sequence[tuple[Week, int]], of: int, wide: bool) -> Mark
         axes.grid(visible=False, axis="x")
         axes.tick_params(labelsize=12)
         for colour, places in _columns(shown, most):
-            rectangles(axes, [(at + 0.1, at + 0.9, 0, hours) for at, hours in places], "weeks", facecolor=colour, clip_on=False)
+            rectangles(
+                axes,
+                [(at + 0.1, at + 0.9, 0, hours) for at, hours in places],
+                "weeks",
+                facecolor=colour,
+                clip_on=False,
+            )
         middles, low, high = np.array(_doubtful(shown, most), dtype=np.float64).reshape(-1, 3).T
         bars(axes, middles, low, high, "doubt", color=INK, linewidth=1, clip_on=False)
         begins = _month_begins(shown, wide)
         axes.set_xticks(list(begins), list(begins.values()), ha="left")
-        bars(axes, list(begins), [0.0] * len(begins), [-5 / 145 * most] * len(begins), "month", color=QUIET, clip_on=False)
-    return _svg(figure, f"working hours per day of all ports, {len(weeks)} weeks", "wide" if wide else "narrow")
+        bars(
+            axes,
+            list(begins),
+            [0.0] * len(begins),
+            [-5 / 145 * most] * len(begins),
+            "month",
+            color=QUIET,
+            clip_on=False,
+        )
+    return _svg(
+        figure,
+        f"working hours per day of all ports, {len(weeks)} weeks",
+        "wide" if wide else "narrow",
+    )
 
 
 def _doubtful(weeks: Sequence[Week], most: float) -> list[tuple[float, float, float]]:
-    """Return place, least and greatest hours a day of the weeks that are not known well, where that is seen."""
+    """Return place, least and greatest hours a day of the weeks that are not known well, where that
+    is seen.
+    """
     known = [(at + 0.5, week.per_day) for at, week in enumerate(weeks) if week.per_day is not None]
-    return [(at, min(hours.low, most), min(hours.high, most)) for at, hours in known if hours.width >= 3 / 145 * most]
+    return [
+        (at, min(hours.low, most), min(hours.high, most))
+        for at, hours in known
+        if hours.width >= 3 / 145 * most
+    ]
 
 
 def _month_begins(weeks: Sequence[Week], wide: bool) -> dict[int, str]:
-    """Return the weeks with which a month begins, and its name; on a narrow page each third month."""
+    """Return the weeks with which a month begins, and its name; on a narrow page each third
+    month.
+    """
     found = {}
     for at, week in enumerate(weeks):
         month = int(week.begin[5:7])
@@ -242,8 +311,12 @@ def _month_begins(weeks: Sequence[Week], wide: bool) -> dict[int, str]:
 
 
 def scale_of(weeks: Iterable[Week]) -> float:
-    """Return a round number of hours a day above what was surely worked in any week; what may have been is cut off there."""
-    return nice(1.1 * max((week.per_day.low for week in weeks if week.per_day is not None), default=1.0))
+    """Return a round number of hours a day above what was surely worked in any week; what may have
+    been is cut off there.
+    """
+    return nice(
+        1.1 * max((week.per_day.low for week in weeks if week.per_day is not None), default=1.0)
+    )
 
 
 def nice(value: float) -> float:

@@ -9,14 +9,22 @@ from jbclog.core.errors import LinkError, LinkFlooded, PortBusy, PortForbidden, 
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES, accept_line
 from jbclog.protocol.frame import Frame, FrameReader
-from jbclog.session.discovery.found import ADDRESSES, THOROUGH, PortReport, ScanFinding, StationFound, plan_for
+from jbclog.session.discovery.found import (
+    ADDRESSES,
+    THOROUGH,
+    PortReport,
+    ScanFinding,
+    StationFound,
+    plan_for,
+)
 from jbclog.session.discovery.scan import address_of
 
 SHOWN_BYTES = 12
 
 SWITCH_ON = "switch Robot mode on in the station's menu"
 IS_IT_ON = "see that the station is on and that Robot mode is on in its menu; if so, "
-EXCHANGE = f"{IS_IT_ON}exchange transmit and receive in the cable (RJ12: pins 3 and 4)"  # docs/reference/contradictions.md, B-2
+# docs/reference/contradictions.md, B-2
+EXCHANGE = f"{IS_IT_ON}exchange transmit and receive in the cable (RJ12: pins 3 and 4)"
 ALL = tuple(range(1, 100))
 BREAKS: tuple[tuple[type[LinkError], str], ...] = (
     (PortBusy, "port.busy"),
@@ -34,7 +42,11 @@ def diagnose(report: PortReport) -> list[ScanFinding]:
     if report.broken is not None:
         return [_broken(report.url, report.broken)]
     if report.station is not None:
-        return [] if report.station.is_drivable else [_not_drivable(report.url, report.station, report.asked)]
+        return (
+            []
+            if report.station.is_drivable
+            else [_not_drivable(report.url, report.station, report.asked)]
+        )
     if report.stopped:
         return []
     return [_nobody(report)]
@@ -50,47 +62,93 @@ def _broken(url: str, error: LinkError) -> ScanFinding:
 def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]) -> ScanFinding:
     who = f"a station answers at {station.line}, {station.addressing}"
     if station.contradicts:
-        return ScanFinding("line.noisy", url, f"{who}, and says something else each time: {station.trouble}", FIRMLY)
+        return ScanFinding(
+            "line.noisy",
+            url,
+            f"{who}, and says something else each time: {station.trouble}",
+            FIRMLY,
+        )
     if station.robot_mode is False:
-        return ScanFinding("robot_mode.off", url, f"{who}, and refuses with N 00005: Robot mode is off", SWITCH_ON)
-    if station.address is not None and station.address not in asked and (station.refusal or station.trouble):
-        step = f"ask it: `jbclog scan {url} --addresses {station.address}`; in a line file it is `address = {station.address}`"
-        does = f"refuses what was not for it ({station.refusal})" if station.refusal else f"then does not: {station.trouble}"
+        return ScanFinding(
+            "robot_mode.off", url, f"{who}, and refuses with N 00005: Robot mode is off", SWITCH_ON
+        )
+    if (
+        station.address is not None
+        and station.address not in asked
+        and (station.refusal or station.trouble)
+    ):
+        step = (
+            f"ask it: `jbclog scan {url} --addresses {station.address}`; in a line file it is"
+            f" `address = {station.address}`"
+        )
+        does = (
+            f"refuses what was not for it ({station.refusal})"
+            if station.refusal
+            else f"then does not: {station.trouble}"
+        )
         return ScanFinding("line.address", url, f"{who}, and {does}", step)
     if station.refusal is not None:
         step = "set the addresses of its menu to the usual ones (01, or none), and scan again"
-        return ScanFinding("station.refuses", url, f"{who}, and does not say its model ({station.refusal})", step)
+        return ScanFinding(
+            "station.refuses", url, f"{who}, and does not say its model ({station.refusal})", step
+        )
     if station.trouble is not None:
-        return ScanFinding("station.silent", url, f"{who}, and then does not: {station.trouble}", "see that its plug sits firmly")
+        return ScanFinding(
+            "station.silent",
+            url,
+            f"{who}, and then does not: {station.trouble}",
+            "see that its plug sits firmly",
+        )
     driven = ", ".join(name for name, family in FAMILIES.items() if family.models)
-    step = f"if you know what it is, name its family in the line file ({driven}), and add {accept_line(str(station.model))}"
-    return ScanFinding("station.unknown", url, f"{who}, and says model {station.model!r}, which no table has", step)
+    step = (
+        f"if you know what it is, name its family in the line file ({driven}), and add"
+        f" {accept_line(str(station.model))}"
+    )
+    return ScanFinding(
+        "station.unknown", url, f"{who}, and says model {station.model!r}, which no table has", step
+    )
 
 
 def _nobody(report: PortReport) -> ScanFinding:
     """Return why no station answers, by the surest sign."""
     url = report.url
     if report.binary is not None:
-        what = f"what comes at {report.binary} is like JBC's binary protocol, which a station speaks that is not in Robot mode"
+        what = (
+            f"what comes at {report.binary} is like JBC's binary protocol, which a station speaks"
+            " that is not in Robot mode"
+        )
         return ScanFinding("robot_mode.binary", url, what, SWITCH_ON)
     if report.flood is not None:
         return _broken(url, report.flood)
     if report.echoed:
-        what = "each question comes back as it was sent, and no answer: a loop-back, or an adapter for RS-485 with echo"
-        return ScanFinding("line.echo", url, what, "take the loop-back off, or take an adapter for RS-232")
+        what = (
+            "each question comes back as it was sent, and no answer: a loop-back, or an adapter for"
+            " RS-485 with echo"
+        )
+        return ScanFinding(
+            "line.echo", url, what, "take the loop-back off, or take an adapter for RS-232"
+        )
     heard = list(dict.fromkeys(_heard_addresses(report)))
     if heard:
         return _other_address(report, *heard[0])
     if report.garbage:
         return ScanFinding(
-            "line.format", url, f"something speaks, in no line format that was tried: {_heard(report)}", _next_try(report)
+            "line.format",
+            url,
+            f"something speaks, in no line format that was tried: {_heard(report)}",
+            _next_try(report),
         )
     if report.untried:
         step = f"give it more time: `jbclog scan {url}{_options(report)}` without --seconds"
         return ScanFinding(
-            "scan.cut", url, f"nothing answers in {_formats(report)}; the time was over before the rest was tried", step
+            "scan.cut",
+            url,
+            f"nothing answers in {_formats(report)}; the time was over before the rest was tried",
+            step,
         )
-    return ScanFinding("line.silent", url, f"nothing answers in {_formats(report)}", _look_again(report))
+    return ScanFinding(
+        "line.silent", url, f"nothing answers in {_formats(report)}", _look_again(report)
+    )
 
 
 def _heard_addresses(report: PortReport) -> Iterator[tuple[LineFormat, int]]:
@@ -102,29 +160,49 @@ def _heard_addresses(report: PortReport) -> Iterator[tuple[LineFormat, int]]:
 
 
 def _other_address(report: PortReport, line: LineFormat, address: int) -> ScanFinding:
-    """Handle a JBC frame from another address: the line format is right, but the station was not tried or is not identified."""
+    """Handle a JBC frame from another address: the line format is right, but the station was not
+    tried or is not identified.
+    """
     url, number = report.url, f"{address:02d}"
-    kind = {10: ", which 004 gives to solder feeders", 20: ", which 004 gives to fume extractors"}.get(address, "")
+    kind = {
+        10: ", which 004 gives to solder feeders",
+        20: ", which 004 gives to fume extractors",
+    }.get(address, "")
     if address in report.asked:
-        what = f"a frame of address {number}{kind} came at {line}, and no answer to the question for its model"
+        what = (
+            f"a frame of address {number}{kind} came at {line}, and no answer to the question for"
+            " its model"
+        )
         step = "connect a station that jbclog drives; this one does not say its model"
         return ScanFinding("station.refuses", url, what, step)
     asked = ", ".join("none" if one is None else f"{one:02d}" for one in report.asked)
     what = f"a frame of address {number}{kind} came at {line}; asked were the addresses {asked}"
-    numbers = _ranges([*(one for one in report.asked if one is not None and one not in ADDRESSES), address])
-    step = f"ask it: `jbclog scan {url} --addresses {numbers}`; in a line file it is `address = {address}`"
+    numbers = _ranges(
+        [*(one for one in report.asked if one is not None and one not in ADDRESSES), address]
+    )
+    step = (
+        f"ask it: `jbclog scan {url} --addresses {numbers}`; in a line file it is `address ="
+        f" {address}`"
+    )
     return ScanFinding("line.address", url, what, step)
 
 
 def _look_again(report: PortReport) -> str:
-    """Suggest untried formats and addresses, which are likelier than crossed wires and need no soldering."""
+    """Suggest untried formats and addresses, which are likelier than crossed wires and need no
+    soldering.
+    """
     if _is_thorough(report) and set(ALL) <= set(report.asked):
         return EXCHANGE
     thorough = "" if _is_by_server(report) else " --thorough"
-    plan = plan_for(report.url, thorough=True, addresses=tuple(dict.fromkeys((*ADDRESSES, *ALL))), limit_s=None)
+    plan = plan_for(
+        report.url, thorough=True, addresses=tuple(dict.fromkeys((*ADDRESSES, *ALL))), limit_s=None
+    )
     what = "every address" if _is_by_server(report) else "every line format and address"
     minutes = math.ceil(plan.seconds / 60)
-    return f"{IS_IT_ON}try {what} (at most {minutes} min): `jbclog scan {report.url}{thorough} --addresses 1-99`"
+    return (
+        f"{IS_IT_ON}try {what} (at most {minutes} min): `jbclog scan {report.url}{thorough}"
+        " --addresses 1-99`"
+    )
 
 
 def _is_by_server(report: PortReport) -> bool:
@@ -165,12 +243,19 @@ def _next_try(report: PortReport) -> str:
     if _is_by_server(report):
         return "set the line format of the station's menu in the server behind this port"
     if _is_thorough(report):
-        return "see what is connected there: no line format that a station can have makes sense of it"
-    return f"look up the line format in the station's menu, or try them all: `jbclog scan --thorough {report.url}`"
+        return (
+            "see what is connected there: no line format that a station can have makes sense of it"
+        )
+    return (
+        "look up the line format in the station's menu, or try them all: `jbclog scan --thorough"
+        f" {report.url}`"
+    )
 
 
 def _formats(report: PortReport) -> str:
     tried = report.tried
     if len(tried) == 1:
-        return "the server's line format" if _is_by_server(report) else f"the line format {tried[0]}"
+        return (
+            "the server's line format" if _is_by_server(report) else f"the line format {tried[0]}"
+        )
     return f"{len(tried)} line formats ({', '.join(map(str, tried[:3]))}, …)"

@@ -13,7 +13,9 @@ from jbclog.protocol.commands.family import ROBOT, Family
 
 @dataclass(frozen=True, slots=True)
 class ScanFinding:
-    """A problem and the step that fixes it. `kind` is a dotted word for programs; `where` a port, station, folder or machine."""
+    """A problem and the step that fixes it. `kind` is a dotted word for programs; `where` a port,
+    station, folder or machine.
+    """
 
     kind: str
     where: str
@@ -22,14 +24,18 @@ class ScanFinding:
 
 
 ADDRESSES: tuple[int | None, ...] = (1, None, 10)
-"""Addresses to try: 01, the usual one, then none, then 10 (docs/reference/contradictions.md, B-7, B-8)."""
+"""Addresses to try: 01, the usual one, then none, then 10 (docs/reference/contradictions.md, B-7,
+B-8).
+"""
 
 ANSWER_S = 0.3  # response time allowed for (docs/reference/contradictions.md, B-13)
 OMEGA_ANSWER_S = 0.4  # 003, 11.1 prints 0.25 s (docs/reference/contradictions.md, B-47)
 OMEGA_ASKED = 2  # times; the first one right after JBC's requests may get lost
-BINARY_LISTEN_S = 1.3  # a station in its binary protocol sends by itself; no manual prints how often
+# a station in its binary protocol sends by itself; no manual prints how often
+BINARY_LISTEN_S = 1.3
 OPENING_S = 0.3  # for closing and opening a port
-LEARNING_S = 9.0  # for reading the identity: 26 requests, and some repeats, at the slowest known response time
+# for reading the identity: 26 requests, and some repeats, at the slowest known response time
+LEARNING_S = 9.0
 EXCHANGE = 28  # characters of a request and the longest answer to it
 
 
@@ -44,23 +50,40 @@ class Trial:
     def seconds(self, addresses: Sequence[int | None]) -> float:
         """Return the time it takes if nothing answers."""
         questions = len(addresses) * (ANSWER_S + self.line.seconds(EXCHANGE))
-        return OPENING_S + self.listens_s + questions + (OMEGA_ASKED * OMEGA_ANSWER_S if self.asks_omega else 0.0)
+        return (
+            OPENING_S
+            + self.listens_s
+            + questions
+            + (OMEGA_ASKED * OMEGA_ANSWER_S if self.asks_omega else 0.0)
+        )
 
 
 USUAL: tuple[Trial, ...] = (
-    Trial(LineFormat(19200, "8N1")),  # the newer units, whose format is fixed (002 and 004, "Physical Layer")
+    # the newer units, whose format is fixed (002 and 004, "Physical Layer")
+    Trial(LineFormat(19200, "8N1")),
     Trial(LineFormat(19200, "8E1")),  # the example of the older ones (000, 2)
-    Trial(LineFormat(9600, "8N1"), asks_omega=True),  # OMEGA's only one (003, 11.1; docs/reference/contradictions.md, B-46)
+    # OMEGA's only one (003, 11.1; docs/reference/contradictions.md, B-46)
+    Trial(LineFormat(9600, "8N1"), asks_omega=True),
     Trial(LineFormat(250000, "8E1"), listens_s=BINARY_LISTEN_S),
     Trial(LineFormat(500000, "8N1"), listens_s=BINARY_LISTEN_S),
     *(Trial(LineFormat(rate, "8N1")) for rate in (38400, 57600, 115200)),
     *(Trial(LineFormat(rate, "8E1")) for rate in (9600, 38400, 57600, 115200)),
 )
 
-_ALL = [LineFormat(rate, f"8{parity}{stops}") for stops in "12" for parity in "NEO" for rate in reversed(BAUDRATES)]
+_ALL = [
+    LineFormat(rate, f"8{parity}{stops}")
+    for stops in "12"
+    for parity in "NEO"
+    for rate in reversed(BAUDRATES)
+]
 
-THOROUGH: tuple[Trial, ...] = (*USUAL, *(Trial(line) for line in _ALL if line not in {trial.line for trial in USUAL}))
-"""Every line format of the older stations' menu (000, 2.1): twelve rates, three parities, one and two stop bits."""
+THOROUGH: tuple[Trial, ...] = (
+    *USUAL,
+    *(Trial(line) for line in _ALL if line not in {trial.line for trial in USUAL}),
+)
+"""Every line format of the older stations' menu (000, 2.1): twelve rates, three parities, one and
+two stop bits.
+"""
 
 BY_SERVER: tuple[Trial, ...] = (Trial(LineFormat(), asks_omega=True, listens_s=BINARY_LISTEN_S),)
 """For a port whose line format is set elsewhere: in the server behind socket://."""
@@ -68,7 +91,9 @@ BY_SERVER: tuple[Trial, ...] = (Trial(LineFormat(), asks_omega=True, listens_s=B
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
-    """What one port is tried with at most, and for how long. A station that answers ends the scan."""
+    """What one port is tried with at most, and for how long. A station that answers ends the
+    scan.
+    """
 
     trials: tuple[Trial, ...] = USUAL
     addresses: tuple[int | None, ...] = ADDRESSES
@@ -81,7 +106,13 @@ class ScanPlan:
         return needed if self.limit_s is None else self.limit_s
 
 
-def plan_for(url: str, *, thorough: bool = False, addresses: tuple[int | None, ...] = ADDRESSES, limit_s: float | None) -> ScanPlan:
+def plan_for(
+    url: str,
+    *,
+    thorough: bool = False,
+    addresses: tuple[int | None, ...] = ADDRESSES,
+    limit_s: float | None,
+) -> ScanPlan:
     """Return what to try at `url`."""
     usual = THOROUGH if thorough else USUAL
     return ScanPlan(BY_SERVER if url.startswith("socket:") else usual, addresses, limit_s)
@@ -103,12 +134,15 @@ class Turnaround:
 
 @dataclass(slots=True)
 class StationFound:
-    """A station that answers. `address` None: without addresses. Other fields are None where not known.
+    """A station that answers. `address` None: without addresses. Other fields are None where not
+    known.
 
-    `robot_mode` is False after a refusal with N 00005, else None: a station may answer reads and refuse writes, so it is not known
-    before the first write. `tools` are the ports that answer, with their tools' names (``none``: empty port; None: not
-    known). `not_answered` are commands that every station of its family has, but not this one. `refusal` is its refusal of the
-    model request, `trouble` why the scan of it was aborted, and `contradicts` that its answers differed each time.
+    `robot_mode` is False after a refusal with N 00005, else None: a station may answer reads and
+    refuse writes, so it is not known before the first write. `tools` are the ports that answer,
+    with their tools' names (``none``: empty port; None: not known). `not_answered` are commands
+    that every station of its family has, but not this one. `refusal` is its refusal of the model
+    request, `trouble` why the scan of it was aborted, and `contradicts` that its answers differed
+    each time.
     """
 
     line: LineFormat
@@ -132,7 +166,9 @@ class StationFound:
 
     @property
     def has_robot_mode(self) -> bool:
-        """Whether it is a JBC station, which has that mode and may have an address; so it is if its family is not known."""
+        """Whether it is a JBC station, which has that mode and may have an address; so it is if its
+        family is not known.
+        """
         return self.family is None or self.family.protocol == ROBOT
 
     @property
@@ -143,11 +179,13 @@ class StationFound:
 
 @dataclass(slots=True)
 class PortReport:
-    """The scan of one port, filled while it runs: who answers, what else arrived, and what was sent.
+    """The scan of one port, filled while it runs: who answers, what else arrived, and what was
+    sent.
 
-    `echoed`: a request came back unchanged. `binary` is the line format at which JBC's binary protocol was received.
-    `asked` are the addresses tried. `flood`: far more bytes arrived than answers have. `garbage` has at most `MOST_KEPT` bytes
-    a line format that were no answer. `sent` counts each request at each format.
+    `echoed`: a request came back unchanged. `binary` is the line format at which JBC's binary
+    protocol was received. `asked` are the addresses tried. `flood`: far more bytes arrived than
+    answers have. `garbage` has at most `MOST_KEPT` bytes a line format that were no answer. `sent`
+    counts each request at each format.
     """
 
     url: str

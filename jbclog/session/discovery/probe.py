@@ -32,15 +32,22 @@ def question_text(data: bytes) -> str | None:
         (asked,) = FrameReader().feed(data)
         assert isinstance(asked, Frame)
         name = _names(ROBOT).get(asked.text)
-        return name and f"{name}, {'without addresses' if asked.target is None else f'to address {asked.target:02d}'}"
+        to = "without addresses" if asked.target is None else f"to address {asked.target:02d}"
+        return name and f"{name}, {to}"
     return _names(OMEGA).get(data[1:-3].decode("ascii")) if omega.only_reads(data) else None
 
 
 @cache
 def _names(protocol: str) -> Mapping[str, str]:
-    """Return all harmless requests of a protocol: the characters after the header, and their names."""
-    tables = (family.commands.values() for family in FAMILIES.values() if family.protocol == protocol)
-    return MappingProxyType({code: name for table in tables for command in table for code, name in _questions(command)})
+    """Return all harmless requests of a protocol: the characters after the header, and their
+    names.
+    """
+    tables = (
+        family.commands.values() for family in FAMILIES.values() if family.protocol == protocol
+    )
+    return MappingProxyType(
+        {code: name for table in tables for command in table for code, name in _questions(command)}
+    )
 
 
 def _questions(command: Command) -> Iterator[tuple[str, str]]:
@@ -57,13 +64,16 @@ T = TypeVar("T")
 
 MOST_KEPT = 256  # bytes
 MEASURES = 3
-USUAL_ANSWERS = 200  # bytes a second; ten times that exceeds a line at 19200, where noise may have another cause
+# bytes a second; ten times that exceeds a line at 19200, where noise may have another cause
+USUAL_ANSWERS = 200
 HOST = 0
 MODEL = next(command for command in COMMON if command.name == "model")
 OMEGA_QUESTION = encode("A")  # 003, 11.3.1
-OMEGA_ANSWERS = frozenset(("a", *(f"a{state}" for state in "0123")))  # 003, 11.3.1 prints a without its digit
+# 003, 11.3.1 prints a without its digit
+OMEGA_ANSWERS = frozenset(("a", *(f"a{state}" for state in "0123")))
 
-DLE, NAK, STX = b"\x10", b"\x15", b"\x02"  # of JBC's binary protocol: a frame begins with DLE STX, a refusal is NAK
+# of JBC's binary protocol: a frame begins with DLE STX, a refusal is NAK
+DLE, NAK, STX = b"\x10", b"\x15", b"\x02"
 
 
 def model_question(address: int | None) -> bytes:
@@ -83,7 +93,8 @@ class Received:
 class Probe:
     """Collects what arrives. `now` is the time of the last result, monotonic seconds.
 
-    If more arrives at once than an answer has, it listens for a second, `MEASURES` times at most: `flood` is set if it continues.
+    If more arrives at once than an answer has, it listens for a second, `MEASURES` times at most:
+    `flood` is set if it continues.
     """
 
     def __init__(self) -> None:
@@ -91,7 +102,9 @@ class Probe:
         self.flood: LinkFlooded | None = None
         self._measures_left = MEASURES
 
-    def ask(self, question: bytes, patience_s: float, answer_in: Callable[[bytes], object | None]) -> Steps[Received]:
+    def ask(
+        self, question: bytes, patience_s: float, answer_in: Callable[[bytes], object | None]
+    ) -> Steps[Received]:
         """Send `question` and collect until `answer_in` finds an answer, or for `patience_s`."""
         heard = yield Ask(question, patience_s)
         until = heard.sent + patience_s
@@ -104,7 +117,11 @@ class Probe:
         return (yield from self._collect(heard, until, b"", lambda _: None))
 
     def _collect(
-        self, heard: IoResult, until: float, question: bytes, answer_in: Callable[[bytes], object | None]
+        self,
+        heard: IoResult,
+        until: float,
+        question: bytes,
+        answer_in: Callable[[bytes], object | None],
     ) -> Steps[Received]:
         data = heard.data
         while heard.data and len(data) < MOST_KEPT and answer_in(_without(question, data)) is None:
@@ -140,7 +157,11 @@ def robot_answer(data: bytes) -> Frame | None:
 def _is_answer(frame: Frame) -> bool:
     if frame.header == "N":
         return frame.text[-5:].isdigit()
-    return frame.header == "A" and frame.text.startswith(MODEL.letters) and len(frame.text) > len(MODEL.letters)
+    return (
+        frame.header == "A"
+        and frame.text.startswith(MODEL.letters)
+        and len(frame.text) > len(MODEL.letters)
+    )
 
 
 def omega_answer(data: bytes) -> str | None:
@@ -149,5 +170,7 @@ def omega_answer(data: bytes) -> str | None:
 
 
 def is_binary(data: bytes) -> bool:
-    """Whether this is the binary protocol of a station outside of Robot mode: frames after DLE, or repeated NAK."""
+    """Whether this is the binary protocol of a station outside of Robot mode: frames after DLE, or
+    repeated NAK.
+    """
     return DLE + STX in data or (bool(data) and not data.strip(NAK + DLE))

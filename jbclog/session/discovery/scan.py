@@ -2,11 +2,14 @@
 
 ::
 
-    open at a format -> listen for the binary protocol -> R-SMN to 01, without address, to 10 (-> OMEGA's A, twice)
+    open at a format -> listen for the binary protocol -> R-SMN to 01, without address, to 10 (->
+    OMEGA's A, twice)
          ↑ no answer                                                             ↓ answer
-         └─────────────────────────────────────                 R-SMN until two answers are equal -> read the identity
+         └─────────────────────────────────────                 R-SMN until two answers are equal ->
+         read the identity
 
-Sends only reads, and none that clears anything. Bytes that are no answer are kept for the diagnosis.
+Sends only reads, and none that clears anything. Bytes that are no answer are kept for the
+diagnosis.
 """
 
 from __future__ import annotations
@@ -15,7 +18,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle, islice
 
-from jbclog.core.errors import ImplausibleAnswer, LinkError, NotSupported, OutOfRange, StationError, StationSilent
+from jbclog.core.errors import (
+    ImplausibleAnswer,
+    LinkError,
+    NotSupported,
+    OutOfRange,
+    StationError,
+    StationSilent,
+)
 from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.serial_line import LineFormat
@@ -50,8 +60,8 @@ from jbclog.session.discovery.probe import (
     robot_answer,
 )
 
-# The identity: model, family, software, ports and tools, response time. A line file is made of it, so model, software, tool and
-# error need two equal answers.
+# The identity: model, family, software, ports and tools, response time. A line file is made of it,
+# so model, software, tool and error need two equal answers.
 ROBOT_OFF = 5
 FAULT_IN_FRAME = (1, 2)  # communication errors: the station did not understand the request
 PORTS = (1, 2, 3, 4)
@@ -60,7 +70,9 @@ COMMON_TO_ALL = FAMILIES["soldering"]  # its table is used where the family is n
 
 
 def of_answer(answer: Frame, line: LineFormat) -> tuple[StationFound, bool]:
-    """Return the sender of this answer to R-SMN, and whether the answer counts: a frame error may mean wrong addressing."""
+    """Return the sender of this answer to R-SMN, and whether the answer counts: a frame error may
+    mean wrong addressing.
+    """
     found = StationFound(line, address_of(answer))
     if answer.header == "A":
         found.model = str(MODEL.quantity.decode(answer.text[len(MODEL.letters) :]))
@@ -68,29 +80,43 @@ def of_answer(answer: Frame, line: LineFormat) -> tuple[StationFound, bool]:
         return found, True
     number = int(answer.text[-5:])
     found.robot_mode = False if number == ROBOT_OFF else None
-    found.refusal = f"N {number:05d}, {COMMUNICATION_ERRORS.get(number, 'unknown communication error')}"
+    found.refusal = (
+        f"N {number:05d}, {COMMUNICATION_ERRORS.get(number, 'unknown communication error')}"
+    )
     return found, number not in FAULT_IN_FRAME
 
 
 def address_of(answer: Frame) -> int | None:
-    """Return the address that is not the host's, in either order (docs/reference/contradictions.md, B-6)."""
+    """Return the address that is not the host's, in either order (docs/reference/contradictions.md,
+    B-6).
+    """
     if answer.source is None or answer.target is None:
         return None
     return answer.source if answer.source != HOST else answer.target
 
 
 def not_settled(line: LineFormat, given: Sequence[Frame]) -> StationFound:
-    """Return a station that answers, but never twice the same to R-SMN: nothing is known about it."""
+    """Return a station that answers, but never twice the same to R-SMN: nothing is known about
+    it.
+    """
     found = StationFound(line, address_of(given[0]), contradicts=len(given) > 1)
     answers = ", ".join(_answer_text(answer) for answer in given)
-    found.trouble = f"it answered its model as {answers}" if found.contradicts else f"it answered its model, {answers}, once only"
+    found.trouble = (
+        f"it answered its model as {answers}"
+        if found.contradicts
+        else f"it answered its model, {answers}, once only"
+    )
     return found
 
 
 def _answer_text(answer: Frame) -> str:
     """Format: ``'DDE' from address 01``."""
     address = address_of(answer)
-    what = f"'{answer.text[len(MODEL.letters) :].strip()}'" if answer.header == "A" else f"N {answer.text[-5:]}"
+    what = (
+        f"'{answer.text[len(MODEL.letters) :].strip()}'"
+        if answer.header == "A"
+        else f"N {answer.text[-5:]}"
+    )
     return what if address is None else f"{what} from address {address:02d}"
 
 
@@ -123,7 +149,9 @@ def _learn_station(client: Client, found: StationFound) -> Steps[None]:
 
 
 def _value_of(client: Client, table: Family, name: str) -> Steps[Value | None]:
-    """Return the value of a command; None where the family has none, or the station refuses or sends nothing readable."""
+    """Return the value of a command; None where the family has none, or the station refuses or
+    sends nothing readable.
+    """
     if name not in table.commands:
         return None
     try:
@@ -160,7 +188,9 @@ def _tool_name(family: Family | None, tool: Value | None) -> str | None:
 
 
 def _learn_turnaround(client: Client, found: StationFound) -> Steps[None]:
-    measured, answered = yield from response_time(client, _table(found), min(found.tools, default=1))
+    measured, answered = yield from response_time(
+        client, _table(found), min(found.tools, default=1)
+    )
     found.turnaround = None if measured is None else _turnaround(measured, found.line)
     found.not_answered = () if measured is None else measured.ignored
     if answered < LEAST_ANSWERED:
@@ -178,7 +208,9 @@ AGAIN = 4  # further requests for the model, at most
 
 @dataclass(slots=True)
 class ScanControl:
-    """Shared by the scan and the opener of its port: `line` is the format for the next opening; `stop` ends the scan soon."""
+    """Shared by the scan and the opener of its port: `line` is the format for the next opening;
+    `stop` ends the scan soon.
+    """
 
     line: LineFormat
     stop: bool = False
@@ -253,11 +285,14 @@ class _Scan:
             if is_meant:
                 yield from self._settle(answer, found, address, patience_s)
                 return True
-            refused = refused or found  # it may need the other addressing (docs/reference/contradictions.md, B-14)
+            # it may need the other addressing (docs/reference/contradictions.md, B-14)
+            refused = refused or found
         self._report.station = refused
         return refused is not None
 
-    def _settle(self, first: Frame, found: StationFound, address: int | None, patience_s: float) -> Steps[None]:
+    def _settle(
+        self, first: Frame, found: StationFound, address: int | None, patience_s: float
+    ) -> Steps[None]:
         """Repeat R-SMN until two answers agree on model and address, then read the rest.
 
         It is sent in turn to the address that answered and to the one that was tried.
@@ -275,11 +310,15 @@ class _Scan:
         self._report.station = not_settled(found.line, given)
 
     def _finds_omega(self, trial: Trial) -> Steps[bool]:
-        """Send A more than once: the end of a JBC frame can turn the STX of the first one into a digit of its sum."""
+        """Send A more than once: the end of a JBC frame can turn the STX of the first one into a
+        digit of its sum.
+        """
         for _ in range(OMEGA_ASKED):
             if self._is_over():
                 break
-            came = yield from self.probe.ask(OMEGA_QUESTION, OMEGA_ANSWER_S + trial.line.seconds(EXCHANGE), omega_answer)
+            came = yield from self.probe.ask(
+                OMEGA_QUESTION, OMEGA_ANSWER_S + trial.line.seconds(EXCHANGE), omega_answer
+            )
             if omega_answer(came.rest) is not None:
                 yield from self._learn(StationFound(trial.line, None, FAMILIES[OMEGA]))
                 return True

@@ -6,7 +6,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from jbclog.core.errors import NotSupported, OutOfRange, RobotModeOff, StartRefused, StationError, StationSilent, UsageError
+from jbclog.core.errors import (
+    NotSupported,
+    OutOfRange,
+    RobotModeOff,
+    StartRefused,
+    StationError,
+    StationSilent,
+    UsageError,
+)
 from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.serial_line import LineFormat
@@ -15,7 +23,13 @@ from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.client.timing import MODEL
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command, Scope
-from jbclog.protocol.commands.family import Family, family_of, model_not_accepted_text, other_model_text, unknown_model_text
+from jbclog.protocol.commands.family import (
+    Family,
+    family_of,
+    model_not_accepted_text,
+    other_model_text,
+    unknown_model_text,
+)
 from jbclog.protocol.commands.omega import CLEANING, is_condition
 
 PORTS = range(1, 5)
@@ -25,8 +39,8 @@ CONDITIONS = "101 to 199, 201 to 299, 301 to 399, or 0 for the cleaning"
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A station as the line file describes it. `family` is None for "auto", `ports` None for the family's own; `model` is the
-    accepted model name, None for none.
+    """A station as the line file describes it. `family` is None for "auto", `ports` None for the
+    family's own; `model` is the accepted model name, None for none.
     """
 
     name: str
@@ -39,7 +53,9 @@ class Target:
 
 
 class Place(NamedTuple):
-    """What a command addresses; all None is the whole station. `condition` is the number of an OMEGA solder condition."""
+    """What a command addresses; all None is the whole station. `condition` is the number of an
+    OMEGA solder condition.
+    """
 
     port: int | None = None
     tool: int | None = None
@@ -47,7 +63,9 @@ class Place(NamedTuple):
 
     def __str__(self) -> str:
         """Format: ``port 1, tool 2``; empty for the whole station."""
-        return ", ".join(f"{name} {number}" for name, number in self._asdict().items() if number is not None)
+        return ", ".join(
+            f"{name} {number}" for name, number in self._asdict().items() if number is not None
+        )
 
 
 WHOLE_STATION = Place()
@@ -55,7 +73,11 @@ WHOLE_STATION = Place()
 
 def title(command: Command, place: Place) -> str:
     """Name a value: ``sleep_delay of port 1, tool 2``."""
-    return f"{command.name} of {place}" if any(number is not None for number in place) else command.name
+    return (
+        f"{command.name} of {place}"
+        if any(number is not None for number in place)
+        else command.name
+    )
 
 
 def sentence(error: StationError) -> str:
@@ -65,7 +87,9 @@ def sentence(error: StationError) -> str:
 
 @dataclass(slots=True)
 class Contact:
-    """A station that has answered. `model` is None where the family reports none; `tools` are codes by port."""
+    """A station that has answered. `model` is None where the family reports none; `tools` are codes
+    by port.
+    """
 
     target: Target
     client: Client
@@ -89,15 +113,29 @@ class Contact:
         """Describe the difference between station and line file."""
         if self.target.model is not None:
             return f"{self.name}: {model_not_accepted_text(self.target.model, str(self.model))}"
-        return f"{self.name}: the line file says family {self.family.name}, the station says model {self.model}"
+        return (
+            f"{self.name}: the line file says family {self.family.name}, the station says model"
+            f" {self.model}"
+        )
 
     def read(self, command: Command, place: Place) -> Steps[Value]:
         """Read once (the client repeats lost reads). Raises `StationError` and `LinkError`."""
         return (yield from self.client.read(_numbered(command, place), place.port, place.tool))
 
-    def read_confirmed(self, command: Command, place: Place, *, known: Value | None = None, grows: bool = False) -> Steps[Value]:
+    def read_confirmed(
+        self, command: Command, place: Place, *, known: Value | None = None, grows: bool = False
+    ) -> Steps[Value]:
         """Read until two answers are equal. Raises as `read` does."""
-        return (yield from read_confirmed(self.client, _numbered(command, place), place.port, place.tool, known=known, grows=grows))
+        return (
+            yield from read_confirmed(
+                self.client,
+                _numbered(command, place),
+                place.port,
+                place.tool,
+                known=known,
+                grows=grows,
+            )
+        )
 
 
 def _numbered(command: Command, place: Place) -> Command:
@@ -105,7 +143,9 @@ def _numbered(command: Command, place: Place) -> Command:
 
 
 def open_contact(target: Target) -> Steps[Contact]:
-    """Open the port and identify the station. Raises `StartRefused` with what to do, and `LinkError`."""
+    """Open the port and identify the station. Raises `StartRefused` with what to do, and
+    `LinkError`.
+    """
     client = client_for(target.family, target.line, target.address)
     client.unasked((yield Wait(0.0)))
     client.unasked((yield Reopen()))
@@ -118,8 +158,12 @@ def open_contact(target: Target) -> Steps[Contact]:
     return Contact(target, client, family, None, target.ports or family.ports, {})
 
 
-def _first_answer(target: Target, client: Client, command: Command, *, again: bool = False) -> Steps[Value]:
-    """Read the first answer. With `again` a first silence is ignored: earlier bytes can swallow an OMEGA's first request."""
+def _first_answer(
+    target: Target, client: Client, command: Command, *, again: bool = False
+) -> Steps[Value]:
+    """Read the first answer. With `again` a first silence is ignored: earlier bytes can swallow an
+    OMEGA's first request.
+    """
     try:
         return (yield from read_confirmed(client, command))
     except StationSilent as error:
@@ -127,7 +171,9 @@ def _first_answer(target: Target, client: Client, command: Command, *, again: bo
             raise StartRefused(no_answer(target, error)) from error
         return (yield from _first_answer(target, client, command))
     except RobotModeOff as error:
-        raise StartRefused(f"{target.name}: Robot mode is off; switch it on in the station's menu") from error
+        raise StartRefused(
+            f"{target.name}: Robot mode is off; switch it on in the station's menu"
+        ) from error
     except StationError as error:
         raise StartRefused(no_answer(target, error)) from error
 
@@ -135,10 +181,15 @@ def _first_answer(target: Target, client: Client, command: Command, *, again: bo
 def no_answer(target: Target, error: StationError) -> str:
     """Describe what to check when no usable answer arrives."""
     addressing = "without addresses" if target.address is None else f"address {target.address:02d}"
-    robot_mode = "" if target.family is not None and not target.family.models else "Robot mode is switched on in its menu, "
+    robot_mode = (
+        ""
+        if target.family is not None and not target.family.models
+        else "Robot mode is switched on in its menu, "
+    )
     return (
-        f"{target.name}: no usable answer on {target.url} at {target.line.baudrate} {target.line.format}, {addressing} ({error}); "
-        f"check that the station is on, {robot_mode}the cable, and the line format"
+        f"{target.name}: no usable answer on {target.url} at {target.line.baudrate}"
+        f" {target.line.format}, {addressing} ({error}); check that the station is on,"
+        f" {robot_mode}the cable, and the line format"
     )
 
 
@@ -150,22 +201,33 @@ def _learnt(target: Target, model: str) -> Family:
 
 
 def expect_proven(contact: Contact) -> Steps[None]:
-    """Raise `StartRefused` where the station is not proven to be of its family: then nothing may be written."""
+    """Raise `StartRefused` where the station is not proven to be of its family: then nothing may be
+    written.
+    """
     if not contact.is_proven:
         if contact.target.model is None:
-            raise StartRefused(f"{contact.name}: {other_model_text(contact.family, str(contact.model))}")
-        raise StartRefused(f"{contact.stranger()}; nothing was written to it. Correct `model`, or the cable")
+            raise StartRefused(
+                f"{contact.name}: {other_model_text(contact.family, str(contact.model))}"
+            )
+        raise StartRefused(
+            f"{contact.stranger()}; nothing was written to it. Correct `model`, or the cable"
+        )
     yield from expect_borne_out(contact)
 
 
 def expect_borne_out(contact: Contact) -> Steps[None]:
-    """Raise `StartRefused` where an accepted model name belongs to a station of another kind than its family's."""
+    """Raise `StartRefused` where an accepted model name belongs to a station of another kind than
+    its family's.
+    """
     if contact.target.model is None:
         return
     why = yield from kind_problem(contact.client, contact.family, min(contact.ports or (1,)))
     if why is not None:
         model, family = contact.model, contact.family.name
-        raise StartRefused(f"{contact.name}: model {model} is driven as {family} by the line file, but {why}. {NOT_DRIVEN}")
+        raise StartRefused(
+            f"{contact.name}: model {model} is driven as {family} by the line file, but {why}."
+            f" {NOT_DRIVEN}"
+        )
 
 
 def find_ports(contact: Contact) -> Steps[tuple[int, ...]]:
@@ -184,14 +246,20 @@ def find_tool(contact: Contact, port: int) -> Steps[int | None]:
     if port not in contact.tools:
         command = contact.family.command_of("tool")
         try:
-            found = NO_TOOL if command is None else (yield from contact.read_confirmed(command, Place(port)))
+            found = (
+                NO_TOOL
+                if command is None
+                else (yield from contact.read_confirmed(command, Place(port)))
+            )
         except (NotSupported, OutOfRange):
             return None
         contact.tools[port] = found if isinstance(found, int) else NO_TOOL
     return contact.tools[port]
 
 
-def check_place(command: Command, family: Family, ports: tuple[int, ...] | None, place: Place) -> None:
+def check_place(
+    command: Command, family: Family, ports: tuple[int, ...] | None, place: Place
+) -> None:
     """Raise `UsageError` where the given port or tool is impossible, without a request."""
     if command.scope in (Scope.STATION, Scope.CONDITION) and place.port is not None:
         raise UsageError(f"{command.name} belongs to the whole station: leave --port out")
@@ -202,10 +270,15 @@ def check_place(command: Command, family: Family, ports: tuple[int, ...] | None,
     if command.scope is Scope.CONDITION and not is_number_of_one(place.condition):
         raise UsageError(f"{command.name} needs --condition with a number: {CONDITIONS}")
     if place.port is not None and ports is not None and place.port not in ports:
-        raise UsageError(f"there is no port {place.port}; this station has {', '.join(map(str, ports))}")
+        raise UsageError(
+            f"there is no port {place.port}; this station has {', '.join(map(str, ports))}"
+        )
     if place.tool is not None and place.tool not in TOOLS_WITH_A_PLACE:
         known = "; ".join(f"{code} {family.tools[code]}" for code in tools_of(family))
-        raise UsageError(f"no command has a place for tool {place.tool}; 1 to 9. Manual {family.manual} prints {known}")
+        raise UsageError(
+            f"no command has a place for tool {place.tool}; 1 to 9. Manual {family.manual} prints"
+            f" {known}"
+        )
 
 
 def is_number_of_one(condition: int | None) -> bool:
@@ -242,7 +315,10 @@ def _place(contact: Contact, command: Command, port: int, tool: int | None) -> S
             f"name one with --tool, such as --tool {example} ({contact.family.tools[example]})"
         )
     if connected not in TOOLS_WITH_A_PLACE:
-        raise StartRefused(f"{contact.name}: {command.name} belongs to a tool, and no command has a place for tool {connected}")
+        raise StartRefused(
+            f"{contact.name}: {command.name} belongs to a tool, and no command has a place for tool"
+            f" {connected}"
+        )
     return Place(port, connected)
 
 

@@ -12,35 +12,65 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import text_of
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.session.manual.contact import NO_TOOL, Contact, Place, everywhere, find_ports, find_tool, sentence, title, tools_of
+from jbclog.session.manual.contact import (
+    NO_TOOL,
+    Contact,
+    Place,
+    everywhere,
+    find_ports,
+    find_tool,
+    sentence,
+    title,
+    tools_of,
+)
 from jbclog.session.manual.values import shown
 
-COOL_C: Final = 60  # above it nothing is restarted or reset, because the tool's reaction is not known
+# above it nothing is restarted or reset, because the tool's reaction is not known
+COOL_C: Final = 60
 ONLY_COLD: Final = frozenset({"restart", "factory_reset"})
 
 WHAT: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "restart": "restarts the station: it is silent for some seconds, and what it keeps only while it is on is lost, "
-        "the selected temperatures among it",
-        "factory_reset": "sets all of the station's parameters to the factory's, those of every tool and the limits included",
-        "store": "writes the selected temperatures into the station's EEPROM, which wears with every write",
-        "address": "gives the station another address on its line; 0 switches addresses off, and no manual prints the way back",
-        "ignore_fuse_error": "lets the station continue to work although its fuse is reported to be missing",
-        "start_feeding": "starts the solder feeder: wire moves until the length is fed, or until it is stopped",
-        "store_condition": "writes over one of the controller's solder conditions, for whoever runs it next",
+        "restart": (
+            "restarts the station: it is silent for some seconds, and what it keeps only while it"
+            " is on is lost, the selected temperatures among it"
+        ),
+        "factory_reset": (
+            "sets all of the station's parameters to the factory's, those of every tool and the"
+            " limits included"
+        ),
+        "store": (
+            "writes the selected temperatures into the station's EEPROM, which wears with every"
+            " write"
+        ),
+        "address": (
+            "gives the station another address on its line; 0 switches addresses off, and no manual"
+            " prints the way back"
+        ),
+        "ignore_fuse_error": (
+            "lets the station continue to work although its fuse is reported to be missing"
+        ),
+        "start_feeding": (
+            "starts the solder feeder: wire moves until the length is fed, or until it is stopped"
+        ),
+        "store_condition": (
+            "writes over one of the controller's solder conditions, for whoever runs it next"
+        ),
         "run_condition": "runs a solder condition now: the machine moves and feeds solder",
     }
 )
 RESETS_SETTINGS: Final = (
-    'is listed as "reset station settings" and described nowhere: the station may be silent for some seconds, '
-    "and every setting that it holds may be the factory's afterwards"
+    'is listed as "reset station settings" and described nowhere: the station may be silent for'
+    " some seconds, and every setting that it holds may be the factory's afterwards"
 )
 HOT_AIR_MANUAL: Final = "001"
 LIMITS: Final = (("maximum_", "highest"), ("minimum_", "lowest"))
 
 
 def what_it_does(command: Command) -> str:
-    """Describe the danger of a command for the person about to send it; without a text, its effect."""
+    """Describe the danger of a command for the person about to send it; without a text, its
+    effect.
+    """
     for beginning, which in LIMITS:
         if command.name.startswith(beginning):
             what = command.name.removeprefix(beginning).replace("_", " ")
@@ -51,13 +81,17 @@ def what_it_does(command: Command) -> str:
 
 
 def is_dangerous(name: str, family: Family | None) -> bool:
-    """Whether the command of that name is dangerous; if the family is not known yet, in any family."""
+    """Whether the command of that name is dangerous; if the family is not known yet, in any
+    family.
+    """
     families = FAMILIES.values() if family is None else (family,)
     return any(one.commands[name].dangerous for one in families if name in one.commands)
 
 
 def expect_cold(contact: Contact) -> Steps[None]:
-    """Raise `StartRefused` where a tool is hotter than `COOL_C`; one that cannot be read counts as hot."""
+    """Raise `StartRefused` where a tool is hotter than `COOL_C`; one that cannot be read counts as
+    hot.
+    """
     for port in (yield from find_ports(contact)):
         if (yield from find_tool(contact, port)) != NO_TOOL:
             yield from _expect_cold(contact, port)
@@ -71,14 +105,19 @@ def _expect_cold(contact: Contact, port: int) -> Steps[None]:
         celsius = yield from _highest(contact, command, Place(port))
     except StationError as error:
         raise StartRefused(
-            f"{contact.name}: port {port} counts as hot, its temperature cannot be read ({sentence(error)})"
+            f"{contact.name}: port {port} counts as hot, its temperature cannot be read"
+            f" ({sentence(error)})"
         ) from error
     if celsius is None or celsius > COOL_C:
-        found = "reports no plausible temperature and counts as hot" if celsius is None else f"is at {celsius:g} °C"
+        found = (
+            "reports no plausible temperature and counts as hot"
+            if celsius is None
+            else f"is at {celsius:g} °C"
+        )
         rest = contact.family.safe_states[0] if contact.family.safe_states else "rest"
         raise StartRefused(
-            f"{contact.name}: port {port} {found}; this is sent only when all tools are at {COOL_C} °C or below. "
-            f"Put it to {rest}, or take the tool out, and wait"
+            f"{contact.name}: port {port} {found}; this is sent only when all tools are at {COOL_C}"
+            f" °C or below. Put it to {rest}, or take the tool out, and wait"
         )
 
 
@@ -87,14 +126,18 @@ def _highest(contact: Contact, command: Command, place: Place) -> Steps[float | 
     found = []
     for _ in range(2):
         value = yield from contact.read(command, place)
-        if not isinstance(value, int | float) or not contact.family.plausible_c.start <= value < contact.family.plausible_c.stop:
+        if (
+            not isinstance(value, int | float)
+            or not contact.family.plausible_c.start <= value < contact.family.plausible_c.stop
+        ):
             return None
         found.append(value)
     return max(found)
 
 
-# A snapshot has all settings that can be written and read back, of the station, its ports and the connected tools, so that a
-# person can restore them. Other tools are read too, because a reset affects their adjustments, but may be missing.
+# A snapshot has all settings that can be written and read back, of the station, its ports and the
+# connected tools, so that a person can restore them. Other tools are read too, because a reset
+# affects their adjustments, but may be missing.
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,15 +177,19 @@ def take_snapshot(contact: Contact, number: int | None = None) -> Steps[Snapshot
     """
     target = contact.target
     taken = Snapshot(target.name, target.url, contact.family.name, contact.model)
-    numbered = [command for command in contact.family.commands.values() if command.scope is Scope.CONDITION and command.readable]
+    numbered = [
+        command
+        for command in contact.family.commands.values()
+        if command.scope is Scope.CONDITION and command.readable
+    ]
     wanted = [(command, Place(condition=number)) for command in numbered if number is not None]
     for command, place in [*(yield from everywhere(contact, _settings(contact))), *wanted]:
         try:
             yield from _take(contact, command, place, taken)
         except StationError as error:
             raise StartRefused(
-                f"{contact.name}: {title(command, place)} cannot be read ({sentence(error)}), so there is no whole snapshot "
-                "of the settings; nothing was written"
+                f"{contact.name}: {title(command, place)} cannot be read ({sentence(error)}), so"
+                " there is no whole snapshot of the settings; nothing was written"
             ) from error
     yield from _take_unconnected(contact, taken)
     return taken
@@ -159,12 +206,16 @@ def _take(contact: Contact, command: Command, place: Place, taken: Snapshot) -> 
         taken.absent.append(title(command, place))
         return
     text = shown(value, command, contact.family) if isinstance(value, tuple) else text_of(value)
-    kept = KeptSetting(*place, command.name, text, command.unit, contact.client.data, command.manual)
+    kept = KeptSetting(
+        *place, command.name, text, command.unit, contact.client.data, command.manual
+    )
     taken.settings.append(kept)
 
 
 def _take_unconnected(contact: Contact, taken: Snapshot) -> Steps[None]:
-    """Read the settings of other tools, as far as the station answers; after one failure a tool is skipped."""
+    """Read the settings of other tools, as far as the station answers; after one failure a tool is
+    skipped.
+    """
     for place in (yield from _unconnected(contact)):
         for command in _of_tools(contact):
             try:

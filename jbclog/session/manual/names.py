@@ -57,7 +57,10 @@ def _normal(name: str) -> str:
 
 def _unknown(name: str, of: str, names: list[str]) -> str:
     typed = _normal(name)[:64]
-    near = difflib.get_close_matches(typed, names, n=MOST_NEAR) or [one for one in names if typed and typed in one][:MOST_NEAR]
+    near = (
+        difflib.get_close_matches(typed, names, n=MOST_NEAR)
+        or [one for one in names if typed and typed in one][:MOST_NEAR]
+    )
     has = f"{of} knows {name!r}" if of == "no station" else f"{of} has no {name!r}"
     meant = f"; did you mean {', '.join(near)}?" if near else "."
     return f"{has}{meant} Leave the name out, and all of them are listed"
@@ -84,18 +87,27 @@ class NameEntry(NamedTuple):
 
 
 def entries(family: Family, kind: CommandFilter) -> list[NameEntry]:
-    """List everything that can be read from or written to a station of this family, in the order of its tables."""
+    """List everything that can be read from or written to a station of this family, in the order of
+    its tables.
+    """
     return [_entry(command, family, kind) for command in family.commands.values() if kind(command)]
 
 
 def _entry(command: Command, family: Family, kind: CommandFilter) -> NameEntry:
     values = values_text(command, family) if command.writable else ""
-    return NameEntry(command.name, command.unit, values, f"{command.scope.value}", command.manual, _remark(command, kind))
+    return NameEntry(
+        command.name,
+        command.unit,
+        values,
+        f"{command.scope.value}",
+        command.manual,
+        _remark(command, kind),
+    )
 
 
 def values_text(command: Command, family: Family) -> str:
-    """Describe what may be written: ``0 to 9 min, in steps of 1, or off``, or the words; for limits known only to the station, the
-    commands that read them.
+    """Describe what may be written: ``0 to 9 min, in steps of 1, or off``, or the words; for limits
+    known only to the station, the commands that read them.
     """
     if is_order(command):
         return "no value"
@@ -126,10 +138,17 @@ def shared(kind: CommandFilter) -> list[tuple[tuple[str, ...], tuple[str, ...]]]
     """List names with the families that have them, the most common first, for `--help`."""
     by_families: dict[tuple[str, ...], list[str]] = {}
     for name in anywhere():
-        having = tuple(family.name for family in FAMILIES.values() if name in family.commands and kind(family.commands[name]))
+        having = tuple(
+            family.name
+            for family in FAMILIES.values()
+            if name in family.commands and kind(family.commands[name])
+        )
         if having:
             by_families.setdefault(having, []).append(name)
-    return sorted(((families, tuple(names)) for families, names in by_families.items()), key=lambda one: -len(one[0]))
+    return sorted(
+        ((families, tuple(names)) for families, names in by_families.items()),
+        key=lambda one: -len(one[0]),
+    )
 
 
 def named(names: Iterable[str], beginning: str) -> list[str]:

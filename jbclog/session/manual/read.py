@@ -1,6 +1,7 @@
 """Reads values by command: one, all, or a tip while a thermometer is at it.
 
-No value rests on a single answer, and none is impossible. A value that reading clears is read only by name, and once.
+No value rests on a single answer, and none is impossible. A value that reading clears is read only
+by name, and once.
 """
 
 from __future__ import annotations
@@ -26,7 +27,13 @@ from jbclog.protocol.client.confirmed_reads import ANSWERS
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.omega import WITHOUT_DIGIT
-from jbclog.protocol.commands.ranges import STILL_C, TEMPERATURES, Possible, is_share, plausibility_check
+from jbclog.protocol.commands.ranges import (
+    STILL_C,
+    TEMPERATURES,
+    Possible,
+    is_share,
+    plausibility_check,
+)
 from jbclog.session.manual.contact import (
     WHOLE_STATION,
     Contact,
@@ -42,17 +49,21 @@ from jbclog.session.manual.contact import (
 )
 from jbclog.session.manual.names import find, readable, why_only_by_name
 
-# A steady value (name, tool, error, setting, counter) is read until two answers are equal. A moving one is read until two
-# are close, or the middle one of three lies between the others. A value that reading clears is read once.
+# A steady value (name, tool, error, setting, counter) is read until two answers are equal. A moving
+# one is read until two are close, or the middle one of three lies between the others. A value that
+# reading clears is read once.
 COMPARE = "read it again, and compare with the station's display"
 APART: Mapping[str, int] = MappingProxyType(
-    {**dict.fromkeys(TEMPERATURES, STILL_C), "power_permille": 100, "delay_s": 2}  # s: the countdown continues between answers
+    # s: the countdown continues between answers
+    {**dict.fromkeys(TEMPERATURES, STILL_C), "power_permille": 100, "delay_s": 2}
 )
 """Maximum difference of two answers to the same request, in the signal's unit."""
 
 
 def believed(contact: Contact, command: Command, place: Place) -> Steps[Value]:
-    """Read until an answer is confirmed. Raises `ImplausibleAnswer` where none is, and what reading raises."""
+    """Read until an answer is confirmed. Raises `ImplausibleAnswer` where none is, and what reading
+    raises.
+    """
     if command.sent_once:
         return (yield from contact.read(command, place))
     signal = contact.family.signal_of(command.name)
@@ -71,13 +82,19 @@ def _whole(contact: Contact, command: Command) -> Steps[int | None]:
     """Return the station's maximum of `command`; None where there is none."""
     greatest = contact.family.commands.get(str(command.share_of))
     try:
-        whole = None if greatest is None else (yield from contact.read_confirmed(greatest, WHOLE_STATION))
+        whole = (
+            None
+            if greatest is None
+            else (yield from contact.read_confirmed(greatest, WHOLE_STATION))
+        )
     except StationError:
         return None
     return whole if isinstance(whole, int) and whole > 0 else None
 
 
-def _moving(contact: Contact, command: Command, place: Place, possible: Possible, apart: int) -> Steps[Value]:
+def _moving(
+    contact: Contact, command: Command, place: Place, possible: Possible, apart: int
+) -> Steps[Value]:
     given: list[Value] = []
     while len(given) < ANSWERS:
         answer = yield from contact.read(command, place)
@@ -92,16 +109,23 @@ def _moving(contact: Contact, command: Command, place: Place, possible: Possible
     if not any(map(possible, given)):
         raise _cannot_be(command, place, given)
     answers_text = ", ".join(map(command.shown, given))
-    raise ImplausibleAnswer(f"{title(command, place)}: the station says {answers_text} when asked {len(given)} times; {COMPARE}")
+    raise ImplausibleAnswer(
+        f"{title(command, place)}: the station says {answers_text} when asked {len(given)} times;"
+        f" {COMPARE}"
+    )
 
 
 def _cannot_be(command: Command, place: Place, given: Sequence[Value]) -> ImplausibleAnswer:
     answers_text = ", ".join(dict.fromkeys(map(command.shown, given)))
-    return ImplausibleAnswer(f"{title(command, place)}: the station says {answers_text}, which cannot be; {COMPARE}")
+    return ImplausibleAnswer(
+        f"{title(command, place)}: the station says {answers_text}, which cannot be; {COMPARE}"
+    )
 
 
 def settled(given: Sequence[Value], apart: int) -> Value | None:
-    """Return the value confirmed by the last of `given`, oldest first, within `apart`; None where there is none yet."""
+    """Return the value confirmed by the last of `given`, oldest first, within `apart`; None where
+    there is none yet.
+    """
     numbers = [one for one in given if isinstance(one, int | float)]
     *before, last = numbers
     if any(abs(one - last) <= apart for one in before):
@@ -117,10 +141,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class ReadResult:
-    """A value, or why there is none: then `value` is None, `reason` the record's word and `problem` the sentence.
+    """A value, or why there is none: then `value` is None, `reason` the record's word and `problem`
+    the sentence.
 
-    `data` is the raw data field, of an implausible value the last one; `heard` is when it arrived, monotonic seconds. `is_void`: it
-    means nothing in the port's present state. `is_absent`: the station does not have it.
+    `data` is the raw data field, of an implausible value the last one; `heard` is when it arrived,
+    monotonic seconds. `is_void`: it means nothing in the port's present state. `is_absent`: the
+    station does not have it.
     """
 
     command: Command
@@ -141,7 +167,8 @@ OnReading = Callable[[Contact, ReadResult], None]
 def read_value(target: Target, name: str, asked: Place, on_reading: OnReading) -> Steps[None]:
     """Read the value of that name at each place addressed.
 
-    Raises `StartRefused` where no usable station answers or the family has no such value, and `LinkError`.
+    Raises `StartRefused` where no usable station answers or the family has no such value, and
+    `LinkError`.
     """
     contact = yield from open_contact(target)
     command = found_after_all(contact, lambda: find(name, contact.family, readable))
@@ -150,7 +177,9 @@ def read_value(target: Target, name: str, asked: Place, on_reading: OnReading) -
 
 
 def read_all(target: Target, on_reading: OnReading) -> Steps[None]:
-    """Read everything that can be read without side effect, at every place. Raises as `read_value` does."""
+    """Read everything that can be read without side effect, at every place. Raises as `read_value`
+    does.
+    """
     contact = yield from open_contact(target)
     for command, place in (yield from everywhere(contact, harmless(contact.family))):
         on_reading(contact, (yield from _reading(contact, command, place)))
@@ -158,16 +187,26 @@ def read_all(target: Target, on_reading: OnReading) -> Steps[None]:
 
 def harmless(family: Family) -> list[Command]:
     """Return the commands that can be read any number of times, and without a number."""
-    return [command for command in family.commands.values() if command.readable and not why_only_by_name(command)]
+    return [
+        command
+        for command in family.commands.values()
+        if command.readable and not why_only_by_name(command)
+    ]
 
 
 def only_by_name(family: Family) -> list[Command]:
     """Return the commands that `read_all` leaves out."""
-    return [command for command in family.commands.values() if command.readable and why_only_by_name(command)]
+    return [
+        command
+        for command in family.commands.values()
+        if command.readable and why_only_by_name(command)
+    ]
 
 
 def found_after_all(contact: Contact, look: Callable[[], T]) -> T:
-    """Run `look` now that the family is known. Its `UsageError` becomes `StartRefused`, because the station was contacted."""
+    """Run `look` now that the family is known. Its `UsageError` becomes `StartRefused`, because the
+    station was contacted.
+    """
     try:
         return look()
     except UsageError as error:
@@ -184,11 +223,31 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[ReadResu
     except StationError as error:
         answers_text = client.data if isinstance(error, ImplausibleAnswer) else ""
         is_absent = isinstance(error, NotSupported)
-        failed = ReadResult(command, place, None, answers_text, client.now, error.reason, sentence(error), is_absent=is_absent)
-        return (yield from _unless_void(contact, failed)) if isinstance(error, Refusal | ImplausibleAnswer) else failed
+        failed = ReadResult(
+            command,
+            place,
+            None,
+            answers_text,
+            client.now,
+            error.reason,
+            sentence(error),
+            is_absent=is_absent,
+        )
+        return (
+            (yield from _unless_void(contact, failed))
+            if isinstance(error, Refusal | ImplausibleAnswer)
+            else failed
+        )
     if value == WITHOUT_DIGIT:
-        return ReadResult(command, place, None, client.data, client.heard, "no_digit", WITHOUT_DIGIT, is_void=True)
-    return (yield from _unless_void(contact, ReadResult(command, place, value, command.raw_text(client.data, value), client.heard)))
+        return ReadResult(
+            command, place, None, client.data, client.heard, "no_digit", WITHOUT_DIGIT, is_void=True
+        )
+    return (
+        yield from _unless_void(
+            contact,
+            ReadResult(command, place, value, command.raw_text(client.data, value), client.heard),
+        )
+    )
 
 
 def _unless_void(contact: Contact, reading: ReadResult) -> Steps[ReadResult]:
@@ -206,25 +265,32 @@ def _unless_void(contact: Contact, reading: ReadResult) -> Steps[ReadResult]:
     if why is None:
         return reading
     number = f" (port error {error})" if error else ""
-    return replace(reading, value=None, reason=why, problem=why.replace("_", " ") + number, is_void=True)
+    return replace(
+        reading, value=None, reason=why, problem=why.replace("_", " ") + number, is_void=True
+    )
 
 
 def _error_of(contact: Contact, port: int) -> Steps[int | None]:
     """Return the error of `port`; None where not known."""
     try:
-        error = yield from contact.read_confirmed(contact.family.commands["port_error"], Place(port))
+        error = yield from contact.read_confirmed(
+            contact.family.commands["port_error"], Place(port)
+        )
     except (StationError, KeyError):
         return None
     return error if isinstance(error, int) else None
 
 
-# Reads a tip while a thermometer is at it: its temperature several times, its settings before and after. Only reads.
+# Reads a tip while a thermometer is at it: its temperature several times, its settings before and
+# after. Only reads.
 READINGS, EVERY_S = 12, 0.5
 
 
 @dataclass(slots=True)
 class TipReadings:
-    """The station's readings: `temperatures` in °C in order, `states` and `settings` (°C) before and after them."""
+    """The station's readings: `temperatures` in °C in order, `states` and `settings` (°C) before
+    and after them.
+    """
 
     model: str | None
     tool: str | None
@@ -237,15 +303,22 @@ class TipReadings:
 def read_tip(target: Target, port: int) -> Steps[TipReadings]:
     """Read the tip of `port` for `READINGS` × `EVERY_S` s.
 
-    Raises `StartRefused` where no usable station answers, or there is no such port, tool or temperature.
+    Raises `StartRefused` where no usable station answers, or there is no such port, tool or
+    temperature.
     """
     contact = yield from open_contact(target)
     ports = yield from find_ports(contact)
     if port not in ports:
-        raise StartRefused(f"{contact.name}: there is no port {port}; it has {', '.join(map(str, ports)) or 'none'}")
+        raise StartRefused(
+            f"{contact.name}: there is no port {port}; it has"
+            f" {', '.join(map(str, ports)) or 'none'}"
+        )
     temperature = contact.family.command_of("temperature_c")
     if temperature is None:
-        raise StartRefused(f"{contact.name}: a {contact.family.name} reports no temperature; read it off its display: --station-c")
+        raise StartRefused(
+            f"{contact.name}: a {contact.family.name} reports no temperature; read it off its"
+            " display: --station-c"
+        )
     tool = (yield from find_tool(contact, port)) if contact.family.tools else None
     if contact.family.tools and not tool:
         raise StartRefused(f"{contact.name}: there is no tool in port {port}")
@@ -259,7 +332,9 @@ def read_tip(target: Target, port: int) -> Steps[TipReadings]:
                 found.temperatures.append(float(value))
             contact.client.unasked((yield Wait(contact.client.now + EVERY_S)))
     except StationError as error:
-        raise StartRefused(f"{contact.name}: its tip could not be read: {sentence(error)}") from error
+        raise StartRefused(
+            f"{contact.name}: its tip could not be read: {sentence(error)}"
+        ) from error
     yield from _state(contact, port, found)
     return found
 
@@ -271,7 +346,9 @@ def _state(contact: Contact, port: int, found: TipReadings) -> Steps[None]:
         if isinstance(value, tuple):
             found.states.append(contact.family.status.state(value))
     selected = contact.family.command_of("set_c")
-    setting = None if selected is None else (yield from _number(contact, selected.name, Place(port)))
+    setting = (
+        None if selected is None else (yield from _number(contact, selected.name, Place(port)))
+    )
     found.settings += [] if setting is None else [setting]
 
 

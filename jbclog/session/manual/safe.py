@@ -1,8 +1,8 @@
 """Makes a whole station safe by command, and describes how its tools cool afterwards.
 
-There is no recipe, so each family's default safe state is ordered, and the station's own delays say whether a standing tool ever
-cools. A resting tool is left alone: an order to stand would wake a sleeping tool, and heat one that is cold in its extractor
-state.
+There is no recipe, so each family's default safe state is ordered, and the station's own delays say
+whether a standing tool ever cools. A resting tool is left alone: an order to stand would wake a
+sleeping tool, and heat one that is cold in its extractor state.
 """
 
 from __future__ import annotations
@@ -22,16 +22,30 @@ from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE
 from jbclog.protocol.commands.family import Family, family_of
 from jbclog.protocol.commands.ranges import NO_COUNTDOWN
 from jbclog.protocol.commands.robot import FeederState
-from jbclog.session.manual.contact import NO_TOOL, PORTS, Contact, Place, Target, expect_borne_out, find_tool, open_contact
+from jbclog.session.manual.contact import (
+    NO_TOOL,
+    PORTS,
+    Contact,
+    Place,
+    Target,
+    expect_borne_out,
+    find_tool,
+    open_contact,
+)
 from jbclog.session.manual.read import believed
 from jbclog.session.safety.secure import secure
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
-# A standing tool keeps its setpoint until its sleep delay is over, and its sleep temperature until the hibernation delay is. A
-# value that cannot be read is not known, and counts neither as cooling nor as cold.
+# A standing tool keeps its setpoint until its sleep delay is over, and its sleep temperature until
+# the hibernation delay is. A value that cannot be read is not known, and counts neither as cooling
+# nor as cold.
 SLEEPS, HIBERNATES = "sleep", "hibernate"
-DELAYS: Final[Mapping[str, str]] = MappingProxyType({SLEEPS: "sleep_delay", HIBERNATES: "hibernation_delay"})
-NEXT_FROM: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType({"stand": (SLEEPS, HIBERNATES), "sleep": (HIBERNATES,)})
+DELAYS: Final[Mapping[str, str]] = MappingProxyType(
+    {SLEEPS: "sleep_delay", HIBERNATES: "hibernation_delay"}
+)
+NEXT_FROM: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {"stand": (SLEEPS, HIBERNATES), "sleep": (HIBERNATES,)}
+)
 """What a tool does next by itself, by its state; from other states it does nothing."""
 
 
@@ -39,8 +53,9 @@ NEXT_FROM: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType({"stand": (SL
 class Cooling:
     """What follows the state that a tool rests in.
 
-    `follows`: what it does by itself, in order; empty where its heater is off. `in_s` are the seconds to the first, None where not
-    known. `never` are those whose delays are off, None where not known.
+    `follows`: what it does by itself, in order; empty where its heater is off. `in_s` are the
+    seconds to the first, None where not known. `never` are those whose delays are off, None where
+    not known.
     """
 
     follows: tuple[str, ...] = ()
@@ -48,7 +63,9 @@ class Cooling:
     never: tuple[str, ...] | None = ()
 
     def text(self) -> str:
-        """Format: ``sleeps in 2 min 56 s``; ``will not sleep by itself, its delay is off``; ``its heater is off``."""
+        """Format: ``sleeps in 2 min 56 s``; ``will not sleep by itself, its delay is off``; ``its
+        heater is off``.
+        """
         if not self.follows:
             return "its heater is off"
         first, never = self.follows[0], self.never or ()
@@ -59,7 +76,9 @@ class Cooling:
         else:
             found = [f"{first}s in {duration(self.in_s)}"]
         found += [
-            f"will not {what} by itself, its delay is off" for what in self.follows[1:] if what in never and first not in never
+            f"will not {what} by itself, its delay is off"
+            for what in self.follows[1:]
+            if what in never and first not in never
         ]
         return ", ".join(found)
 
@@ -72,7 +91,9 @@ def duration(seconds: float) -> str:
 
 
 def cooling_of(contact: Contact, port: int, code: int | None, state: str) -> Steps[Cooling]:
-    """Return what the tool with this code in `port` does next; `state` is what it rests in. Station errors are not raised."""
+    """Return what the tool with this code in `port` does next; `state` is what it rests in. Station
+    errors are not raised.
+    """
     follows = NEXT_FROM.get(state, ()) if DELAYS[SLEEPS] in contact.family.commands else ()
     if not follows:
         return Cooling()
@@ -80,13 +101,17 @@ def cooling_of(contact: Contact, port: int, code: int | None, state: str) -> Ste
     return Cooling(follows, (yield from _countdown(contact, port)), never)
 
 
-def _never(contact: Contact, place: Place, follows: tuple[str, ...]) -> Steps[tuple[str, ...] | None]:
+def _never(
+    contact: Contact, place: Place, follows: tuple[str, ...]
+) -> Steps[tuple[str, ...] | None]:
     if place.tool is not None and place.tool not in TOOLS_WITH_A_PLACE:
         return None
     found = []
     try:
         for what in follows if place.tool is not None else ():
-            if (yield from contact.read_confirmed(contact.family.commands[DELAYS[what]], place)) is OFF:
+            if (
+                yield from contact.read_confirmed(contact.family.commands[DELAYS[what]], place)
+            ) is OFF:
                 found.append(what)
     except (StationError, LinkError):
         return None
@@ -104,7 +129,9 @@ def _countdown(contact: Contact, port: int) -> Steps[int | None]:
 
 
 def temperature_of(contact: Contact, port: int) -> Steps[float | None]:
-    """Return the temperature of the tool in `port` by two answers; None where it is not known, or there is no tool."""
+    """Return the temperature of the tool in `port` by two answers; None where it is not known, or
+    there is no tool.
+    """
     command = contact.family.command_of("temperature_c")
     try:
         if command is None or (yield from find_tool(contact, port)) == NO_TOOL:
@@ -115,7 +142,9 @@ def temperature_of(contact: Contact, port: int) -> Steps[float | None]:
     return float(value) if isinstance(value, int | float) else None
 
 
-def temperatures(target: Target, model: str | None, ports: tuple[int, ...]) -> Steps[dict[int, float]]:
+def temperatures(
+    target: Target, model: str | None, ports: tuple[int, ...]
+) -> Steps[dict[int, float]]:
     """Return the known temperatures of these tools; none for another station."""
     try:
         contact = yield from open_contact(target)
@@ -136,11 +165,13 @@ SWITCH_OFF: Final = "switch the station off"
 
 @dataclass(slots=True)
 class MadeSafe:
-    """One tool: its name (None where not known), the state read back, and why it is not safe, if so.
+    """One tool: its name (None where not known), the state read back, and why it is not safe, if
+    so.
 
-    `rested`: it was in that state already. `ordered`: the last ordered state, `fell_back` why it is not the default.
-    `temperature_c` as now, None where not known, `last_c` as last read. `cooling`: what it does next by itself. `is_cold`: after
-    waiting, whether it was seen below the limit; None without waiting.
+    `rested`: it was in that state already. `ordered`: the last ordered state, `fell_back` why it is
+    not the default. `temperature_c` as now, None where not known, `last_c` as last read. `cooling`:
+    what it does next by itself. `is_cold`: after waiting, whether it was seen below the limit; None
+    without waiting.
     """
 
     port: int
@@ -163,10 +194,11 @@ class MadeSafe:
 
 @dataclass(slots=True)
 class StationMadeSafe:
-    """The result for one station so far. `problem` concerns it as a whole; `note` is for information.
+    """The result for one station so far. `problem` concerns it as a whole; `note` is for
+    information.
 
-    `feeder` is ``stopped``, ``running`` (it could not be stopped) or None where there is none. `empty` are ports without a
-    tool.
+    `feeder` is ``stopped``, ``running`` (it could not be stopped) or None where there is none.
+    `empty` are ports without a tool.
     """
 
     target: Target
@@ -180,11 +212,17 @@ class StationMadeSafe:
 
     @property
     def is_safe(self) -> bool:
-        return self.problem is None and self.feeder != FeederState.RUNNING and all(tool.is_safe for tool in self.tools)
+        return (
+            self.problem is None
+            and self.feeder != FeederState.RUNNING
+            and all(tool.is_safe for tool in self.tools)
+        )
 
 
 def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
-    """Put every tool of a station in its safe state, after stopping its feeder. Raises `StartRefused` and `LinkError`."""
+    """Put every tool of a station in its safe state, after stopping its feeder. Raises
+    `StartRefused` and `LinkError`.
+    """
     try:
         contact = yield from open_contact(target)
     except LinkFlooded as flood:
@@ -196,8 +234,8 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
     made.model, made.family = contact.model, family.name
     if not family.safe_states:
         made.problem = (
-            f"an {family.title} has no safe state, it takes no order that would make it safe: stop it at its own panel, "
-            f"or {SWITCH_OFF}"
+            f"an {family.title} has no safe state, it takes no order that would make it safe: stop"
+            f" it at its own panel, or {SWITCH_OFF}"
         )
         return
     tools = yield from _find_tools(contact, made)
@@ -217,8 +255,12 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
         yield from _report(contact, task, tool, one, tools[tool.port])
 
 
-def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flood: LinkFlooded) -> Steps[None]:
-    """Order the safe state on every port of the line file or the family, without proof, over a flooded link."""
+def _order_over_flood(
+    target: Target, family: Family, made: StationMadeSafe, flood: LinkFlooded
+) -> Steps[None]:
+    """Order the safe state on every port of the line file or the family, without proof, over a
+    flooded link.
+    """
     client = client_for(family, target.line, target.address)
     client.unasked((yield Wait(0.0)))
     client.flow.is_flooded = True
@@ -229,13 +271,19 @@ def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flo
         return family.proves(model) if target.model is None else model == target.model
 
     tools = [ToolSafety(port) for port in ports]
-    task = SafetyTask(client, family, family.safe_states[0], tools, family.has_feeder, prove, is_proven=False)
+    task = SafetyTask(
+        client, family, family.safe_states[0], tools, family.has_feeder, prove, is_proven=False
+    )
     yield from secure(task)
     made.family, made.note = family.name, str(flood)
     if family.has_feeder:
         made.feeder = FeederState.RUNNING if task.feeds else FeederState.STOPPED
     for tool in tools:
-        one = MadeSafe(tool.port, None, ordered=None if tool.ordered is None else family.status.state(tool.ordered))
+        one = MadeSafe(
+            tool.port,
+            None,
+            ordered=None if tool.ordered is None else family.status.state(tool.ordered),
+        )
         if tool.is_safe and tool.status is not None:
             one.state = family.status.state(tool.status)
         else:
@@ -244,21 +292,33 @@ def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flo
 
 
 def _unconfirmed(tool: ToolSafety, task: SafetyTask) -> str:
-    what = "was ordered to rest and does not confirm it" if tool.reached == SafetyResult.SENT else "could not be made safe"
-    return f"it {what}{'' if task.flood is None else ' (its link is flooded)'}; it may be hot: {SWITCH_OFF}"
+    what = (
+        "was ordered to rest and does not confirm it"
+        if tool.reached == SafetyResult.SENT
+        else "could not be made safe"
+    )
+    return (
+        f"it {what}{'' if task.flood is None else ' (its link is flooded)'}; it may be hot:"
+        f" {SWITCH_OFF}"
+    )
 
 
 def _proven(contact: Contact, made: StationMadeSafe) -> Steps[Family]:
-    """Return the family that the station itself proves, whatever the line file says; for an accepted model name, the family that
-    reads prove. Raises `StartRefused` for any other station.
+    """Return the family that the station itself proves, whatever the line file says; for an
+    accepted model name, the family that reads prove. Raises `StartRefused` for any other station.
     """
     if contact.is_proven:
         yield from expect_borne_out(contact)
         return contact.family
     found = family_of(contact.model or "")
     if found is None:
-        raise StartRefused(f"{contact.stranger()}; nothing was written to it. It may be hot: {SWITCH_OFF}")
-    made.note = f"the line file says family {contact.family.name}, the station says model {contact.model} and was spoken to as such"
+        raise StartRefused(
+            f"{contact.stranger()}; nothing was written to it. It may be hot: {SWITCH_OFF}"
+        )
+    made.note = (
+        f"the line file says family {contact.family.name}, the station says model {contact.model}"
+        " and was spoken to as such"
+    )
     return found
 
 
@@ -279,11 +339,16 @@ def _find_tools(contact: Contact, made: StationMadeSafe) -> Steps[dict[int, int 
                 made.empty.append(port)
             elif code is not None:
                 tools[port] = code
-    made.tools = [MadeSafe(port, None if code is None else contact.family.tool_name(code)) for port, code in tools.items()]
+    made.tools = [
+        MadeSafe(port, None if code is None else contact.family.tool_name(code))
+        for port, code in tools.items()
+    ]
     return tools
 
 
-def _report(contact: Contact, task: SafetyTask, tool: ToolSafety, made: MadeSafe, code: int | None) -> Steps[None]:
+def _report(
+    contact: Contact, task: SafetyTask, tool: ToolSafety, made: MadeSafe, code: int | None
+) -> Steps[None]:
     status = contact.family.status
     made.rested, made.fell_back = tool.was_spared, tool.fell_back
     made.ordered = None if tool.ordered is None else status.state(tool.ordered)
@@ -298,15 +363,25 @@ def _report(contact: Contact, task: SafetyTask, tool: ToolSafety, made: MadeSafe
 
 
 def _stays_hot(cooling: Cooling, code: int | None) -> str | None:
-    """Describe why a standing tool never cools: a delay that is off, or cannot be read. None where it cools.
+    """Describe why a standing tool never cools: a delay that is off, or cannot be read. None where
+    it cools.
 
     A tool left in its extractor state was seen to cool.
     """
     if cooling.follows and code is not None and code not in TOOLS_WITH_A_PLACE:
         return (
-            f"whether it will cool down is not known, because no command has a place for tool {code}: look at it, or {SWITCH_OFF}"
+            "whether it will cool down is not known, because no command has a place for tool"
+            f" {code}: look at it, or {SWITCH_OFF}"
         )
     if cooling.never is None:
-        return f"whether it will cool down is not known, because its delays cannot be read: look at it, or {SWITCH_OFF}"
+        return (
+            "whether it will cool down is not known, because its delays cannot be read: look at"
+            f" it, or {SWITCH_OFF}"
+        )
     off = [DELAYS[what].replace("_", " ") for what in cooling.never]
-    return f"its {' and '.join(off)} {'is' if len(off) == 1 else 'are'} off, so it never cools down: {SWITCH_OFF}" if off else None
+    return (
+        f"its {' and '.join(off)} {'is' if len(off) == 1 else 'are'} off, so it never cools down:"
+        f" {SWITCH_OFF}"
+        if off
+        else None
+    )

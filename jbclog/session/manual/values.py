@@ -26,7 +26,9 @@ _PART = re.compile(r"\s*([a-z0-9_]+)[\s=]+(\d+(?:\.\d+)?)\s*", re.ASCII)
 
 
 def condition_in(text: str, command: Command) -> StoredRecord:
-    """Parse ``condition 101: mode 0, rise_s 3.5, ...`` with every field. Raises `UsageError` naming missing and unknown fields."""
+    """Parse ``condition 101: mode 0, rise_s 3.5, ...`` with every field. Raises `UsageError` naming
+    missing and unknown fields.
+    """
     given = dict(_part(part, command) for part in re.split(r"[:,;]", text.strip()) if part.strip())
     kind = _kind(given)
     names = [one.name for one in fields(kind)]
@@ -34,15 +36,24 @@ def condition_in(text: str, command: Command) -> StoredRecord:
     missing = [name for name in names if name not in given and name not in optional]
     foreign = [name for name in given if name not in names]
     if missing or foreign:
-        parts = [f"{word} {', '.join(found)}" for word, found in (("missing:", missing), ("not known:", foreign)) if found]
-        raise UsageError(f"{command.name}: {'; '.join(parts)}. `jbclog read` shows a condition in the form that is taken here")
+        parts = [
+            f"{word} {', '.join(found)}"
+            for word, found in (("missing:", missing), ("not known:", foreign))
+            if found
+        ]
+        raise UsageError(
+            f"{command.name}: {'; '.join(parts)}. `jbclog read` shows a condition in the form that"
+            " is taken here"
+        )
     return _checked(kind, given, command)
 
 
 def _part(part: str, command: Command) -> tuple[str, float]:
     found = _PART.fullmatch(part)
     if found is None:
-        raise UsageError(f"{command.name}: {part.strip()!r} is no name with a number, such as rise_s 3.5")
+        raise UsageError(
+            f"{command.name}: {part.strip()!r} is no name with a number, such as rise_s 3.5"
+        )
     return found[1], float(found[2])
 
 
@@ -53,7 +64,9 @@ def _kind(given: dict[str, float]) -> type[Cleaning] | type[SetTemperature] | ty
 
 
 def _checked(
-    kind: type[Cleaning] | type[SetTemperature] | type[ConditionRecord], given: dict[str, float], command: Command
+    kind: type[Cleaning] | type[SetTemperature] | type[ConditionRecord],
+    given: dict[str, float],
+    command: Command,
 ) -> StoredRecord:
     """Return the condition as the controller will return it."""
     whole = {one.name for one in fields(kind) if one.type == "int"}
@@ -83,17 +96,25 @@ def words_for(command: Command, family: Family) -> dict[str, Value]:
         return {name: name for name in quantity.names}
     if isinstance(quantity, DigitWord):
         orders = family.status.orders
-        names = [name for name in dict.fromkeys((*family.run_statuses, *family.safe_states)) if name in orders]
+        names = [
+            name
+            for name in dict.fromkeys((*family.run_statuses, *family.safe_states))
+            if name in orders
+        ]
         return {name: orders[name] for name in names} | _words_with_suction(family, names)
     return {"off": OFF} if command.limits.off else {}
 
 
 def _words_with_suction(family: Family, names: Iterable[str]) -> dict[str, Value]:
-    """Return ``on+suction`` and ``on-suction``, where the status orders suction too; the bare word leaves it as it is."""
+    """Return ``on+suction`` and ``on-suction``, where the status orders suction too; the bare word
+    leaves it as it is.
+    """
     status = family.status
     signs = {"+": True, "-": False} if status.has_suction else {}
     words = {f"{name}{sign}{SUCTION}": (name, on) for name in names for sign, on in signs.items()}
-    return {word: status.with_suction(status.orders[name], on=on) for word, (name, on) in words.items()}
+    return {
+        word: status.with_suction(status.orders[name], on=on) for word, (name, on) in words.items()
+    }
 
 
 def names_suction(text: str | None) -> bool:
@@ -102,7 +123,9 @@ def names_suction(text: str | None) -> bool:
 
 
 def value_in(text: str, command: Command, family: Family) -> Value:
-    """Parse the value as the station will return it. Raises `UsageError` that says what is allowed."""
+    """Parse the value as the station will return it. Raises `UsageError` that says what is
+    allowed.
+    """
     if isinstance(command.quantity, StoredCondition):
         return condition_in(text, command)
     words = words_for(command, family)
@@ -129,9 +152,14 @@ def _no_value(text: str, command: Command, words: Mapping[str, Value]) -> str:
     if isinstance(command.quantity, Choice | DigitWord):
         return f"{command.name}: {shown!r} is none of {', '.join(words)}"
     if isinstance(command.quantity, AlarmLimit) and text == "off":
-        return f"{command.name}: no manual prints how to clear a limit; switch its delay off instead"
+        return (
+            f"{command.name}: no manual prints how to clear a limit; switch its delay off instead"
+        )
     hint = "; write the decimal point as a dot" if re.fullmatch(r"[+-]?\d+,\d+", shown) else ""
-    return f"{command.name}: {shown!r} is not a number{' or off' if words else ''}; {allowed(command)}{hint}"
+    return (
+        f"{command.name}: {shown!r} is not a number{' or off' if words else ''};"
+        f" {allowed(command)}{hint}"
+    )
 
 
 def shown(value: Value, command: Command, family: Family) -> str:
@@ -152,10 +180,14 @@ def shown(value: Value, command: Command, family: Family) -> str:
 def _word(word: tuple[int, ...], command: Command, family: Family) -> str:
     if command is family.command_of("status"):
         has_word = family.status.has_suction
-        other = f" ({text_of(word)})" if any(word[: 2 if has_word else 3]) else ""  # digits without words
+        # digits without words
+        other = f" ({text_of(word)})" if any(word[: 2 if has_word else 3]) else ""
         return family.status.shown(word) + other
     if command is family.command_of("alarm_high"):
-        return " and ".join(name for name, digit in (("high", word[4]), ("low", word[3])) if digit) or "none"
+        return (
+            " and ".join(name for name, digit in (("high", word[4]), ("low", word[3])) if digit)
+            or "none"
+        )
     return text_of(word)
 
 

@@ -1,7 +1,7 @@
 """Writes a value by command: the value before, one write, a read-back.
 
-Errors are raised only before anything was sent; later ones stand in `WriteResult`. Nothing is sent twice, nothing is restored, and
-nobody watches a tool put to work, which the person is warned of.
+Errors are raised only before anything was sent; later ones stand in `WriteResult`. Nothing is sent
+twice, nothing is restored, and nobody watches a tool put to work, which the person is warned of.
 """
 
 from __future__ import annotations
@@ -12,7 +12,14 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Final
 
-from jbclog.core.errors import LinkError, NotSupported, Refusal, StartRefused, StationError, UsageError
+from jbclog.core.errors import (
+    LinkError,
+    NotSupported,
+    Refusal,
+    StartRefused,
+    StationError,
+    UsageError,
+)
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.protocol.client import timing
@@ -51,7 +58,9 @@ class WriteOutcome(StrEnum):
 
 FINE: Final = (WriteOutcome.CONFIRMED, WriteOutcome.UNCHANGED, WriteOutcome.SENT)
 FEEDING: Final = "feeding"
-SHOWN_BY: Final[Mapping[str, str]] = MappingProxyType({"start_feeding": FeederState.RUNNING, "stop_feeding": FeederState.STOPPED})
+SHOWN_BY: Final[Mapping[str, str]] = MappingProxyType(
+    {"start_feeding": FeederState.RUNNING, "stop_feeding": FeederState.STOPPED}
+)
 """Orders without a value, and the state of `FEEDING` that shows them."""
 
 Mirror = tuple[Command, Place]
@@ -79,12 +88,13 @@ class WriteRequest:
 
 @dataclass(slots=True)
 class WriteResult:
-    """One write in progress. `is_sent` once the station may have received it, `is_answered` once it was acknowledged or timed out:
-    a later refusal is one of the read-back.
+    """One write in progress. `is_sent` once the station may have received it, `is_answered` once it
+    was acknowledged or timed out: a later refusal is one of the read-back.
 
-    `outcome` is a `WriteOutcome`, empty before it is sent; `problem` is its reason. `at_work` is whether the tool is, or may be, at
-    work now; None where the write does not affect it. `is_empty`: the port has no tool, and one that is connected starts
-    to work. `seconds` is the duration of a restart.
+    `outcome` is a `WriteOutcome`, empty before it is sent; `problem` is its reason. `at_work` is
+    whether the tool is, or may be, at work now; None where the write does not affect it.
+    `is_empty`: the port has no tool, and one that is connected starts to work. `seconds` is the
+    duration of a restart.
     """
 
     contact: Contact | None = None
@@ -106,7 +116,9 @@ class WriteResult:
         return self.outcome in FINE
 
 
-def write_value(target: Target, change: WriteRequest, keep: Keep, written: WriteResult) -> Steps[None]:
+def write_value(
+    target: Target, change: WriteRequest, keep: Keep, written: WriteResult
+) -> Steps[None]:
     """Write `change` once; `written` has the result so far, also after an exception.
 
     Raises `StartRefused`, `RecordError` (from `keep`) and `LinkError` before anything was sent.
@@ -131,7 +143,11 @@ def write_value(target: Target, change: WriteRequest, keep: Keep, written: Write
 
 def expect_one_port(command: Command, place: Place, ports: tuple[int, ...] | None) -> None:
     """Raise `UsageError` where a port must be named: nothing is written to several at once."""
-    if command.scope not in (Scope.PORT, Scope.TOOL) or place.port is not None or (ports is not None and len(ports) == 1):
+    if (
+        command.scope not in (Scope.PORT, Scope.TOOL)
+        or place.port is not None
+        or (ports is not None and len(ports) == 1)
+    ):
         return
     which = f", one of {', '.join(map(str, ports))}" if ports is not None else ""
     raise UsageError(f"{command.name} belongs to a port: name it with --port{which}")
@@ -154,20 +170,28 @@ def _expect_within(contact: Contact, command: Command, value: Value) -> Steps[No
     for (side, which), limit_name in zip(names, command.within, strict=True):
         limit = None if limit_name is None else (yield from _limit(contact, limit_name))
         if limit is None and side == "above":
-            raise StartRefused(f"{contact.name}: the station does not answer its {limit_name}; nothing was written")
+            raise StartRefused(
+                f"{contact.name}: the station does not answer its {limit_name}; nothing was written"
+            )
         if limit is not None and (value < limit if side == "below" else value > limit):
             bound = f"{side} the station's {which} of {command.shown(limit)}"
-            raise StartRefused(f"{contact.name}: {command.shown(value)} is {bound}; nothing was written")
+            raise StartRefused(
+                f"{contact.name}: {command.shown(value)} is {bound}; nothing was written"
+            )
 
 
 def _limit(contact: Contact, name: str) -> Steps[float | None]:
     command = contact.family.commands.get(name)
     try:
-        found = None if command is None else (yield from contact.read_confirmed(command, WHOLE_STATION))
+        found = (
+            None if command is None else (yield from contact.read_confirmed(command, WHOLE_STATION))
+        )
     except NotSupported:
         return None
     except StationError as error:
-        raise StartRefused(f"{contact.name}: {name} cannot be read ({sentence(error)}); nothing was written") from error
+        raise StartRefused(
+            f"{contact.name}: {name} cannot be read ({sentence(error)}); nothing was written"
+        ) from error
     return found if isinstance(found, int | float) else None
 
 
@@ -181,11 +205,15 @@ def _number_in(command: Command, value: Value) -> int | None:
     """Return the number of the solder condition to write or run."""
     if isinstance(value, StoredRecord):
         return value.condition
-    return value if isinstance(command.quantity, ConditionNumber) and isinstance(value, int) else None
+    return (
+        value if isinstance(command.quantity, ConditionNumber) and isinstance(value, int) else None
+    )
 
 
 def _mirror(contact: Contact, command: Command, value: Value, place: Place) -> Mirror | None:
-    """Return what reads a write back, and where; None where nothing does. OMEGA's D is read back by C."""
+    """Return what reads a write back, and where; None where nothing does. OMEGA's D is read back by
+    C.
+    """
     if command.readable:
         return command, place
     if isinstance(value, StoredRecord):
@@ -193,8 +221,12 @@ def _mirror(contact: Contact, command: Command, value: Value, place: Place) -> M
     return None
 
 
-def _read_before(contact: Contact, command: Command, value: Value, written: WriteResult) -> Steps[None]:
-    """Read the value before. A tool's state is ordered even if it cannot be read: the order may stop the tool."""
+def _read_before(
+    contact: Contact, command: Command, value: Value, written: WriteResult
+) -> Steps[None]:
+    """Read the value before. A tool's state is ordered even if it cannot be read: the order may
+    stop the tool.
+    """
     mirror = _mirror(contact, command, value, written.place)
     if mirror is None:
         return
@@ -203,12 +235,15 @@ def _read_before(contact: Contact, command: Command, value: Value, written: Writ
     except StationError as error:
         if not _is_status(contact, command):
             raise StartRefused(
-                f"{contact.name}: {title(command, written.place)} cannot be read ({sentence(error)}); nothing was written"
+                f"{contact.name}: {title(command, written.place)} cannot be read"
+                f" ({sentence(error)}); nothing was written"
             ) from error
 
 
 def _with_suction_as_it_is(contact: Contact, word: StatusWord, before: Value | None) -> StatusWord:
-    """Keep suction as it is, so that an order about heat does not drop the part; not known counts as off."""
+    """Keep suction as it is, so that an order about heat does not drop the part; not known counts
+    as off.
+    """
     status = contact.family.status
     return status.with_suction(word, on=isinstance(before, tuple) and status.sucks(before))
 
@@ -223,18 +258,23 @@ def _write(contact: Contact, command: Command, value: Value, written: WriteResul
         yield from _send(contact, command, value, written)
     except (StationError, LinkError) as error:
         if isinstance(error, Refusal) and not written.is_answered:
-            written.outcome, written.problem = WriteOutcome.REFUSED, sentence(error) + _without_a_way(command, error)
+            written.outcome, written.problem = (
+                WriteOutcome.REFUSED,
+                sentence(error) + _without_a_way(command, error),
+            )
         else:
             written.outcome, written.problem = WriteOutcome.UNCONFIRMED, str(error)
 
 
 def _without_a_way(command: Command, error: Refusal) -> str:
-    """Explain why an order refused for its form is not tried in another (docs/reference/contradictions.md, B-37)."""
+    """Explain why an order refused for its form is not tried in another
+    (docs/reference/contradictions.md, B-37).
+    """
     if error.code != BADLY_FORMED or not (is_order(command) and command.sent_once):
         return ""
     return (
-        "; it was not done. The manuals print no data for it, and what acts or erases is not tried in a second form, so jbclog "
-        "cannot give this station this order: give it at the station"
+        "; it was not done. The manuals print no data for it, and what acts or erases is not tried"
+        " in a second form, so jbclog cannot give this station this order: give it at the station"
     )
 
 
@@ -260,14 +300,21 @@ def _send(contact: Contact, command: Command, value: Value, written: WriteResult
 
 
 def _look_who_is_there(contact: Contact, written: WriteResult) -> Steps[None]:
-    """Check whether the station still answers: a reset may also change address, line format and Robot mode."""
+    """Check whether the station still answers: a reset may also change address, line format and
+    Robot mode.
+    """
     try:
         yield from contact.client.read(timing.MODEL)
     except StationError as error:
-        written.problem = f"now it does not answer as before ({sentence(error)}); `jbclog scan` finds out how it does"
+        written.problem = (
+            f"now it does not answer as before ({sentence(error)}); `jbclog scan` finds out how it"
+            " does"
+        )
 
 
-def _lost(contact: Contact, command: Command, value: Value, written: WriteResult) -> Steps[StationError | None]:
+def _lost(
+    contact: Contact, command: Command, value: Value, written: WriteResult
+) -> Steps[StationError | None]:
     """Write once; return the error instead of an acknowledgement. Raises `Refusal`."""
     lost = None
     try:
@@ -280,11 +327,17 @@ def _lost(contact: Contact, command: Command, value: Value, written: WriteResult
     return lost
 
 
-def _send_and_read(contact: Contact, command: Command, value: Value, mirror: Mirror, written: WriteResult) -> Steps[None]:
+def _send_and_read(
+    contact: Contact, command: Command, value: Value, mirror: Mirror, written: WriteResult
+) -> Steps[None]:
     """Write and read back; the read-back decides even after a lost acknowledgement."""
     yield from _lost(contact, command, value, written)
     found = written.readback = yield from contact.read_confirmed(*mirror, known=value)
-    written.outcome = WriteOutcome.CONFIRMED if _is_same(contact, command, found, value) else WriteOutcome.MISMATCH
+    written.outcome = (
+        WriteOutcome.CONFIRMED
+        if _is_same(contact, command, found, value)
+        else WriteOutcome.MISMATCH
+    )
     if written.outcome == WriteOutcome.MISMATCH:
         written.problem = f"{shown(found, command, contact.family)} was read back"
 
@@ -297,11 +350,15 @@ def _is_same(contact: Contact, command: Command, found: Value, asked: Value) -> 
 
 
 def _send_and_look(contact: Contact, command: Command, written: WriteResult) -> Steps[None]:
-    """Write an order and check the feeder. Feeding may end before it is seen: only a stop must show."""
+    """Write an order and check the feeder. Feeding may end before it is seen: only a stop must
+    show.
+    """
     written.at_work = True  # until known otherwise
     lost = yield from _lost(contact, command, 0, written)
     expected = SHOWN_BY[command.name]
-    found = written.readback = yield from contact.read_confirmed(contact.family.commands[FEEDING], WHOLE_STATION, known=expected)
+    found = written.readback = yield from contact.read_confirmed(
+        contact.family.commands[FEEDING], WHOLE_STATION, known=expected
+    )
     written.at_work = found != FeederState.STOPPED
     if found == expected:
         written.outcome = WriteOutcome.CONFIRMED
@@ -314,7 +371,9 @@ def _send_and_look(contact: Contact, command: Command, written: WriteResult) -> 
 
 
 def _look_at_work(contact: Contact, command: Command, written: WriteResult) -> Steps[None]:
-    """Determine whether a tool is at work after an order to it, or after another temperature was selected for it."""
+    """Determine whether a tool is at work after an order to it, or after another temperature was
+    selected for it.
+    """
     is_refused = written.outcome == WriteOutcome.REFUSED
     if _is_status(contact, command):
         word = written.before if is_refused else written.readback
@@ -324,7 +383,8 @@ def _look_at_work(contact: Contact, command: Command, written: WriteResult) -> S
             return
     else:
         return
-    written.at_work = contact.family.status.is_working(word) if isinstance(word, tuple) else True  # not known counts as at work
+    # not known counts as at work
+    written.at_work = contact.family.status.is_working(word) if isinstance(word, tuple) else True
     written.is_empty = written.at_work and (yield from _is_empty(contact, written.place.port))
 
 
@@ -348,12 +408,18 @@ def _status_now(contact: Contact, port: int | None) -> Steps[Value | None]:
 
 
 def is_order_to_rest(contact: Contact, written: WriteResult) -> bool:
-    """Whether it is an order to a safe state, or to stop a motor, whose failure must be reported."""
+    """Whether it is an order to a safe state, or to stop a motor, whose failure must be
+    reported.
+    """
     command = written.command
     if command is None:
         return False
     if _is_status(contact, command):
         status = contact.family.status
-        plain = status.with_suction(written.value, on=False) if isinstance(written.value, tuple) else None
+        plain = (
+            status.with_suction(written.value, on=False)
+            if isinstance(written.value, tuple)
+            else None
+        )
         return plain in [status.orders[name] for name in contact.family.safe_states]
     return command.effect is Effect.STOPS

@@ -1,4 +1,5 @@
-"""One run of one station: identify it, apply the recipe, sample, bridge an outage, leave the tools safe.
+"""One run of one station: identify it, apply the recipe, sample, bridge an outage, leave the tools
+safe.
 
 Start with `station_run.py`; `context.py` has a session's task and its state.
 """

@@ -1,8 +1,9 @@
 """Alarm flags: latched in the station, cleared by reading, one bit each without redundancy.
 
-The flags are read once and never again for the same answer (manual 000, 4.8.27; docs/reference/faults.md, F-39). A set flag is an
-alarm only if a temperature beyond the limit, read since the last reading of the flags, confirms it; until then it is
-`alarm.unconfirmed`. A lost answer makes the flag unknown, not off. Flags count while the tool is working, after first entering
+The flags are read once and never again for the same answer (manual 000, 4.8.27;
+docs/reference/faults.md, F-39). A set flag is an alarm only if a temperature beyond the limit, read
+since the last reading of the flags, confirms it; until then it is `alarm.unconfirmed`. A lost
+answer makes the flag unknown, not off. Flags count while the tool is working, after first entering
 setpoint ±10 °C; those of the first reading were raised before the run.
 
 A flag that stays set, or is set again, is reported once, and again when more is known about it.
@@ -31,15 +32,22 @@ class _Side:
 
 
 SIDES = (
-    _Side("high", 4, "alarm_high_limit", lambda port: port.hottest_c, lambda seen, limit: seen > limit),
-    _Side("low", 3, "alarm_low_limit", lambda port: port.coolest_c, lambda seen, limit: seen < limit),
+    _Side(
+        "high", 4, "alarm_high_limit", lambda port: port.hottest_c, lambda seen, limit: seen > limit
+    ),
+    _Side(
+        "low", 3, "alarm_low_limit", lambda port: port.coolest_c, lambda seen, limit: seen < limit
+    ),
 )
 
 
 def bears_out(context: SessionContext, port: PortState, value: int) -> bool:
-    """Whether `value` is the first beyond a limit while alarms count, so that it makes a set flag an alarm."""
+    """Whether `value` is the first beyond a limit while alarms count, so that it makes a set flag
+    an alarm.
+    """
     return counts(context, port) and any(
-        _is_beyond(side, port, value) and not _is_beyond(side, port, port.temperature_c) for side in SIDES
+        _is_beyond(side, port, value) and not _is_beyond(side, port, port.temperature_c)
+        for side in SIDES
     )
 
 
@@ -84,9 +92,12 @@ class AlarmWatch:
         """Handle a lost answer: the station has cleared the flags that it sent."""
         self._reported.clear()
         text = (
-            f"Port {self._port.number}: the answer to the alarm flags was lost ({why}); whether an alarm was raised is not known."
+            f"Port {self._port.number}: the answer to the alarm flags was lost ({why}); whether an"
+            " alarm was raised is not known."
         )
-        self._context.note("alarm.unknown", Severity.WARNING, text, port=self._port.number, since=self._last_read)
+        self._context.note(
+            "alarm.unknown", Severity.WARNING, text, port=self._port.number, since=self._last_read
+        )
         self._start_period(now)
 
     def _start_period(self, now: float) -> None:
@@ -95,7 +106,9 @@ class AlarmWatch:
         self._port.has_counted = counts(self._context, self._port)
 
     def _known_of(self, side: _Side) -> FlagState:
-        """Classify a set flag by the temperatures since the last reading; only those that count were kept."""
+        """Classify a set flag by the temperatures since the last reading; only those that count
+        were kept.
+        """
         if self._last_read is None:
             return FlagState.BEFORE_RUN
         seen, limit = side.extreme(self._port), self._port.celsius(side.limit)
@@ -106,12 +119,29 @@ class AlarmWatch:
     def _report(self, side: _Side, known: FlagState, reported: FlagState | None) -> None:
         seen, limit = side.extreme(self._port), self._port.celsius(side.limit)
         if known is FlagState.BEFORE_RUN:
-            self._note(side, "alarm.before_run", Severity.INFO, "was set before this run began; it does not count")
+            self._note(
+                side,
+                "alarm.before_run",
+                Severity.INFO,
+                "was set before this run began; it does not count",
+            )
         elif known is FlagState.NOT_COUNTING:
-            self._note(side, f"alarm.{side.word}.not_working", Severity.INFO, "was raised while heating up or not working")
+            self._note(
+                side,
+                f"alarm.{side.word}.not_working",
+                Severity.INFO,
+                "was raised while heating up or not working",
+            )
         elif known is FlagState.UNCONFIRMED:
             self._context.facts.unconfirmed_alarms += 1
-            self._note(side, "alarm.unconfirmed", Severity.WARNING, self._not_borne_out(seen, limit), seen, limit)
+            self._note(
+                side,
+                "alarm.unconfirmed",
+                Severity.WARNING,
+                self._not_borne_out(seen, limit),
+                seen,
+                limit,
+            )
         else:
             self._context.facts.alarms += 1
             self._context.facts.unconfirmed_alarms -= reported is FlagState.UNCONFIRMED
@@ -122,10 +152,18 @@ class AlarmWatch:
     def _not_borne_out(seen: int | None, limit: float | None) -> str:
         if limit is None:
             return "flag is set, its limit is not known"
-        return f"flag is set, no temperature beyond {limit:g} °C was read" + ("" if seen is None else f" (nearest {seen} °C)")
+        return f"flag is set, no temperature beyond {limit:g} °C was read" + (
+            "" if seen is None else f" (nearest {seen} °C)"
+        )
 
     def _note(
-        self, side: _Side, kind: str, severity: Severity, text: str, value: float | None = None, limit: float | None = None
+        self,
+        side: _Side,
+        kind: str,
+        severity: Severity,
+        text: str,
+        value: float | None = None,
+        limit: float | None = None,
     ) -> None:
         sentence = f"Port {self._port.number}: {side.word}-temperature {text}."
         self._context.note(

@@ -1,7 +1,8 @@
 """Apply the recipe: read and check every setting, write those that differ, read them back.
 
-Nothing is written before every setting has been read and checked. Each outcome is a row of `settings`; the first setting that
-is not confirmed stops this station's run (docs/reference/tables.md). `station_run.py` has the order of the steps.
+Nothing is written before every setting has been read and checked. Each outcome is a row of
+`settings`; the first setting that is not confirmed stops this station's run
+(docs/reference/tables.md). `station_run.py` has the order of the steps.
 """
 
 from __future__ import annotations
@@ -9,7 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from jbclog.config.recipe import CAN_HEAT
-from jbclog.config.recipe_settings import Setting, foreign_keys, live_problems, settings_for, station_settings_for
+from jbclog.config.recipe_settings import (
+    Setting,
+    foreign_keys,
+    live_problems,
+    settings_for,
+    station_settings_for,
+)
 from jbclog.core.errors import NotSupported, StartRefused, StationError
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import OFF, text_of
@@ -29,7 +36,9 @@ Wanted = tuple[Setting, PortState | None]
 
 
 def examine(context: SessionContext) -> Steps[list[Wanted]]:
-    """Read and check everything; return what to write, in order. Raises `StartRefused` with every problem."""
+    """Read and check everything; return what to write, in order. Raises `StartRefused` with every
+    problem.
+    """
     yield from read_all(context)
     wanted = _wanted(context)
     _check(context, wanted)
@@ -39,7 +48,9 @@ def examine(context: SessionContext) -> Steps[list[Wanted]]:
 
 
 def apply(context: SessionContext, wanted: list[Wanted], *, heats: bool) -> Steps[None]:
-    """Write the settings that can heat a tool, or those that cannot. Raises `StartRefused` naming the setting that failed."""
+    """Write the settings that can heat a tool, or those that cannot. Raises `StartRefused` naming
+    the setting that failed.
+    """
     for setting, port in wanted:
         if (setting.command.name in CAN_HEAT) == heats:
             yield from _apply(context, setting, port)
@@ -100,7 +111,10 @@ def read_port(context: SessionContext, port: PortState) -> Steps[None]:
 def read_tool(context: SessionContext, port: PortState) -> Steps[None]:
     """Read the settings of the tool in `port`; a tool whose number fits no command has none."""
     if not port.can_be_spoken_to:
-        text = f"Tool {port.tool} in port {port.number}: no command has a place for this number, so its settings are not known."
+        text = (
+            f"Tool {port.tool} in port {port.number}: no command has a place for this number, so"
+            " its settings are not known."
+        )
         context.note("tool.unknown", Severity.WARNING, text, port=port.number, code=port.tool)
         return
     for command in readable_settings(context, Scope.TOOL):
@@ -115,12 +129,18 @@ def _read_held(context: SessionContext, command: Command, port: PortState | None
         held.pop(command.name, None)
         context.not_supported.add(command.name)
     except StationError as error:
-        raise StartRefused(f"{context.name}: cannot read {title_of(command, port)}: {error}") from error
+        raise StartRefused(
+            f"{context.name}: cannot read {title_of(command, port)}: {error}"
+        ) from error
 
 
 def _wanted(context: SessionContext) -> list[Wanted]:
-    """List the recipe's settings for this station in the order of writing; tool settings only where there is a tool."""
-    wanted: list[Wanted] = [(one, None) for one in station_settings_for(context.recipe, context.family)]
+    """List the recipe's settings for this station in the order of writing; tool settings only where
+    there is a tool.
+    """
+    wanted: list[Wanted] = [
+        (one, None) for one in station_settings_for(context.recipe, context.family)
+    ]
     for port in context.ports.values():
         for setting in settings_for(context.recipe, context.family, port.number):
             if setting.command.scope is not Scope.TOOL or port.has_tool:
@@ -146,39 +166,79 @@ def _check(context: SessionContext, wanted: list[Wanted]) -> None:
 
 
 def _cooling_problems(context: SessionContext, port: PortState, wanted: list[Wanted]) -> list[str]:
-    """List delays that are off or not known, so that a standing tool may stay hot (docs/reference/safe-states.md)."""
+    """List delays that are off or not known, so that a standing tool may stay hot
+    (docs/reference/safe-states.md).
+    """
     if not context.family.may_stand_at_last(context.safe_state) or not port.has_tool:
         return []
     asked = {one.command.name: one.value for one, place in wanted if place is port}
-    in_force = {name: asked.get(name, port.held[name]) for name in COOLING_DELAYS if name in port.held}
+    in_force = {
+        name: asked.get(name, port.held[name]) for name in COOLING_DELAYS if name in port.held
+    }
     off = [name.replace("_", " ") for name in COOLING_DELAYS if in_force.get(name) is OFF]
-    unreported = [name.replace("_", " ") for name in COOLING_DELAYS if name in context.family.commands and name not in in_force]
+    unreported = [
+        name.replace("_", " ")
+        for name in COOLING_DELAYS
+        if name in context.family.commands and name not in in_force
+    ]
     found = [
-        f"{' and '.join(names)} of port {port.number} {what}" for names, what in ((off, "off"), (unreported, NOT_REPORTED)) if names
+        f"{' and '.join(names)} of port {port.number} {what}"
+        for names, what in ((off, "off"), (unreported, NOT_REPORTED))
+        if names
     ]
     if not found:
         return []
-    text = f"{' and '.join(found)}, so a tool told to stand {'never cools' if off else 'may never cool'} down"
+    text = (
+        f"{' and '.join(found)}, so a tool told to stand"
+        f" {'never cools' if off else 'may never cool'} down"
+    )
     if not context.recipe.run.allow_no_cooldown:
         return [
-            text + ("; set the delay in the recipe, or allow_no_cooldown = true" if off else "; allow_no_cooldown = true allows it")
+            text
+            + (
+                "; set the delay in the recipe, or allow_no_cooldown = true"
+                if off
+                else "; allow_no_cooldown = true allows it"
+            )
         ]
-    context.note("safety.no_cooldown", Severity.WARNING, f"Allowed by the recipe: {text}.", port=port.number)
+    context.note(
+        "safety.no_cooldown", Severity.WARNING, f"Allowed by the recipe: {text}.", port=port.number
+    )
     return []
 
 
 def _record_untouched(context: SessionContext, wanted: list[Wanted]) -> None:
-    """Record everything that was read and not written, and the recipe's settings for other families."""
+    """Record everything that was read and not written, and the recipe's settings for other
+    families.
+    """
     asked = {(one.command.name, port.number if port else None) for one, port in wanted}
     places: list[PortState | None] = [None, *context.ports.values()]
     for port in places:
         for name, value in (port.held if port else context.held).items():
             if (name, port.number if port else None) not in asked:
-                keep_row(context, context.command(name), port, SettingOutcome.READ, readback=text_of(value))
+                keep_row(
+                    context,
+                    context.command(name),
+                    port,
+                    SettingOutcome.READ,
+                    readback=text_of(value),
+                )
     for key in foreign_keys(context.recipe, context.family, tuple(context.ports)):
         time = context.utc.micros(context.now)
         context.journal.setting(
-            SettingRow(time, context.name, None, None, key, "", None, None, None, None, SettingOutcome.UNSUPPORTED)
+            SettingRow(
+                time,
+                context.name,
+                None,
+                None,
+                key,
+                "",
+                None,
+                None,
+                None,
+                None,
+                SettingOutcome.UNSUPPORTED,
+            )
         )
 
 
@@ -189,15 +249,26 @@ def _apply(context: SessionContext, setting: Setting, port: PortState | None) ->
     if command.name not in held:  # `read_all` could not read it
         keep_row(context, command, port, SettingOutcome.UNSUPPORTED, requested=requested)
     elif held[command.name] == value:
-        keep_row(context, command, port, SettingOutcome.UNCHANGED, requested=requested, readback=requested)
+        keep_row(
+            context,
+            command,
+            port,
+            SettingOutcome.UNCHANGED,
+            requested=requested,
+            readback=requested,
+        )
     else:
         yield from write_setting(context, command, value, port)
 
 
 def _look_at_suction(context: SessionContext, port: PortState) -> Steps[None]:
-    """Read the status again: somebody may have switched suction at the station. After an error it counts as unchanged."""
+    """Read the status again: somebody may have switched suction at the station. After an error it
+    counts as unchanged.
+    """
     try:
-        port.held["status"] = yield from read_setting(context, context.command("status"), port, port.held["status"])
+        port.held["status"] = yield from read_setting(
+            context, context.command("status"), port, port.held["status"]
+        )
     except StationError:
         return
     note_status(port)
@@ -222,6 +293,13 @@ def _apply_status(context: SessionContext) -> Steps[None]:
             keep_row(context, command, port, SettingOutcome.UNSUPPORTED, requested=requested)
         elif port.held["status"] == word:
             touch(context, port)
-            keep_row(context, command, port, SettingOutcome.UNCHANGED, requested=text_of(word), readback=text_of(word))
+            keep_row(
+                context,
+                command,
+                port,
+                SettingOutcome.UNCHANGED,
+                requested=text_of(word),
+                readback=text_of(word),
+            )
         else:
             yield from write_setting(context, command, word, port)

@@ -1,8 +1,9 @@
 """OMEGA's solder condition: read, compared field by field, written if allowed, read back.
 
-A condition that the controller has already is not written. Another one is written only with `--allow-omega-write`, once, because it
-decides what the machine does next; otherwise the run is refused with the differences. The controller ignores what it refuses,
-and its ``d`` can be lost: only reading back decides.
+A condition that the controller has already is not written. Another one is written only with
+`--allow-omega-write`, once, because it decides what the machine does next; otherwise the run is
+refused with the differences. The controller ignores what it refuses, and its ``d`` can be lost:
+only reading back decides.
 """
 
 from __future__ import annotations
@@ -11,7 +12,13 @@ from jbclog.config.recipe_settings import condition_of
 from jbclog.core.errors import Ignored, LinkError, NotSupported, StartRefused, StationError
 from jbclog.core.io_requests import RunEnded, Steps
 from jbclog.core.rows import SettingOutcome, SettingRow, Severity
-from jbclog.protocol.commands.omega import ConditionRecord, SetTemperature, StoredRecord, difference, differing
+from jbclog.protocol.commands.omega import (
+    ConditionRecord,
+    SetTemperature,
+    StoredRecord,
+    difference,
+    differing,
+)
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.watch import report_change
 
@@ -19,7 +26,9 @@ BAD = (SettingOutcome.MISMATCH, SettingOutcome.REFUSED)
 
 
 def look_at_condition(context: SessionContext) -> Steps[ConditionRecord | None]:
-    """Read and compare the recipe's condition; return what to write. Raises `StartRefused` where it must not be written."""
+    """Read and compare the recipe's condition; return what to write. Raises `StartRefused` where it
+    must not be written.
+    """
     wanted = condition_of(context.recipe, context.family)
     if wanted is None:
         return None
@@ -30,14 +39,17 @@ def look_at_condition(context: SessionContext) -> Steps[ConditionRecord | None]:
     if not context.order.allow_omega_write:
         _rows(context, wanted, held, SettingOutcome.MISMATCH)
         raise StartRefused(
-            f"{context.name}: condition {wanted.condition} is not what the recipe asks: {difference(wanted, held)}. "
-            "Nothing was written; run with --allow-omega-write to have it written"
+            f"{context.name}: condition {wanted.condition} is not what the recipe asks:"
+            f" {difference(wanted, held)}. Nothing was written; run with --allow-omega-write to"
+            " have it written"
         )
     return wanted
 
 
 def bring_condition(context: SessionContext, wanted: ConditionRecord | None) -> Steps[None]:
-    """Write the condition that `look_at_condition` returned. Raises `StartRefused` where it is not confirmed."""
+    """Write the condition that `look_at_condition` returned. Raises `StartRefused` where it is not
+    confirmed.
+    """
     if wanted is not None:
         held = context.held["condition"]
         assert isinstance(held, StoredRecord)
@@ -52,12 +64,18 @@ def check_condition(context: SessionContext) -> Steps[None]:
     try:
         found = yield from _read(context, before.condition)
     except StationError as error:
-        text = f"Condition {before.condition} could not be read at the end: {error}. The settings have it as it was at the start."
+        text = (
+            f"Condition {before.condition} could not be read at the end: {error}. The settings have"
+            " it as it was at the start."
+        )
         context.note("setting.unread", Severity.WARNING, text)
         return
     if found != before:
         context.held["condition"] = found
-        was, now = (", ".join(f"{one[0]} {one[place]}" for one in differing(before, found)) for place in (1, 2))
+        was, now = (
+            ", ".join(f"{one[0]} {one[place]}" for one in differing(before, found))
+            for place in (1, 2)
+        )
         report_change(context, None, f"condition_{before.condition}", was, now)
 
 
@@ -73,9 +91,13 @@ def _held(context: SessionContext, wanted: ConditionRecord) -> Steps[StoredRecor
         held = yield from _read(context, wanted.condition)
     except NotSupported as error:
         _rows(context, wanted, None, SettingOutcome.REFUSED)
-        raise StartRefused(f"{context.name}: it does not know condition {wanted.condition}: {error}") from error
+        raise StartRefused(
+            f"{context.name}: it does not know condition {wanted.condition}: {error}"
+        ) from error
     except StationError as error:
-        raise StartRefused(f"{context.name}: cannot read condition {wanted.condition}: {error}") from error
+        raise StartRefused(
+            f"{context.name}: cannot read condition {wanted.condition}: {error}"
+        ) from error
     if isinstance(held, SetTemperature):
         _note_unknown_scale(context, held)
     context.held["condition"] = held
@@ -85,12 +107,17 @@ def _held(context: SessionContext, wanted: ConditionRecord) -> Steps[StoredRecor
 def _note_unknown_scale(context: SessionContext, held: SetTemperature) -> None:
     """Note a temperature whose scale is not known (docs/reference/contradictions.md, B-51)."""
     raw = held.set_temperature_raw
-    place = f"condition {held.condition}: {raw} on the wire, {raw / 10:.1f} °C if it is in tenths and {raw} °C if it is not"
+    place = (
+        f"condition {held.condition}: {raw} on the wire, {raw / 10:.1f} °C if it is in tenths and"
+        f" {raw} °C if it is not"
+    )
     context.station.anomalies.meet(51, place, context.station.data)
 
 
 def _write(context: SessionContext, wanted: ConditionRecord, held: StoredRecord) -> Steps[None]:
-    """Write once, read back, compare. After an exception the write may or may not have been executed."""
+    """Write once, read back, compare. After an exception the write may or may not have been
+    executed.
+    """
     try:
         ignored = yield from _write_once(context, wanted)
         found = yield from _read(context, wanted.condition)
@@ -98,18 +125,31 @@ def _write(context: SessionContext, wanted: ConditionRecord, held: StoredRecord)
         _rows(context, wanted, None, SettingOutcome.UNCONFIRMED, written=True)
         if not isinstance(error, StationError):
             raise
-        raise StartRefused(f"{_asked(context, wanted)}, it could not be read back ({error}); before it was {held}") from error
+        raise StartRefused(
+            f"{_asked(context, wanted)}, it could not be read back ({error}); before it was {held}"
+        ) from error
     context.held["condition"] = found
     if found == wanted:
         _rows(context, wanted, found, SettingOutcome.CONFIRMED, written=True)
         return
-    _rows(context, wanted, found, SettingOutcome.REFUSED if ignored else SettingOutcome.MISMATCH, written=True)
+    _rows(
+        context,
+        wanted,
+        found,
+        SettingOutcome.REFUSED if ignored else SettingOutcome.MISMATCH,
+        written=True,
+    )
     why = "the controller ignored it" if ignored else "it was acknowledged"
-    raise StartRefused(f"{_asked(context, wanted)}, {why}, and read back it has {difference(wanted, found)}; before it was {held}")
+    raise StartRefused(
+        f"{_asked(context, wanted)}, {why}, and read back it has {difference(wanted, found)};"
+        f" before it was {held}"
+    )
 
 
 def _write_once(context: SessionContext, wanted: ConditionRecord) -> Steps[bool]:
-    """Write; return whether it was ignored. The read-back decides even after a lost acknowledgement."""
+    """Write; return whether it was ignored. The read-back decides even after a lost
+    acknowledgement.
+    """
     try:
         yield from context.station.write(context.command("store_condition"), wanted)
     except Ignored:
@@ -124,9 +164,16 @@ def _asked(context: SessionContext, wanted: ConditionRecord) -> str:
 
 
 def _rows(
-    context: SessionContext, wanted: ConditionRecord, found: StoredRecord | None, outcome: SettingOutcome, *, written: bool = False
+    context: SessionContext,
+    wanted: ConditionRecord,
+    found: StoredRecord | None,
+    outcome: SettingOutcome,
+    *,
+    written: bool = False,
 ) -> None:
-    """Record a row for each field; after a bad outcome, fields with the right value are unchanged."""
+    """Record a row for each field; after a bad outcome, fields with the right value are
+    unchanged.
+    """
     held = {} if found is None else {name: text for name, _, text in found.values()}
     for name, unit, text in wanted.values():
         readback = held.get(name)

@@ -22,7 +22,8 @@ from jbclog.protocol.commands.decisions import DECISIONS
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.status import StatusWord
 
-EXAMINED, PREPARED, HEATED = 1, 2, 3  # the steps of a start, named after what is done at their ends (`station_run.py`)
+# the steps of a start, named after what is done at their ends (`station_run.py`)
+EXAMINED, PREPARED, HEATED = 1, 2, 3
 AS_AUTO = AUTO
 AS_FIT = "fit"
 AS_FAST_AS_POSSIBLE = "max"
@@ -30,13 +31,14 @@ AS_FAST_AS_POSSIBLE = "max"
 
 @dataclass(frozen=True, slots=True)
 class StationTask:
-    """What a run wants from one station. `family` is None for "auto"; `ports` None for those that answer. `model` is the name that
-    the line file accepts for the station, None for none.
+    """What a run wants from one station. `family` is None for "auto"; `ports` None for those that
+    answer. `model` is the name that the line file accepts for the station, None for none.
 
-    `rate` is in Hz, or ``auto`` (a usual one with a fifth of the link's time in reserve), ``fit`` (the recipe's, or the best that
-    fits), or ``max`` (without pause); None for the recipe's. With `is_replay` the station is a recorded one, which is sampled at
-    its rate even if the host cannot keep it. `t0` is the run's zero on the monotonic clock; `duration_s` is None for a run
-    without a stated end.
+    `rate` is in Hz, or ``auto`` (a usual one with a fifth of the link's time in reserve), ``fit``
+    (the recipe's, or the best that fits), or ``max`` (without pause); None for the recipe's. With
+    `is_replay` the station is a recorded one, which is sampled at its rate even if the host cannot
+    keep it. `t0` is the run's zero on the monotonic clock; `duration_s` is None for a run without a
+    stated end.
     """
 
     name: str
@@ -56,7 +58,8 @@ class StationTask:
     may_be_missing: bool = False  # the run may start without this station
     is_replay: bool = False
     model: str | None = None
-    begin: tuple[int, float] | None = None  # number of the first tick, and seconds until it is due once everything is read
+    # number of the first tick, and seconds until it is due once everything is read
+    begin: tuple[int, float] | None = None
 
 
 @dataclass(slots=True)
@@ -66,7 +69,8 @@ class PortState:
     number: int
     tool: int | None = None
     error: int | None = None
-    held: dict[str, Value] = field(default_factory=dict)  # command name -> value last read or confirmed
+    # command name -> value last read or confirmed
+    held: dict[str, Value] = field(default_factory=dict)
     status: tuple[int, ...] | None = None
     has_suction: bool | None = None  # the hundreds digit of the status, confirmed by two answers
     temperatures_c: dict[str, int] = field(default_factory=dict)  # signal -> last accepted value
@@ -74,9 +78,12 @@ class PortState:
     coolest_c: int | None = None
     has_counted: bool = False  # alarms have counted ever since the last reading of the flags
     at_temperature: bool = False  # has been within ±10 °C of its setpoint while working
-    found_above: tuple[float, int] | None = None  # before that: since when hotter than its setpoint, and how hot then
-    counted: dict[str, Value] = field(default_factory=dict)  # counter -> value confirmed by two answers
-    states: dict[str, tuple[Value, float]] = field(default_factory=dict)  # OMEGA's, as last read, and when
+    # before that: since when hotter than its setpoint, and how hot then
+    found_above: tuple[float, int] | None = None
+    # counter -> value confirmed by two answers
+    counted: dict[str, Value] = field(default_factory=dict)
+    # OMEGA's, as last read, and when
+    states: dict[str, tuple[Value, float]] = field(default_factory=dict)
     touched: bool = False
     tool_is_new: bool = False  # connected or changed, its settings not read yet
 
@@ -101,7 +108,9 @@ class PortState:
 
 
 class ReadingCount(NamedTuple):
-    """Readings that count for the coverage of a port: how many were due, and how many of them were obtained."""
+    """Readings that count for the coverage of a port: how many were due, and how many of them were
+    obtained.
+    """
 
     due: int
     obtained: int
@@ -128,14 +137,17 @@ class SessionContext:
         self.after_safe: Callable[[], Steps[None]] | None = None  # last reads after sampling
         self.connected = False
         self.is_proven = False  # the link has not broken since the station was identified
-        self.doubted: Counter[str] = Counter()  # answers read again before being accepted, by command
+        # answers read again before being accepted, by command
+        self.doubted: Counter[str] = Counter()
         self.link_is_faster: str | None = None  # than its stated line format, in words
-        self.plugged_hours: dict[int, tuple[int, float]] = {}  # by port, with the time of the reading
+        # by port, with the time of the reading
+        self.plugged_hours: dict[int, tuple[int, float]] = {}
         self.identity_at: dict[str, float] = {}  # when model and software were last confirmed
         self.is_flooded = False  # its link is, and that was reported
         self.flood_pause_s = 0.0  # before a flooded link is reopened
         self.flood_ended: float | None = None  # when the station was back after the last flood
-        self.count_readings: Callable[[int], ReadingCount] = lambda port: ReadingCount(0, 0)  # of a port so far, for who shows it
+        # of a port so far, for who shows it
+        self.count_readings: Callable[[int], ReadingCount] = lambda port: ReadingCount(0, 0)
         self.stranger: str | None = None  # description of another station found in this one's place
         self._family = order.family
         self.facts = StationFacts(
@@ -186,9 +198,11 @@ class SessionContext:
         return self.recipe.safe_state(self.family.name)
 
     def start_word(self, port: PortState) -> StatusWord | None:
-        """Return the status word to order on `port` at the start; None where the recipe leaves it alone, or it is not known.
+        """Return the status word to order on `port` at the start; None where the recipe leaves it
+        alone, or it is not known.
 
-        One word orders the tool's state and, on hot air, suction; what the recipe does not set stays as it was read.
+        One word orders the tool's state and, on hot air, suction; what the recipe does not set
+        stays as it was read.
         """
         status, state, held = self.family.status, self.recipe.run.status, port.held.get("status")
         known = held if isinstance(held, tuple) else None
@@ -196,23 +210,34 @@ class SessionContext:
         if word is None or not status.has_suction:
             return None if state is None else word
         if self.recipe.suction == "keep":
-            return None if state is None else status.with_suction(word, on=known is not None and status.sucks(known))
+            return (
+                None
+                if state is None
+                else status.with_suction(word, on=known is not None and status.sucks(known))
+            )
         return status.with_suction(word, on=self.recipe.suction == "on")
 
     @property
     def spares_resting(self) -> bool:
-        """Whether a safe order leaves a resting tool alone: before the third step of the start this run has ordered no status and
-        no setpoint, and an order to stand would heat a sleeping tool, or one in its extractor.
+        """Whether a safe order leaves a resting tool alone: before the third step of the start this
+        run has ordered no status and no setpoint, and an order to stand would heat a sleeping tool,
+        or one in its extractor.
         """
         return self.step <= PREPARED
 
     def keeps_suction(self, port: PortState) -> bool:
         """Whether a safe order keeps suction on at `port`. Not known counts as off."""
-        return self.family.status.has_suction and self.recipe.run.safe_suction == "keep" and port.has_suction is True
+        return (
+            self.family.status.has_suction
+            and self.recipe.run.safe_suction == "keep"
+            and port.has_suction is True
+        )
 
     @property
     def may_feed(self) -> bool:
-        """Whether this run has to stop a feeder: a robot's own switch can start it whenever its tool is at work."""
+        """Whether this run has to stop a feeder: a robot's own switch can start it whenever its
+        tool is at work.
+        """
         has_feeder = self.family_known and self.family.has_feeder
         touched = self.feeder_touched or any(port.touched for port in self.ports.values())
         return has_feeder and touched and not self.feeder_stopped
@@ -226,12 +251,22 @@ class SessionContext:
         return self.family.commands[name]
 
     def read_confirmed(
-        self, command: Command, port: int | None = None, tool: int | None = None, *, known: Value | None = None, grows: bool = False
+        self,
+        command: Command,
+        port: int | None = None,
+        tool: int | None = None,
+        *,
+        known: Value | None = None,
+        grows: bool = False,
     ) -> Steps[Value]:
-        """Read a decisive value until two answers are equal; during the start with more tries (`client/confirmed_reads.py`)."""
+        """Read a decisive value until two answers are equal; during the start with more tries
+        (`client/confirmed_reads.py`).
+        """
 
         def ask() -> Steps[Value]:
-            return read_confirmed(self.station, command, port, tool, known=known, grows=grows, doubted=self.doubted)
+            return read_confirmed(
+                self.station, command, port, tool, known=known, grows=grows, doubted=self.doubted
+            )
 
         return with_retries(self.station, ask, self.tries)
 
@@ -252,33 +287,49 @@ class SessionContext:
         """Record an event. `since` is the earliest time at which it can have happened."""
         time = self.utc.micros(self.now)
         earliest = None if since is None else self.utc.micros(since)
-        event = EventRow(time, kind, severity, text, self.name, port, earliest, code, value, limit, raw)
+        event = EventRow(
+            time, kind, severity, text, self.name, port, earliest, code, value, limit, raw
+        )
         self.journal.event(event, at_once=at_once)
 
     def report_anomalies(self) -> None:
         """Record anomalies of the station that are new; each kind once."""
         for one in self.station.anomalies.take():
             decision = DECISIONS[one.number]
-            severity = Severity.WARNING if decision.doubtful and not decision.usual else Severity.INFO
+            severity = (
+                Severity.WARNING if decision.doubtful and not decision.usual else Severity.INFO
+            )
             text = f"{decision.met} First met: {one.place}."
-            self.note("protocol.anomaly", severity, text, port=one.port, code=one.number, raw=one.raw)
+            self.note(
+                "protocol.anomaly", severity, text, port=one.port, code=one.number, raw=one.raw
+            )
 
     def publish(self) -> None:
         """Hand over the facts as they are now."""
         has_tools = self._family is None or self._family.tools
-        self.facts.tools = {port.number: self.tool_text(port.tool) for port in self.ports.values() if has_tools}
-        self.facts.signals = [] if self._family is None else [signal.name for signal in self._family.signals]
+        self.facts.tools = {
+            port.number: self.tool_text(port.tool) for port in self.ports.values() if has_tools
+        }
+        self.facts.signals = (
+            [] if self._family is None else [signal.name for signal in self._family.signals]
+        )
         self.facts.touched = [port.number for port in self.ports.values() if port.touched]
         self.facts.asked_safe_state = self.safe_state if self.family_known else ""
         self.facts.may_feed = self.may_feed
-        self.facts.suction = [port.number for port in self.ports.values() if self.family_known and self.keeps_suction(port)]
+        self.facts.suction = [
+            port.number
+            for port in self.ports.values()
+            if self.family_known and self.keeps_suction(port)
+        ]
         self.facts.not_supported = sorted(self.not_supported)
         self.facts.garbage_bytes = self.station.garbage_bytes
         self.facts.strays = dict(self.station.strays)
         self.report_anomalies()
         self.facts.anomalies = dict(sorted(self.station.anomalies.counts.items()))
         self.facts.doubted = dict(self.doubted)
-        self.facts.last_temperature_c = {p.number: p.temperature_c for p in self.ports.values() if p.temperature_c is not None}
+        self.facts.last_temperature_c = {
+            p.number: p.temperature_c for p in self.ports.values() if p.temperature_c is not None
+        }
         self.journal.facts(self.facts)
 
     def tool_text(self, code: int | None) -> str:

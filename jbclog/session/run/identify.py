@@ -19,14 +19,26 @@ from jbclog.core.errors import (
 from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
-from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, START_TRIES, kind_problem, pause, read_confirmed, unanswered_read
+from jbclog.protocol.client.confirmed_reads import (
+    NOT_DRIVEN,
+    START_TRIES,
+    kind_problem,
+    pause,
+    read_confirmed,
+    unanswered_read,
+)
 from jbclog.protocol.client.interface import expect_quiet
 from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, response_time
-from jbclog.protocol.commands.family import ROBOT, model_not_accepted_text, other_model_text, unknown_model_text
+from jbclog.protocol.commands.family import (
+    ROBOT,
+    model_not_accepted_text,
+    other_model_text,
+    unknown_model_text,
+)
 from jbclog.session.run.context import PortState, SessionContext
 
-# A flooded link counts as lost. A flood is reported once until the station is back. If floods recur, the link is tried less and
-# less often, because each try costs a second of listening.
+# A flooded link counts as lost. A flood is reported once until the station is back. If floods
+# recur, the link is tried less and less often, because each try costs a second of listening.
 
 FIRST_SEEK_S: Final = 0.25
 SEEK_GROWTH: Final = 1.3  # gentle, so that the search hardly prolongs a short outage
@@ -43,7 +55,10 @@ def report_loss(context: SessionContext, cause: LinkError | StationError) -> Non
     context.facts.outages += 1
     context.connected = False
     if isinstance(cause, RobotModeOff):
-        text = "Robot mode was switched off at the station. It is asked again from time to time; nothing is written to it."
+        text = (
+            "Robot mode was switched off at the station. It is asked again from time to time;"
+            " nothing is written to it."
+        )
         context.note("robot.off", Severity.ERROR, text)
         return
     if isinstance(cause, LinkFlooded):
@@ -62,12 +77,26 @@ def report_flood(context: SessionContext, flood: LinkFlooded) -> None:
     if context.is_flooded:
         return
     again = context.flood_ended is not None and context.now - context.flood_ended < FORGOTTEN_S
-    context.flood_pause_s = min(FLOOD_GROWTH * context.flood_pause_s, LONGEST_AFTER_FLOOD_S) if again else FIRST_AFTER_FLOOD_S
+    context.flood_pause_s = (
+        min(FLOOD_GROWTH * context.flood_pause_s, LONGEST_AFTER_FLOOD_S)
+        if again
+        else FIRST_AFTER_FLOOD_S
+    )
     context.is_flooded = True
     severity, warning = _heat(context)
     what = str(flood)
-    text = f"{what[0].upper()}{what[1:]}. It counts as lost and is opened again from time to time.{warning}"
-    context.note("link.flooded", severity, text, since=context.now - flood.seconds, value=flood.came, limit=flood.limit)
+    text = (
+        f"{what[0].upper()}{what[1:]}. It counts as lost and is opened again from time to"
+        f" time.{warning}"
+    )
+    context.note(
+        "link.flooded",
+        severity,
+        text,
+        since=context.now - flood.seconds,
+        value=flood.came,
+        limit=flood.limit,
+    )
 
 
 def note_flood_over(context: SessionContext) -> None:
@@ -91,26 +120,35 @@ def next_pause_s(context: SessionContext, pause_s: float) -> float:
 
 def _heat(context: SessionContext) -> tuple[Severity, str]:
     """Return the severity of the loss, and a sentence about what may be hot."""
-    hot = [port for port in context.ports.values() if port.touched and (port.temperature_c or 0) > HOT_C]
+    hot = [
+        port
+        for port in context.ports.values()
+        if port.touched and (port.temperature_c or 0) > HOT_C
+    ]
     tips = ", ".join(f"port {port.number} at {port.temperature_c} °C" for port in hot)
     warning = f" Its {context.family.hot_part} stays as it was last set: {tips}." if hot else ""
     return Severity.CRITICAL if hot else Severity.ERROR, warning
 
 
-# Whether it is still the same station is checked after every disconnection: adapters swap names, and people swap cables. The model
-# proves little on a line of equal units, so the software version and the plugged hours are compared too: hours never fall, and
-# grow no faster than time (docs/reference/faults.md, F-16 and F-17). They are compared at every reading, because two cables can be
-# swapped between two requests; model and software are read as often as the counters. Two units of one model and software
-# with equal hours cannot be distinguished by anything that the manuals print. OMEGA reports none of these.
+# Whether it is still the same station is checked after every disconnection: adapters swap names,
+# and people swap cables. The model proves little on a line of equal units, so the software version
+# and the plugged hours are compared too: hours never fall, and grow no faster than time
+# (docs/reference/faults.md, F-16 and F-17). They are compared at every reading, because two cables
+# can be swapped between two requests; model and software are read as often as the counters. Two
+# units of one model and software with equal hours cannot be distinguished by anything that the
+# manuals print. OMEGA reports none of these.
 
-IDENTITY_READS = ("model", "software_version")  # reads of the identity that stay constant during a run
+# reads of the identity that stay constant during a run
+IDENTITY_READS = ("model", "software_version")
 RESOLUTION_H = 1  # the counters count whole hours
 DRIFT = 0.01  # maximum difference between the station's clock and ours
 ROLLS_OVER_AT = 100_000  # five digits
 
 
 def learn_identity(context: SessionContext) -> Steps[None]:
-    """Note the plugged hours of each port, with model and software, to recognize the station later."""
+    """Note the plugged hours of each port, with model and software, to recognize the station
+    later.
+    """
     context.identity_at = dict.fromkeys(IDENTITY_READS, context.now)
     for number in context.ports:
         hours = yield from _hours(context, number)
@@ -119,16 +157,24 @@ def learn_identity(context: SessionContext) -> Steps[None]:
 
 
 def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
-    """Whether the station with the name `model` is this run's. Another one is reported once, and neither read nor written.
+    """Whether the station with the name `model` is this run's. Another one is reported once, and
+    neither read nor written.
 
     Raises `StationError` or `LinkError` where it cannot be read.
     """
-    other = f"a {model}, not the {context.facts.model}" if model != context.facts.model else (yield from _difference(context))
+    other = (
+        f"a {model}, not the {context.facts.model}"
+        if model != context.facts.model
+        else (yield from _difference(context))
+    )
     if other is None and context.facts.model_accepted:
         other = yield from _other_kind(context)
     context.is_proven = other is None
     if other is not None and other != context.stranger:
-        text = f"On {context.order.url} there is now {other} of this run. It is neither read nor written."
+        text = (
+            f"On {context.order.url} there is now {other} of this run. It is neither read nor"
+            " written."
+        )
         context.note("identity.changed", Severity.CRITICAL, text, raw=model)
     context.stranger = other
     if context.is_proven:
@@ -137,15 +183,18 @@ def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
 
 
 def is_still_there(context: SessionContext) -> Steps[bool]:
-    """Whether the standing link gives no sign of another station: a quick look at model and software before the safe order.
+    """Whether the standing link gives no sign of another station: a quick look at model and
+    software before the safe order.
 
-    Only another answer is a sign. A station that is silent, refuses, or is garbled counts as there: it was proven before, and a hot
-    tool must not wait for more.
+    Only another answer is a sign. A station that is silent, refuses, or is garbled counts as there:
+    it was proven before, and a hot tool must not wait for more.
     """
     try:
         for name in IDENTITY_READS:
             known = _identity(context, name)
-            if known is not None and known != (yield from read_confirmed(context.station, context.command(name), known=known)):
+            if known is not None and known != (
+                yield from read_confirmed(context.station, context.command(name), known=known)
+            ):
                 return False
     except LinkError:
         return False
@@ -155,7 +204,9 @@ def is_still_there(context: SessionContext) -> Steps[bool]:
 
 
 def _other_kind(context: SessionContext) -> Steps[str | None]:
-    """Describe why a station with an accepted name is of another kind than at the start; None where it is not."""
+    """Describe why a station with an accepted name is of another kind than at the start; None where
+    it is not.
+    """
     why = yield from unanswered_read(context.station, context.family, min(context.ports))
     return None if why is None else f"a {context.facts.model} of another kind ({why})"
 
@@ -164,13 +215,17 @@ def _difference(context: SessionContext) -> Steps[str | None]:
     """Describe how a station of the same model differs from this run's; None where it does not."""
     model, software = context.facts.model, context.facts.software
     if software is not None:
-        found = yield from context.read_confirmed(context.command("software_version"), known=software)
+        found = yield from context.read_confirmed(
+            context.command("software_version"), known=software
+        )
         if found != software:
             return f"a {model} with software {found}, not the one with {software}"
     for number, (before, then) in context.plugged_hours.items():
         hours = yield from _hours(context, number, before)
         if hours is not None and not _can_be(hours, before, context.now - then):
-            return f"a {model} with {hours} plugged hours on port {number}, not the one with {before}"
+            return (
+                f"a {model} with {hours} plugged hours on port {number}, not the one with {before}"
+            )
     return None
 
 
@@ -180,7 +235,9 @@ def expect_same(context: SessionContext, number: int, hours: Value) -> None:
     if before is None or not isinstance(hours, int):
         return
     if not _can_be(hours, before, context.now - then):
-        raise OtherStation(f"the plugged hours of port {number} are {hours}, and were {before}", since=then)
+        raise OtherStation(
+            f"the plugged hours of port {number} are {hours}, and were {before}", since=then
+        )
     context.plugged_hours[number] = hours, context.now
 
 
@@ -190,22 +247,31 @@ def is_this_identity(context: SessionContext, name: str, value: Value) -> bool:
 
 
 def _identity(context: SessionContext, name: str) -> str | None:
-    """Return the model or software that the station had at the start; None where it reported none."""
+    """Return the model or software that the station had at the start; None where it reported
+    none.
+    """
     return context.facts.model if name == IDENTITY_READS[0] else context.facts.software
 
 
 def expect_identity(context: SessionContext, name: str, value: Value) -> None:
-    """Raise `OtherStation` where a model or software just read is not that of this run's station."""
+    """Raise `OtherStation` where a model or software just read is not that of this run's
+    station.
+    """
     if not is_this_identity(context, name, value):
         since = context.identity_at.get(name, context.order.t0)
-        raise OtherStation(f"its {name.replace('_', ' ')} is {value}, and was {_identity(context, name)}", since=since)
+        raise OtherStation(
+            f"its {name.replace('_', ' ')} is {value}, and was {_identity(context, name)}",
+            since=since,
+        )
     context.identity_at[name] = context.now
 
 
 def expect_still_same(context: SessionContext) -> Steps[None]:
-    """Read model and software again over the standing link, before a change that was just found is recorded as the station's.
+    """Read model and software again over the standing link, before a change that was just found is
+    recorded as the station's.
 
-    Raises `OtherStation` where another answers, and what reading raises: then the change is not known to be the station's.
+    Raises `OtherStation` where another answers, and what reading raises: then the change is not
+    known to be the station's.
     """
     for name in IDENTITY_READS:
         known = _identity(context, name)
@@ -215,7 +281,9 @@ def expect_still_same(context: SessionContext) -> Steps[None]:
             found = yield from context.read_confirmed(context.command(name), known=known)
         except NotSupported as error:
             since = context.identity_at.get(name, context.order.t0)
-            raise OtherStation(f"it no longer knows its {name.replace('_', ' ')}", since=since) from error
+            raise OtherStation(
+                f"it no longer knows its {name.replace('_', ' ')}", since=since
+            ) from error
         expect_identity(context, name, found)
 
 
@@ -230,7 +298,9 @@ def _hours(context: SessionContext, number: int, known: int | None = None) -> St
     if counter is None:
         return None
     try:
-        hours = yield from context.read_confirmed(context.command(counter), number, known=known, grows=True)
+        hours = yield from context.read_confirmed(
+            context.command(counter), number, known=known, grows=True
+        )
     except NotSupported:
         return None
     return hours if isinstance(hours, int) else None
@@ -292,7 +362,9 @@ def _answer(context: SessionContext, tries: int) -> Steps[str | None]:
             command = next(iter(context.order.families.values())).commands["model"]
             return str((yield from context.read_confirmed(command, known=context.facts.model)))
         except RobotModeOff as error:
-            raise StartRefused(f"{context.name}: Robot mode is off; switch it on in the station's menu") from error
+            raise StartRefused(
+                f"{context.name}: Robot mode is off; switch it on in the station's menu"
+            ) from error
         except StationError as error:
             if number == tries:
                 raise StationAbsent(_no_answer(context, error, tries)) from error
@@ -305,9 +377,10 @@ def _no_answer(context: SessionContext, error: StationError, tries: int) -> str:
     mode = "Robot mode is switched on in its menu, " if is_robot else ""
     addressing = "without addresses" if order.address is None else f"address {order.address:02d}"
     return (
-        f"{context.name}: no usable answer on {order.url} at {order.line.baudrate} {order.line.format}, {addressing} "
-        f"({error}, in {tries} {'try' if tries == 1 else 'tries'}); "
-        f"check that the station is on, {mode}the cable, and the line format; `jbclog doctor --line` looks for the reason"
+        f"{context.name}: no usable answer on {order.url} at {order.line.baudrate}"
+        f" {order.line.format}, {addressing} ({error}, in {tries}"
+        f" {'try' if tries == 1 else 'tries'}); check that the station is on, {mode}the cable, and"
+        " the line format; `jbclog doctor --line` looks for the reason"
     )
 
 
@@ -316,23 +389,30 @@ def _learn_family(context: SessionContext) -> Steps[None]:
     if context.order.model is not None:
         if model != context.order.model:
             raise StartRefused(
-                f"{context.name}: {model_not_accepted_text(context.order.model, model)}; nothing was written to it. {CORRECT_IT}"
+                f"{context.name}: {model_not_accepted_text(context.order.model, model)}; nothing"
+                f" was written to it. {CORRECT_IT}"
             )
     elif not context.family_known:
         proven = [family for family in context.order.families.values() if family.proves(model)]
         if not proven:
-            raise StartRefused(f"{context.name}: {unknown_model_text(model)}. Nothing was written to it")
+            raise StartRefused(
+                f"{context.name}: {unknown_model_text(model)}. Nothing was written to it"
+            )
         context.family = max(proven, key=lambda family: family.name != "soldering")
     elif context.family.models and not context.family.proves(model):
         raise StartRefused(f"{context.name}: {other_model_text(context.family, model)}")
     if context.family.name not in context.recipe.families:
-        raise StartRefused(f"{context.name}: recipe {context.recipe.name} is not for family {context.family.name}")
+        raise StartRefused(
+            f"{context.name}: recipe {context.recipe.name} is not for family {context.family.name}"
+        )
     if "software_version" in context.family.commands:
         context.facts.software = yield from _software(context)
 
 
 def _accept_model(context: SessionContext) -> Steps[None]:
-    """Confirm by reads the family that the line file names for an accepted model name, which alone does not prove the kind."""
+    """Confirm by reads the family that the line file names for an accepted model name, which alone
+    does not prove the kind.
+    """
     model = context.order.model
     if model is None:
         return
@@ -340,15 +420,20 @@ def _accept_model(context: SessionContext) -> Steps[None]:
     why = yield from kind_problem(context.station, context.family, port)
     if why is not None:
         raise StartRefused(
-            f"{context.name}: model {model} is driven as {context.family.name} by the line file, but {why}. {NOT_DRIVEN}"
+            f"{context.name}: model {model} is driven as {context.family.name} by the line file,"
+            f" but {why}. {NOT_DRIVEN}"
         )
     context.facts.model_accepted = True
-    text = f"The station says model {model} and is driven as {context.family.name}, as the line file's key `model` accepts."
+    text = (
+        f"The station says model {model} and is driven as {context.family.name}, as the line file's"
+        " key `model` accepts."
+    )
     context.note("station.model_accepted", Severity.INFO, text, raw=model)
 
 
 def _software(context: SessionContext) -> Steps[str | None]:
-    """Read the software version; None where the station refuses, because it has none, or where it cannot be read.
+    """Read the software version; None where the station refuses, because it has none, or where it
+    cannot be read.
 
     The latter is a warning, because the station is then recognized without it.
     """
@@ -358,13 +443,18 @@ def _software(context: SessionContext) -> Steps[str | None]:
         if isinstance(error, Refusal) and not isinstance(error, NotReceived | RobotModeOff):
             context.not_supported.add("software_version")
             return None
-        text = f"The software version could not be read ({error}): after an outage the station is identified without it."
+        text = (
+            f"The software version could not be read ({error}): after an outage the station is"
+            " identified without it."
+        )
         context.note("identity.not_known", Severity.WARNING, text)
         return None
 
 
 def _learn_ports(context: SessionContext) -> Steps[None]:
-    """Find the ports: those named by the line file must answer R-CT; otherwise all that do count."""
+    """Find the ports: those named by the line file must answer R-CT; otherwise all that do
+    count.
+    """
     named = context.order.ports or context.family.ports
     if not context.family.tools:
         context.ports.update({number: PortState(number) for number in named or ()})
@@ -376,11 +466,14 @@ def _learn_ports(context: SessionContext) -> Steps[None]:
         except (NotSupported, OutOfRange) as error:
             if named:
                 raise StartRefused(
-                    f"{context.name}: it has no port {number} ({error}); correct `ports` in the line file"
+                    f"{context.name}: it has no port {number} ({error}); correct `ports` in the"
+                    " line file"
                 ) from error
             continue
         except (Refusal, StationError) as error:
-            raise StartRefused(f"{context.name}: cannot read tool of port {number}: {error}") from error
+            raise StartRefused(
+                f"{context.name}: cannot read tool of port {number}: {error}"
+            ) from error
         context.ports[number] = PortState(number, tool if isinstance(tool, int) else None)
     if not context.ports:
         raise StartRefused(f"{context.name}: none of its ports answers R-CT")
@@ -394,20 +487,32 @@ def _require_tools(context: SessionContext) -> None:
             continue
         if context.recipe.run.require_tool:
             raise StartRefused(
-                f"{context.name}: no tool in port {port.number}; put one in, take the port out of `ports`, or set "
-                "require_tool = false"
+                f"{context.name}: no tool in port {port.number}; put one in, take the port out of"
+                " `ports`, or set require_tool = false"
             )
         context.note(
-            "tool.absent", Severity.WARNING, f"No tool in port {port.number}; it is recorded as no_tool.", port=port.number
+            "tool.absent",
+            Severity.WARNING,
+            f"No tool in port {port.number}; it is recorded as no_tool.",
+            port=port.number,
         )
 
 
 def measure_turnaround(context: SessionContext) -> Steps[None]:
     """Measure the response time with harmless reads, in µs."""
-    measured, answered = yield from response_time(context.station, context.family, min(context.ports))
+    measured, answered = yield from response_time(
+        context.station, context.family, min(context.ports)
+    )
     if measured is None or answered < LEAST_ANSWERED:
-        raise StartRefused(f"{context.name}: only {answered} of {READS} questions were answered; the link is too bad to run on")
-    context.facts.turnaround_us = {"median": round(measured.median, 1), "p99": round(measured.longest, 1), "n": answered}
+        raise StartRefused(
+            f"{context.name}: only {answered} of {READS} questions were answered; the link is too"
+            " bad to run on"
+        )
+    context.facts.turnaround_us = {
+        "median": round(measured.median, 1),
+        "p99": round(measured.longest, 1),
+        "n": answered,
+    }
     for name in measured.ignored:
         context.not_supported.add(context.family.signal_of(name) or name)
     context.link_is_faster = measured.faster_text(context.order.line)

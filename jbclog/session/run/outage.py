@@ -1,7 +1,8 @@
-"""Bridges an outage: records the missed ticks, tries to reconnect with back-off, and checks the station before it counts again.
+"""Bridges an outage: records the missed ticks, tries to reconnect with back-off, and checks the
+station before it counts again.
 
-Nothing is written to a station that is back, and nothing heats by itself: identity and settings are read, and each difference
-is an event (docs/reference/faults.md, F-12, F-13, F-16 and F-17).
+Nothing is written to a station that is back, and nothing heats by itself: identity and settings are
+read, and each difference is an event (docs/reference/faults.md, F-12, F-13, F-16 and F-17).
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from jbclog.session.run.identify import (
 from jbclog.session.run.sampling import Sampler, StationLost
 from jbclog.session.run.watch import report_change, stop_on
 
-SEEK_AT_END_S = 3.0  # after the run's end, before a station counts as gone: its tools must be made safe anyway
+# after the run's end, before a station counts as gone: its tools must be made safe anyway
+SEEK_AT_END_S = 3.0
 
 
 class StationGone(Exception):
@@ -36,8 +38,8 @@ class StationGone(Exception):
 def outage(context: SessionContext, sampler: Sampler, tick: int, lost: StationLost) -> Steps[int]:
     """Bridge an outage that began in `tick`; return the tick at which sampling resumes.
 
-    Raises `StationGone` where the run ends first and the station does not come back soon, `SettingChanged` where the recipe
-    stops on a difference.
+    Raises `StationGone` where the run ends first and the station does not come back soon,
+    `SettingChanged` where the recipe stops on a difference.
     """
     report_loss(context, lost.cause)
     context.is_proven &= not isinstance(lost.cause, LinkError)
@@ -45,7 +47,9 @@ def outage(context: SessionContext, sampler: Sampler, tick: int, lost: StationLo
     return (yield from sampler.watched(_live_through(context, sampler, tick, lost)))
 
 
-def _live_through(context: SessionContext, sampler: Sampler, tick: int, lost: StationLost) -> Steps[int]:
+def _live_through(
+    context: SessionContext, sampler: Sampler, tick: int, lost: StationLost
+) -> Steps[int]:
     began, pause = context.now, first_pause_s(context)
     last_heard = min(context.station.heard, began)
     why = lost.cause.reason if isinstance(lost.cause, RobotModeOff) else LinkError.reason
@@ -68,12 +72,16 @@ def _live_through(context: SessionContext, sampler: Sampler, tick: int, lost: St
     if (yield from _seek_at_end(context, reopen=why == LinkError.reason)):
         _resume(context, began, why, held)
         return tick
-    away = f"away for {context.now - last_heard:.1f} s, still {context.now - over:.0f} s after the end of the run"
+    away = (
+        f"away for {context.now - last_heard:.1f} s, still {context.now - over:.0f} s after the end"
+        " of the run"
+    )
     raise StationGone(f"{context.name}: {away} ({lost})")
 
 
 def _seek_at_end(context: SessionContext, *, reopen: bool) -> Steps[bool]:
-    """Try to reconnect for `SEEK_AT_END_S`; a station that is late at the run's end has no other chance.
+    """Try to reconnect for `SEEK_AT_END_S`; a station that is late at the run's end has no other
+    chance.
 
     A flooded link is tried once.
     """
@@ -87,7 +95,9 @@ def _seek_at_end(context: SessionContext, *, reopen: bool) -> Steps[bool]:
     return False
 
 
-def _resume(context: SessionContext, began: float, why: str, held: dict[int | None, dict[str, Value]]) -> None:
+def _resume(
+    context: SessionContext, began: float, why: str, held: dict[int | None, dict[str, Value]]
+) -> None:
     """Report that the station is back, with its changes."""
     _report_return(context, began, why)
     _compare(context, held)
@@ -107,7 +117,9 @@ def _report_return(context: SessionContext, began: float, why: str) -> None:
 
 
 def _seek(context: SessionContext, *, reopen: bool) -> Steps[bool]:
-    """Try once to reconnect and to read the settings; return whether the station may be sampled again."""
+    """Try once to reconnect and to read the settings; return whether the station may be sampled
+    again.
+    """
     try:
         found = yield from connect(context, reopen=reopen, tries=1)
         if not (yield from recognise(context, found)):
@@ -124,10 +136,14 @@ def _seek(context: SessionContext, *, reopen: bool) -> Steps[bool]:
 
 def _read_tools(context: SessionContext) -> Steps[None]:
     for port in context.ports.values() if context.family.tools else ():
-        tool = yield from context.read_confirmed(context.command("tool"), port.number, known=port.tool)
+        tool = yield from context.read_confirmed(
+            context.command("tool"), port.number, known=port.tool
+        )
         if tool != port.tool and isinstance(tool, int):
             before, after = context.tool_text(port.tool), context.tool_text(tool)
-            text = f"Port {port.number}: the tool changed from {before} to {after} during the outage."
+            text = (
+                f"Port {port.number}: the tool changed from {before} to {after} during the outage."
+            )
             context.note("tool.changed", Severity.WARNING, text, port=port.number, code=tool)
             port.tool, port.tool_is_new = tool, True
 
@@ -136,7 +152,9 @@ def _all_held(context: SessionContext) -> dict[int | None, dict[str, Value]]:
     """Return all settings as last known, station first, with the last seen status."""
     held: dict[int | None, dict[str, Value]] = {None: dict(context.held)}
     for port in context.ports.values():
-        held[port.number] = dict(port.held) | ({} if port.status is None else {"status": port.status})
+        held[port.number] = dict(port.held) | (
+            {} if port.status is None else {"status": port.status}
+        )
     return held
 
 
@@ -148,16 +166,24 @@ def _compare(context: SessionContext, before: dict[int | None, dict[str, Value]]
         now = context.held if port is None else port.held
         for name, value in held.items():
             found = now.get(name)
-            if found is not None and _is_watched(context, port, name) and not _is_alike(context, name, value, found):
+            if (
+                found is not None
+                and _is_watched(context, port, name)
+                and not _is_alike(context, name, value, found)
+            ):
                 command = context.command(name)
-                changes.append(report_change(context, port, name, command.shown(value), command.shown(found)))
+                changes.append(
+                    report_change(context, port, name, command.shown(value), command.shown(found))
+                )
         if port is not None:
             note_status(port)
     stop_on(context, changes)
 
 
 def _is_watched(context: SessionContext, port: PortState | None, name: str) -> bool:
-    """Whether a difference counts: a new tool has its own settings, and the recipe may leave the tools' state alone."""
+    """Whether a difference counts: a new tool has its own settings, and the recipe may leave the
+    tools' state alone.
+    """
     if name == "status" and context.recipe.run.status is None:
         return False
     return not (port is not None and port.tool_is_new and context.command(name).scope is Scope.TOOL)

@@ -1,4 +1,6 @@
-"""Chooses a station's sampling rate: the requested one, if it fits the link with the measured response time."""
+"""Chooses a station's sampling rate: the requested one, if it fits the link with the measured
+response time.
+"""
 
 from __future__ import annotations
 
@@ -35,13 +37,25 @@ class SamplingPlan:
     paced: bool
 
 
-def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: LineFormat, addressed: bool) -> list[ScheduledRead]:
-    """List everything that a run, or `plan`, reads repeatedly on a station of `family` with `ports`."""
+def readings_for(
+    family: Family, ports: Sequence[int], recipe: Recipe, line: LineFormat, addressed: bool
+) -> list[ScheduledRead]:
+    """List everything that a run, or `plan`, reads repeatedly on a station of `family` with
+    `ports`.
+    """
     sampling = recipe.sampling
     signals = [(signal, family.commands[signal.command]) for signal in family.signals]
     counters = [(counter, family.commands[counter.command]) for counter in family.counters]
     watched = [family.commands[name] for name in WATCHED_SETTINGS if name in family.commands]
-    found = readings_of(signals, counters, ports, line, addressed, sampling.alarms_every_s, sampling.counters_every_s)
+    found = readings_of(
+        signals,
+        counters,
+        ports,
+        line,
+        addressed,
+        sampling.alarms_every_s,
+        sampling.counters_every_s,
+    )
     identity = [family.commands[name] for name in IDENTITY_READS if name in family.commands]
     found += identity_readings(identity, ports, line, addressed, sampling.counters_every_s)
     return found + watched_readings(watched, ports, line, addressed, sampling.counters_every_s)
@@ -49,14 +63,18 @@ def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: Lin
 
 @dataclass(frozen=True, slots=True)
 class ResponseTimes:
-    """Response time of a station in seconds: the usual one, and the longest that a rate must still fit."""
+    """Response time of a station in seconds: the usual one, and the longest that a rate must still
+    fit.
+    """
 
     usual_s: float
     longest_s: float
 
 
 def response(family: Family, median_s: float, p99_s: float) -> ResponseTimes:
-    """Return the response times for choosing a rate; the longest measured one counts where the manual prints that it varies."""
+    """Return the response times for choosing a rate; the longest measured one counts where the
+    manual prints that it varies.
+    """
     return ResponseTimes(median_s, median_s if family.turnaround_ms is None else p99_s)
 
 
@@ -65,10 +83,14 @@ def asked_rate(rate: float | str | None, recipe: Recipe, family: Family | None) 
     return recipe.asked_rate(family) if rate is None else rate
 
 
-def taken_rate_hz(asked: float | str, recipe: Recipe, family: Family, demand: Demand, response: ResponseTimes) -> float:
-    """Return the rate in Hz for `asked` (not ``max``); 0.0 where none fits. A number is taken as it is.
+def taken_rate_hz(
+    asked: float | str, recipe: Recipe, family: Family, demand: Demand, response: ResponseTimes
+) -> float:
+    """Return the rate in Hz for `asked` (not ``max``); 0.0 where none fits. A number is taken as it
+    is.
 
-    ``auto`` must hold for the whole run, so it allows for the longest response time that the manual prints.
+    ``auto`` must hold for the whole run, so it allows for the longest response time that the manual
+    prints.
     """
     if asked == AS_AUTO:
         printed_s = family.turnaround_ms[1] / 1000 if family.turnaround_ms else 0.0
@@ -79,9 +101,13 @@ def taken_rate_hz(asked: float | str, recipe: Recipe, family: Family, demand: De
 
 
 def choose_pace(context: SessionContext) -> SamplingPlan:
-    """Choose the rate. Raises `StartRefused` naming the best rate and the maximum response time where it does not fit."""
+    """Choose the rate. Raises `StartRefused` naming the best rate and the maximum response time
+    where it does not fit.
+    """
     order, facts = context.order, context.facts
-    readings = readings_for(context.family, list(context.ports), context.recipe, order.line, order.address is not None)
+    readings = readings_for(
+        context.family, list(context.ports), context.recipe, order.line, order.address is not None
+    )
     unread = {"software_version"} if facts.software is None else set()  # nothing to compare it with
     readings = [one for one in readings if one.name not in context.not_supported | unread]
     demand, seen = Demand.of(readings), facts.turnaround_us
@@ -94,11 +120,18 @@ def choose_pace(context: SessionContext) -> SamplingPlan:
     return SamplingPlan(readings, facts.period_s, True)
 
 
-def _rate_hz(context: SessionContext, asked: float | str, demand: Demand, response: ResponseTimes) -> float:
+def _rate_hz(
+    context: SessionContext, asked: float | str, demand: Demand, response: ResponseTimes
+) -> float:
     if demand.best_rate_hz(response.longest_s) <= 0:
-        raise StartRefused(f"{context.name}: with {response.longest_s * 1000:.1f} ms of turnaround no rate at all fits its wire")
+        raise StartRefused(
+            f"{context.name}: with {response.longest_s * 1000:.1f} ms of turnaround no rate at all"
+            " fits its wire"
+        )
     taken = taken_rate_hz(asked, context.recipe, context.family, demand, response)
-    problem = None if asked == AS_FIT else rate_problem(context.name, taken, demand, response.longest_s)
+    problem = (
+        None if asked == AS_FIT else rate_problem(context.name, taken, demand, response.longest_s)
+    )
     if problem and not (context.order.is_replay and taken):
         raise StartRefused(problem)
     return taken
@@ -108,31 +141,51 @@ def chosen_text(facts: StationFacts) -> str:
     """Describe how the rate was chosen, after a comma; empty where a number was requested."""
     if facts.rate_hz is None or not isinstance(facts.asked_rate, str):
         return ""
-    why = "a fifth of its link stays free" if facts.asked_rate == AS_AUTO else "the best rate that fits"
+    why = (
+        "a fifth of its link stays free"
+        if facts.asked_rate == AS_AUTO
+        else "the best rate that fits"
+    )
     return f", sampled at {facts.rate_hz:g} Hz ({facts.asked_rate}: {why})"
 
 
 def rate_problem(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str | None:
-    """Describe why a rate cannot be kept with all readings; None where it can. 0 Hz: ``auto`` found none."""
+    """Describe why a rate cannot be kept with all readings; None where it can. 0 Hz: ``auto`` found
+    none.
+    """
     if not rate_hz:
         return nothing_left(name, demand, turnaround_s)
     if demand.is_too_slow(rate_hz):
         return (
-            f"{name}: at {rate_hz:g} Hz a tick is too rare for the readings that are due more often; the lowest rate is "
-            f"{demand.slowest_rate_hz:.3g} Hz: raise it, or alarms_every_s in the recipe's [sampling]"
+            f"{name}: at {rate_hz:g} Hz a tick is too rare for the readings that are due more"
+            f" often; the lowest rate is {demand.slowest_rate_hz:.3g} Hz: raise it, or"
+            " alarms_every_s in the recipe's [sampling]"
         )
-    return None if demand.fits(rate_hz, turnaround_s) else too_fast(name, rate_hz, demand, turnaround_s)
+    return (
+        None
+        if demand.fits(rate_hz, turnaround_s)
+        else too_fast(name, rate_hz, demand, turnaround_s)
+    )
 
 
 def too_fast(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str:
     """Describe by how much a rate does not fit, and what would."""
     load, best = demand.load(rate_hz, turnaround_s), demand.best_rate_hz(turnaround_s)
     most = demand.greatest_turnaround_s(rate_hz) * 1000
-    why = "95 % is the limit" if load > 1 - KEPT_FOR_REPEATS else "which leaves the slow signals too little to come round in time"
-    limit = f"the turnaround may be {most:.2f} ms at most" if most >= 0 else "its bytes alone are too many"
+    why = (
+        "95 % is the limit"
+        if load > 1 - KEPT_FOR_REPEATS
+        else "which leaves the slow signals too little to come round in time"
+    )
+    limit = (
+        f"the turnaround may be {most:.2f} ms at most"
+        if most >= 0
+        else "its bytes alone are too many"
+    )
     return (
-        f"{name}: {rate_hz:g} Hz does not fit its wire: {load:.1%} in use with {turnaround_s * 1000:.2f} ms of turnaround, "
-        f"{why}; at this rate {limit}. The best rate is {best:g} Hz: --rate {best:g}, or --rate fit"
+        f"{name}: {rate_hz:g} Hz does not fit its wire: {load:.1%} in use with"
+        f" {turnaround_s * 1000:.2f} ms of turnaround, {why}; at this rate {limit}. The best rate"
+        f" is {best:g} Hz: --rate {best:g}, or --rate fit"
     )
 
 
@@ -141,7 +194,9 @@ def nothing_left(name: str, demand: Demand, turnaround_s: float) -> str:
     best = demand.best_rate_hz(turnaround_s)
     by_hand = "" if demand.is_too_slow(best) else f", or name a rate: {best:g} Hz is the best"
     return (
-        f'{name}: "auto" finds no rate: none of {SOME_RATES} Hz from {demand.slowest_rate_hz:.3g} Hz on, which its slow readings '
-        f"need, leaves a fifth of its link free with {turnaround_s * 1000:.2f} ms of response time; raise alarms_every_s in the "
+        f'{name}: "auto" finds no rate: none of {SOME_RATES} Hz from {demand.slowest_rate_hz:.3g}'
+        " Hz on, which its slow readings "
+        f"need, leaves a fifth of its link free with {turnaround_s * 1000:.2f} ms of response time;"
+        " raise alarms_every_s in the "
         f"recipe's [sampling]{by_hand}"
     )

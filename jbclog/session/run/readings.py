@@ -14,7 +14,14 @@ from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import OMEGA, Family
 from jbclog.protocol.commands.omega import OMEGA_SIGNALS, TRUE_ANSWERS, WITHOUT_DIGIT
-from jbclog.protocol.commands.ranges import NO_COUNTDOWN, STILL_C, TEMPERATURES, Possible, is_share, plausibility_check
+from jbclog.protocol.commands.ranges import (
+    NO_COUNTDOWN,
+    STILL_C,
+    TEMPERATURES,
+    Possible,
+    is_share,
+    plausibility_check,
+)
 from jbclog.protocol.commands.robot import FeederState
 from jbclog.protocol.commands.signals import STATUS_COLUMNS
 from jbclog.session.run.context import PortState, SessionContext
@@ -32,7 +39,9 @@ _HIGH, _LOW, _FEEDING = COLUMN["alarm_high"], COLUMN["alarm_low"], COLUMN["feedi
 
 
 def _status(family: Family) -> Fill:
-    """Return the filler of ``0MDES``: motor, desoldering, tens, status (docs/reference/protocol.md, Status word)."""
+    """Return the filler of ``0MDES``: motor, desoldering, tens, status (docs/reference/protocol.md,
+    Status word).
+    """
     names, has_motor = family.status.names, family.has_feeder
 
     def fill(row: SampleRow, word: Value) -> None:
@@ -78,12 +87,16 @@ def _plain(column: str) -> Fill:
 
 
 def _share(column: str, command: Command, context: SessionContext) -> Fill:
-    """Return the filler of a share of the station's maximum; the raw number is a row of `settings` (B-33)."""
+    """Return the filler of a share of the station's maximum; the raw number is a row of `settings`
+    (B-33).
+    """
     place = COLUMN[column]
 
     def fill(row: SampleRow, value: Value) -> None:
         whole = whole_of(command, context)
-        row[place] = permille_of(value, whole) if isinstance(value, int) and whole is not None else None
+        row[place] = (
+            permille_of(value, whole) if isinstance(value, int) and whole is not None else None
+        )
 
     return fill
 
@@ -106,24 +119,36 @@ def fill_of(reading: ScheduledRead, context: SessionContext) -> Fill:
 
 
 def whole_of(command: Command, context: SessionContext) -> int | None:
-    """Return the station's maximum that the number of `command` is a share of; None where not known."""
+    """Return the station's maximum that the number of `command` is a share of; None where not
+    known.
+    """
     whole = context.held.get(str(command.share_of))
     return whole if isinstance(whole, int) and whole > 0 else None
 
 
 def may_be_unusable(reading: ScheduledRead, family: Family) -> bool:
     """Whether `unusable` can ever return a reason for an answer to `reading`."""
-    has_own_reason = reading.name == "delay_s" or reading.command.share_of is not None or family.protocol == OMEGA
-    return has_own_reason or any(signal == reading.name for _, signal, _ in family.port_errors.voids)
+    has_own_reason = (
+        reading.name == "delay_s"
+        or reading.command.share_of is not None
+        or family.protocol == OMEGA
+    )
+    return has_own_reason or any(
+        signal == reading.name for _, signal, _ in family.port_errors.voids
+    )
 
 
-def unusable(reading: ScheduledRead, value: Value, port: PortState, context: SessionContext) -> str | None:
+def unusable(
+    reading: ScheduledRead, value: Value, port: PortState, context: SessionContext
+) -> str | None:
     """Return why a well-formed value is not recorded; None where it is.
 
-    A countdown that does not run has no remaining time, a share of an unknown maximum is not known, and an answer without its digit
-    has no state.
+    A countdown that does not run has no remaining time, a share of an unknown maximum is not known,
+    and an answer without its digit has no state.
     """
-    if reading.name == "delay_s" and (value in NO_COUNTDOWN or (value == 0 and not _is_counting(port))):
+    if reading.name == "delay_s" and (
+        value in NO_COUNTDOWN or (value == 0 and not _is_counting(port))
+    ):
         return NOT_COUNTING
     if value == WITHOUT_DIGIT:
         return NO_DIGIT
@@ -133,7 +158,9 @@ def unusable(reading: ScheduledRead, value: Value, port: PortState, context: Ses
 
 
 def void(signal: str, port: PortState, context: SessionContext) -> str | None:
-    """Return why no answer means anything during the port's error; None where it does (docs/reference/contradictions.md, B-44)."""
+    """Return why no answer means anything during the port's error; None where it does
+    (docs/reference/contradictions.md, B-44).
+    """
     return context.family.port_errors.void(port.error, signal)
 
 
@@ -142,8 +169,8 @@ def _is_counting(port: PortState) -> bool:
     return port.status is not None and port.status[4] in (1, 2)
 
 
-# Possible values: `protocol/commands/ranges.py` by the family, here by this station. Anything else is not a value, however often it
-# is repeated, but is read again before that is decided.
+# Possible values: `protocol/commands/ranges.py` by the family, here by this station. Anything else
+# is not a value, however often it is repeated, but is read again before that is decided.
 
 
 def possible_of(context: SessionContext, reading: ScheduledRead) -> Possible | None:
@@ -164,12 +191,14 @@ def _share_of(command: Command, context: SessionContext) -> Possible:
     return possible
 
 
-# One in sixteen double bit errors passes the check byte (docs/reference/faults.md, F-3). So a value that would stop a run, a
-# counter, and an implausible value need a second, equal answer. A jump of temperature accepted so, and every answer that the
-# next one does not confirm, is counted in the facts (`doubted`) and reported once for a series.
+# One in sixteen double bit errors passes the check byte (docs/reference/faults.md, F-3). So a value
+# that would stop a run, a counter, and an implausible value need a second, equal answer. A jump of
+# temperature accepted so, and every answer that the next one does not confirm, is counted in the
+# facts (`doubted`) and reported once for a series.
 
 LOOKS = 3  # answers, at most
-JUMP_EVERY_S = 0.25  # in this time the fastest tools change by half of a family's `jump_c` while heating up
+# in this time the fastest tools change by half of a family's `jump_c` while heating up
+JUMP_EVERY_S = 0.25
 SERIES_S = 60.0  # within this time another doubt is not reported
 
 Doubt = Callable[[SessionContext, PortState, Value], bool]
@@ -192,7 +221,8 @@ class SecondLook:
         doubtful = self.doubt is not None and self.doubt(context, self.port, value)
         if not (doubtful or self._is_impossible(value)):
             return False
-        return context.family.void(self.reading.name, self.port.tool, self.port.error) is None  # else it means nothing anyway
+        # else it means nothing anyway
+        return context.family.void(self.reading.name, self.port.tool, self.port.error) is None
 
     def _is_impossible(self, value: Value) -> bool:
         return self.possible is not None and not self.possible(value)
@@ -211,10 +241,14 @@ class SecondLook:
             if given[-1] == given[-2]:
                 break  # repeated, and impossible
         context.doubted[self.reading.command.name] += 1
-        raise ImplausibleAnswer(f"{self.question.title()}: {self._shown(given)} when asked {len(given)} times")
+        raise ImplausibleAnswer(
+            f"{self.question.title()}: {self._shown(given)} when asked {len(given)} times"
+        )
 
     def _settled(self, context: SessionContext, given: Sequence[Value]) -> Value | None:
-        """Return the value that the last answer confirms. It is marked if it contradicts another, or is an impossible jump."""
+        """Return the value that the last answer confirms. It is marked if it contradicts another,
+        or is an impossible jump.
+        """
         value: Value | None = given[-1]
         if not self.is_due(context, given[-1]):
             contradicts = not self._is_near(given)
@@ -238,7 +272,9 @@ class SecondLook:
         return self.reading.counter is not None
 
     def _borne_out(self, context: SessionContext, given: Sequence[Value]) -> Value | None:
-        """Return the value of two equal answers, if possible. A temperature may have changed a little between them."""
+        """Return the value of two equal answers, if possible. A temperature may have changed a
+        little between them.
+        """
         if self._is_impossible(given[-1]):
             return None
         if not self._is_temperature:
@@ -253,26 +289,44 @@ class SecondLook:
         return any(isinstance(one, int) and abs(last - one) <= STILL_C for one in before)
 
     def _is_jump(self, context: SessionContext, value: Value) -> bool:
-        """Whether no tool can change from the last temperature to this one in the time between them."""
+        """Whether no tool can change from the last temperature to this one in the time between
+        them.
+        """
         known = self._last_c
         if not isinstance(value, int) or known is None or self.heard_at is None:
             return False
         spans = max((context.station.heard - self.heard_at) / JUMP_EVERY_S, 1.0)
         return abs(value - known) > context.family.jump_c * spans
 
-    def _mark(self, context: SessionContext, given: Sequence[Value], value: Value, *, is_jump: bool) -> None:
+    def _mark(
+        self, context: SessionContext, given: Sequence[Value], value: Value, *, is_jump: bool
+    ) -> None:
         context.doubted[self.reading.command.name] += 1
         is_new = self.reported_at is None or context.now - self.reported_at > SERIES_S
         self.reported_at = context.now
         if not is_new:
             return
         if is_jump:
-            text = f"The {self.question.title()} jumped from {self._last_c} °C to {value} °C; a second answer bore it out."
+            text = (
+                f"The {self.question.title()} jumped from {self._last_c} °C to {value} °C; a second"
+                " answer bore it out."
+            )
         else:
-            text = f"The {self.question.title()} was {self._shown(given)} when asked {len(given)} times; the last is believed."
+            text = (
+                f"The {self.question.title()} was {self._shown(given)} when asked {len(given)}"
+                " times; the last is believed."
+            )
         number = float(value) if isinstance(value, int | float) else None
         raw = self.reading.command.shown(given[0])
-        context.note("read.doubted", Severity.INFO, text, port=self.port.number, since=self.heard_at, value=number, raw=raw)
+        context.note(
+            "read.doubted",
+            Severity.INFO,
+            text,
+            port=self.port.number,
+            since=self.heard_at,
+            value=number,
+            raw=raw,
+        )
 
     def _shown(self, given: Sequence[Value]) -> str:
         return " and ".join(map(self.reading.command.shown, given))

@@ -1,4 +1,6 @@
-"""The last step, on every way out: makes safe what this run touched (`session/safety/secure.py`), and reports the result."""
+"""The last step, on every way out: makes safe what this run touched (`session/safety/secure.py`),
+and reports the result.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 
 def make_safe(context: SessionContext) -> Steps[None]:
-    """Put touched tools into the recipe's safe state; `facts.unsafe` and an event name every tool that is not safe.
+    """Put touched tools into the recipe's safe state; `facts.unsafe` and an event name every tool
+    that is not safe.
 
     Reports come last, so that a failing record keeps no tool hot.
     """
@@ -23,8 +26,12 @@ def make_safe(context: SessionContext) -> Steps[None]:
     task = yield from _put(context, touched, feeds=context.may_feed)
     may_feed = task.feeds
     context.feeder_stopped = not may_feed
-    context.facts.unsafe = [f"{context.name}: the feeder could not be told to stop"] if may_feed else []
-    context.facts.unsafe += [_unsafe_text(context, port) for port in touched if not _is_verified(context, port)]
+    context.facts.unsafe = (
+        [f"{context.name}: the feeder could not be told to stop"] if may_feed else []
+    )
+    context.facts.unsafe += [
+        _unsafe_text(context, port) for port in touched if not _is_verified(context, port)
+    ]
     if may_feed:
         context.note("safety.not_safe", Severity.CRITICAL, f"{context.facts.unsafe[0]}.")
     for port, tool in zip(touched, task.tools, strict=True):
@@ -78,16 +85,27 @@ def _is_verified(context: SessionContext, port: PortState) -> bool:
 def _report(context: SessionContext, port: PortState, tool: ToolSafety) -> None:
     if _is_verified(context, port):
         text, severity = (
-            f"Port {port.number}: the tool is in its safe state, as read back: {_state_of(context, port)}",
+            (
+                f"Port {port.number}: the tool is in its safe state, as read back:"
+                f" {_state_of(context, port)}"
+            ),
             Severity.INFO,
         )
         if tool.was_spared:
-            text = f"Port {port.number}: the tool rests already and is left as it is, as read back: {_state_of(context, port)}"
+            text = (
+                f"Port {port.number}: the tool rests already and is left as it is, as read back:"
+                f" {_state_of(context, port)}"
+            )
         if tool.fell_back:
             text, severity = f"{text}; {tool.fell_back}", Severity.WARNING
         context.note("safety.safe_state", severity, f"{text}.", port=port.number)
     else:
-        context.note("safety.not_safe", Severity.CRITICAL, _unsafe_text(context, port) + ".", port=port.number)
+        context.note(
+            "safety.not_safe",
+            Severity.CRITICAL,
+            _unsafe_text(context, port) + ".",
+            port=port.number,
+        )
 
 
 def _state_of(context: SessionContext, port: PortState) -> str:
@@ -99,9 +117,16 @@ def _unsafe_text(context: SessionContext, port: PortState) -> str:
     if context.stranger:
         last = "its temperature is not known"
     sent = context.facts.safe_state.get(port.number) == SafetyResult.SENT
-    what = "was told to go to its safe state and does not confirm it" if sent else "could not be put in its safe state"
+    what = (
+        "was told to go to its safe state and does not confirm it"
+        if sent
+        else "could not be put in its safe state"
+    )
     if context.is_flooded:
         what += " (its link is flooded)"
     if context.stranger:
         what += f" (on its cable is now {context.stranger})"
-    return f"{context.name} port {port.number}: {what}, its {context.family.hot_part} may be hot ({last}); switch the station off"
+    return (
+        f"{context.name} port {port.number}: {what}, its {context.family.hot_part} may be hot"
+        f" ({last}); switch the station off"
+    )

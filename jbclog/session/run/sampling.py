@@ -1,8 +1,8 @@
 """Samples at the ticks of the grid.
 
-A tick reads the fast signals of all ports, then slow ones as time permits. A late tick is not caught up: a tick that is a
-whole period late becomes a row of `skipped`. Its cause is counted separately: the computer, as far as it was measurably late,
-else the station.
+A tick reads the fast signals of all ports, then slow ones as time permits. A late tick is not
+caught up: a tick that is a whole period late becomes a row of `skipped`. Its cause is counted
+separately: the computer, as far as it was measurably late, else the station.
 """
 
 from __future__ import annotations
@@ -26,12 +26,15 @@ from jbclog.session.run.scan import SKIPPED, PortScan, Scanner, SignalRead
 from jbclog.session.run.watch import report_completions
 from jbclog.session.scheduler import Demand, Grid, ScheduledRead, SlowReadings
 
-# A tool connected or changed during the run: its settings are read, never written. If it would not cool down by itself (its sleep
-# delay is off), its port goes to the safe state at once (docs/reference/safe-states.md).
+# A tool connected or changed during the run: its settings are read, never written. If it would not
+# cool down by itself (its sleep delay is off), its port goes to the safe state at once
+# (docs/reference/safe-states.md).
 
 
 def meet_tool(context: SessionContext, port: PortState) -> Steps[None]:
-    """Read the settings of the new tool in `port`, and make it safe if necessary. Raises what makes reading impossible."""
+    """Read the settings of the new tool in `port`, and make it safe if necessary. Raises what makes
+    reading impossible.
+    """
     port.tool_is_new = False
     for command in readable_settings(context, Scope.TOOL):
         port.held.pop(command.name, None)
@@ -41,7 +44,10 @@ def meet_tool(context: SessionContext, port: PortState) -> Steps[None]:
         yield from read_tool(context, port)
     except StartRefused as error:
         context.note(
-            "tool.unknown", Severity.WARNING, f"The settings of the new tool could not be read: {error}.", port=port.number
+            "tool.unknown",
+            Severity.WARNING,
+            f"The settings of the new tool could not be read: {error}.",
+            port=port.number,
         )
         if isinstance(error.__cause__, LinkError | StationSilent | RobotModeOff):
             raise error.__cause__ from error
@@ -51,7 +57,9 @@ def meet_tool(context: SessionContext, port: PortState) -> Steps[None]:
 
 
 def _stays_hot(context: SessionContext, port: PortState) -> bool:
-    """Whether the tool would never cool in stand. Hot air needs no delay: its safe states have the heater off."""
+    """Whether the tool would never cool in stand. Hot air needs no delay: its safe states have the
+    heater off.
+    """
     return "sleep_delay" in context.family.commands and port.held.get("sleep_delay", OFF) is OFF
 
 
@@ -61,20 +69,33 @@ def _record(context: SessionContext, port: PortState) -> None:
         if command.name in port.held:
             value = text_of(port.held[command.name])
             row = SettingRow(
-                time, context.name, port.number, tool, command.name, command.unit, None, None, value, None, SettingOutcome.READ
+                time,
+                context.name,
+                port.number,
+                tool,
+                command.name,
+                command.unit,
+                None,
+                None,
+                value,
+                None,
+                SettingOutcome.READ,
             )
             context.journal.setting(row)
 
 
 def _make_safe(context: SessionContext, port: PortState) -> Steps[None]:
     """Make the tool safe: its own delay would keep it hot in stand forever, or is not known."""
-    text = f"The sleep delay of the new tool in port {port.number} is off or unknown: the port is put in its safe state."
+    text = (
+        f"The sleep delay of the new tool in port {port.number} is off or unknown: the port is put"
+        " in its safe state."
+    )
     context.note("safety.no_cooldown", Severity.WARNING, text, port=port.number)
     yield from put_in_safe_state(context, port)
 
 
-# Skipped ticks are reported together, so that a busy hour does not become thousands of events: after `QUIET_S` without one,
-# and every `LONGEST_S` during a long series.
+# Skipped ticks are reported together, so that a busy hour does not become thousands of events:
+# after `QUIET_S` without one, and every `LONGEST_S` during a long series.
 
 KIND: Final = "host.busy"
 SLOW_KIND: Final = "station.slow"
@@ -84,7 +105,9 @@ LONGEST_S: Final = 300.0
 
 @dataclass(slots=True)
 class SkippedTicks:
-    """Skipped ticks not reported yet. Times are monotonic seconds; `since` is when the first tick was due."""
+    """Skipped ticks not reported yet. Times are monotonic seconds; `since` is when the first tick
+    was due.
+    """
 
     ticks: int = 0
     places: int = 0
@@ -106,10 +129,16 @@ class SkippedTicks:
 
     def text(self, period_s: float) -> str:
         why = "the computer was busy, or something stopped the recorder for a moment"
-        return f"The recorder was too late ({why}): {self._what(period_s)}; less work beside the run helps."
+        return (
+            f"The recorder was too late ({why}): {self._what(period_s)}; less work beside the run"
+            " helps."
+        )
 
     def text_of_station(self, period_s: float) -> str:
-        return f"The station was slow to answer, or did not: {self._what(period_s)}; a lower rate leaves more time."
+        return (
+            f"The station was slow to answer, or did not: {self._what(period_s)}; a lower rate"
+            " leaves more time."
+        )
 
     def _what(self, period_s: float) -> str:
         ticks = f"{self.ticks} tick{'' if self.ticks == 1 else 's'} of {period_s:g} s"
@@ -117,16 +146,19 @@ class SkippedTicks:
         return f"{ticks} not run{places}, {self.late_s:.2f} s late at most"
 
 
-# A station that hangs makes a tick late, and so does a suspended host, which is an event of its own (docs/reference/tables.md).
-# The request distinguishes them: it says until when it may last.
+# A station that hangs makes a tick late, and so does a suspended host, which is an event of its own
+# (docs/reference/tables.md). The request distinguishes them: it says until when it may last.
 
-# A stopped process and a busy or suspended computer cannot always be told apart, so the texts name both.
+# A stopped process and a busy or suspended computer cannot always be told apart, so the texts name
+# both.
 WHY_STILL: Final = "the computer was suspended or stood still, or something stopped the recorder"
 SUSPENDED_S = 5.0  # a longer standstill of the host is an event, and its ticks have no rows
 
 
 class LateSpan(NamedTuple):
-    """From the latest time at which a request should have returned to the time at which it did, monotonic seconds."""
+    """From the latest time at which a request should have returned to the time at which it did,
+    monotonic seconds.
+    """
 
     begin: float
     end: float
@@ -134,7 +166,8 @@ class LateSpan(NamedTuple):
 
 @dataclass(slots=True)
 class Standstill:
-    """Standstills of the host since `spans` was last cleared, and the total time by which requests returned late.
+    """Standstills of the host since `spans` was last cleared, and the total time by which requests
+    returned late.
 
     Waiting is no standstill: that begins when the pending request should have ended.
     """
@@ -148,7 +181,9 @@ class Standstill:
         self._due = max(self._due, now)
         try:
             request = next(steps)
-            while True:  # not `relay`, for every sample passes here; nearly all are answers in time, which need no note
+            # not `relay`, for every sample passes here; nearly all are answers in time, which need
+            # no note
+            while True:
                 try:
                     heard = yield request
                 except Exception as error:  # without a time: does not count as the host's
@@ -156,7 +191,12 @@ class Standstill:
                     request = steps.throw(error)
                 else:
                     due, self._due = self._due, heard.now
-                    if type(request) is not Ask or not heard.data or heard.late_s or heard.now > due + request.patience_s:
+                    if (
+                        type(request) is not Ask
+                        or not heard.data
+                        or heard.late_s
+                        or heard.now > due + request.patience_s
+                    ):
                         self._note(min(_latest(request, due), _held_up(request, heard)), heard.now)
                     request = steps.send(heard)
         except StopIteration as end:
@@ -178,7 +218,9 @@ class Standstill:
 
 
 def _latest(request: Request, now: float) -> float:
-    """Return the time by which `request` should have returned. Reopening a port, and `Gather`, have no limit."""
+    """Return the time by which `request` should have returned. Reopening a port, and `Gather`, have
+    no limit.
+    """
     match request:
         case Ask():
             return now + request.patience_s
@@ -189,7 +231,9 @@ def _latest(request: Request, now: float) -> float:
 
 
 def _held_up(request: Request, heard: IoResult) -> float:
-    """Return since when an answer may have been waiting for the driver; for other requests only their end matters."""
+    """Return since when an answer may have been waiting for the driver; for other requests only
+    their end matters.
+    """
     return heard.now - heard.late_s if isinstance(request, Ask | Listen) and heard.data else inf
 
 
@@ -205,15 +249,21 @@ class StationLost(Exception):
 
 
 class Sampler:
-    """Samples one station. On a grid (`paced`) ticks are due times; without pause they are scans."""
+    """Samples one station. On a grid (`paced`) ticks are due times; without pause they are
+    scans.
+    """
 
-    def __init__(self, context: SessionContext, readings: list[ScheduledRead], grid: Grid, *, paced: bool) -> None:
+    def __init__(
+        self, context: SessionContext, readings: list[ScheduledRead], grid: Grid, *, paced: bool
+    ) -> None:
         self.context = context
         self.grid = grid
         self.paced = paced
         readings = [one for one in readings if one.name not in context.not_supported]
         self.slow = self._slow_readings(readings)
-        self.end = None if context.order.duration_s is None else context.now + context.order.duration_s
+        self.end = (
+            None if context.order.duration_s is None else context.now + context.order.duration_s
+        )
         self._standstill = Standstill()
         self._busy = SkippedTicks()
         self._slow = SkippedTicks()
@@ -225,16 +275,30 @@ class Sampler:
         self._probes = {(one.name, one.port): SignalRead.of(context, one) for one in readings}
         context.count_readings = self._count_readings
         self._scans = {
-            port.number: PortScan(port, self._fast_of(port.number), AlarmWatch(context, port)) for port in context.ports.values()
+            port.number: PortScan(port, self._fast_of(port.number), AlarmWatch(context, port))
+            for port in context.ports.values()
         }
 
     def _count_readings(self, port: int) -> ReadingCount:
-        """Count the temperature's readings, or those of all signals without one, as the accounting will. For other threads, too."""
+        """Count the temperature's readings, or those of all signals without one, as the accounting
+        will. For other threads, too.
+        """
         main = self._probes.get(("temperature_c", port))
-        probes = [main] if main else [one for (_, number), one in self._probes.items() if number == port and one.reading.columns]
+        probes = (
+            [main]
+            if main
+            else [
+                one
+                for (_, number), one in self._probes.items()
+                if number == port and one.reading.columns
+            ]
+        )
         due = sum(one.due for one in probes)
         obtained = due - sum(sum([*one.missed.values()]) for one in probes)
-        return ReadingCount(due + self.context.facts.skipped * sum(one.reading.period_s is None for one in probes), obtained)
+        return ReadingCount(
+            due + self.context.facts.skipped * sum(one.reading.period_s is None for one in probes),
+            obtained,
+        )
 
     def _slow_readings(self, readings: list[ScheduledRead]) -> SlowReadings:
         if not self.paced:
@@ -249,7 +313,11 @@ class Sampler:
         )
 
     def _fast_of(self, port: int) -> list[SignalRead]:
-        return [probe for probe in self._probes.values() if probe.reading.period_s is None and probe.reading.port == port]
+        return [
+            probe
+            for probe in self._probes.values()
+            if probe.reading.period_s is None and probe.reading.port == port
+        ]
 
     def is_over(self, tick: int) -> bool:
         """Whether the run ends before `tick`."""
@@ -259,14 +327,18 @@ class Sampler:
     def run(self, tick: int) -> Steps[int]:
         """Sample from `tick` on; return the tick after the last.
 
-        Raises `StationLost` after writing the rows of its tick, and `StartRefused` where the station has nothing to sample.
+        Raises `StationLost` after writing the rows of its tick, and `StartRefused` where the
+        station has nothing to sample.
         """
         while not self.is_over(tick):
             self._standstill.spans.clear()
             self._late_s = min(self._late_s, max(self.context.now - self.grid.due(tick), 0.0))
             yield from self.watched(self._await(tick))
-            if not any(scan.fast for scan in self._scans.values()):  # without pause the loop would never wait
-                raise StartRefused(f"{self.context.name}: it knows none of the signals that are read on every tick")
+            # without pause the loop would never wait
+            if not any(scan.fast for scan in self._scans.values()):
+                raise StartRefused(
+                    f"{self.context.name}: it knows none of the signals that are read on every tick"
+                )
             report_completions(self.context)
             yield from self.watched(self._meet_new_tools())
             tick = self._following(tick)
@@ -311,7 +383,12 @@ class Sampler:
             self.miss(tick, SKIPPED)
         self._leave_out([tick for tick in missed if tick not in late])
         self.context.facts.last_tick = first + len(missed) - 1
-        by_host = end - self.grid.next_after(first - 1, self.context.now - self._late_s) - len(missed) + len(late)
+        by_host = (
+            end
+            - self.grid.next_after(first - 1, self.context.now - self._late_s)
+            - len(missed)
+            + len(late)
+        )
         by_host = max(min(by_host, len(late)), 0)
         self._count_busy(late[0] if late else first, by_host)
         if len(late) > by_host:
@@ -322,9 +399,14 @@ class Sampler:
         self.context.facts.skipped += len(ticks)
         for begin, end in self._standstill.spans:
             count = sum(begin < self.grid.due(tick) <= end for tick in ticks)
-            text = f"The recorder stood still for {end - begin:.1f} s ({WHY_STILL}); {count} ticks have no rows."
+            text = (
+                f"The recorder stood still for {end - begin:.1f} s ({WHY_STILL}); {count} ticks"
+                " have no rows."
+            )
             if count:
-                self.context.note("host.suspended", Severity.ERROR, text, since=begin, value=end - begin)
+                self.context.note(
+                    "host.suspended", Severity.ERROR, text, since=begin, value=end - begin
+                )
 
     def _count_busy(self, first: int, ticks: int) -> None:
         if ticks > 0:
@@ -332,7 +414,9 @@ class Sampler:
             self._busy.add(ticks, self.grid.due(first), self.context.now)
 
     def _report_skipped(self, *, is_over: bool = False) -> None:
-        """Report the ticks skipped by the computer and by the station, each after a pause, or at the end."""
+        """Report the ticks skipped by the computer and by the station, each after a pause, or at
+        the end.
+        """
         period_s = self.grid.period_s
         if self._busy.is_due(self.context.now) or (is_over and self._busy.ticks):
             busy, self._busy = self._busy, SkippedTicks()
@@ -342,7 +426,14 @@ class Sampler:
             self._report_late(SLOW_KIND, slow, slow.text_of_station(period_s))
 
     def _report_late(self, kind: str, late: SkippedTicks, text: str) -> None:
-        self.context.note(kind, Severity.WARNING, text, since=late.since, value=late.ticks, raw=f"late_s={late.late_s:.3f}")
+        self.context.note(
+            kind,
+            Severity.WARNING,
+            text,
+            since=late.since,
+            value=late.ticks,
+            raw=f"late_s={late.late_s:.3f}",
+        )
 
     def _tick(self, tick: int) -> Steps[None]:
         due = self.grid.due(tick) if self.paced else None
@@ -381,10 +472,15 @@ class Sampler:
                 yield from self._scanner.take(probe, scan)
 
     def _take_slow(self, tick: int) -> Steps[None]:
-        """Read slow signals, most urgent first, while there is time; without a grid, or behind it, one after each scan."""
+        """Read slow signals, most urgent first, while there is time; without a grid, or behind it,
+        one after each scan.
+        """
         following = self.grid.due(tick + 1) if self.paced else math.inf
         while (slow := self.slow.next(self.context.now, following)) is not None:
-            probe, scan = self._probes[slow.reading.name, slow.reading.port], self._scans[slow.reading.port]
+            probe, scan = (
+                self._probes[slow.reading.name, slow.reading.port],
+                self._scans[slow.reading.port],
+            )
             try:
                 yield from self._scanner.take(probe, scan)
             finally:
@@ -419,12 +515,15 @@ class Sampler:
             self._scanner.finish(scan, why, self.grid.due(tick))
 
     def begin_outage(self, tick: int) -> None:
-        """Note that `tick` was the last before an outage. Without a grid its ticks follow at the pace of the scans."""
+        """Note that `tick` was the last before an outage. Without a grid its ticks follow at the
+        pace of the scans.
+        """
         if not self.paced:
             self.grid = Grid(self.context.now - tick * self.grid.period_s, self.grid.period_s)
 
     def miss_until(self, tick: int, now: float, why: str) -> int:
-        """Write the rows of every tick due by `now`, slow readings included; return the first tick after them.
+        """Write the rows of every tick due by `now`, slow readings included; return the first tick
+        after them.
 
         Ticks within a standstill have none.
         """
@@ -462,4 +561,8 @@ class Sampler:
             due[name] = due.get(name, 0) + probe.due  # counters were read before as well
             if not probe.reading.columns and probe.reading.counter is None:
                 ok = probe.due - sum(probe.missed.values())
-                facts.watched.setdefault(str(port), {})[name] = {"due": probe.due, "ok": ok, **probe.missed}
+                facts.watched.setdefault(str(port), {})[name] = {
+                    "due": probe.due,
+                    "ok": ok,
+                    **probe.missed,
+                }

@@ -1,7 +1,7 @@
 """One tick of one station: every due reading requested and accounted for, one row for each port.
 
-A missing value is null with a reason. A value that would stop a run, a counter, and an implausible value are read again before they
-are accepted (`readings.py`).
+A missing value is null with a reason. A value that would stop a run, a counter, and an implausible
+value are read again before they are accepted (`readings.py`).
 """
 
 from __future__ import annotations
@@ -9,16 +9,48 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from jbclog.core.errors import ImplausibleAnswer, LinkError, NotSupported, Refusal, RobotModeOff, StationError, StationSilent
+from jbclog.core.errors import (
+    ImplausibleAnswer,
+    LinkError,
+    NotSupported,
+    Refusal,
+    RobotModeOff,
+    StationError,
+    StationSilent,
+)
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
-from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, SampleRow, Severity, quality_of, reasons_text
+from jbclog.core.rows import (
+    COLUMN,
+    SAMPLE_COLUMNS,
+    CounterRow,
+    SampleRow,
+    Severity,
+    quality_of,
+    reasons_text,
+)
 from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.family import NEEDS_A_TOOL
 from jbclog.session.run.alarms import AlarmWatch, bears_out
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identify import IDENTITY_READS, expect_identity, expect_same, expect_still_same, is_this_identity
-from jbclog.session.run.readings import NO_DIGIT, Doubt, Fill, SecondLook, fill_of, may_be_unusable, possible_of, unusable, void
+from jbclog.session.run.identify import (
+    IDENTITY_READS,
+    expect_identity,
+    expect_same,
+    expect_still_same,
+    is_this_identity,
+)
+from jbclog.session.run.readings import (
+    NO_DIGIT,
+    Doubt,
+    Fill,
+    SecondLook,
+    fill_of,
+    may_be_unusable,
+    possible_of,
+    unusable,
+    void,
+)
 from jbclog.session.run.watch import (
     OBSERVERS,
     WATCHED_SETTINGS,
@@ -38,7 +70,9 @@ EXPECTED = frozenset(  # reported by other events, or not at all
 )
 
 _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "station", "port"))
-_LATE, _SCAN, _QUALITY, _REASONS = (COLUMN[name] for name in ("late_us", "scan_us", "quality", "reasons"))
+_LATE, _SCAN, _QUALITY, _REASONS = (
+    COLUMN[name] for name in ("late_us", "scan_us", "quality", "reasons")
+)
 
 
 def _differs_from_held(name: str) -> Doubt:
@@ -54,11 +88,17 @@ def _differs_from_counted(name: str) -> Doubt:
 
 
 def _leaps(name: str) -> Doubt:
-    """Return a check for a temperature too far from the last one, or without one to compare with."""
+    """Return a check for a temperature too far from the last one, or without one to compare
+    with.
+    """
 
     def doubt(context: SessionContext, port: PortState, value: Value) -> bool:
         before = port.temperatures_c.get(name)
-        return before is None or not isinstance(value, int) or abs(value - before) > context.family.jump_c
+        return (
+            before is None
+            or not isinstance(value, int)
+            or abs(value - before) > context.family.jump_c
+        )
 
     return doubt
 
@@ -114,10 +154,24 @@ class SignalRead:
         fill = fill_of(reading, context) if reading.columns else None
         place = COLUMN[reading.columns[0]] if reading.columns else None
         name, port = reading.name, context.ports[reading.port]
-        doubt = DOUBTS.get(name) if reading.counter is None else _differs_from_counted(reading.counter.name)
+        doubt = (
+            DOUBTS.get(name)
+            if reading.counter is None
+            else _differs_from_counted(reading.counter.name)
+        )
         look = SecondLook(reading, port, question, doubt, possible_of(context, reading))
         is_doubtful = may_be_unusable(reading, context.family)
-        return cls(reading, question, port, fill, OBSERVERS.get(name), look, place, is_doubtful, _expectation(context, reading))
+        return cls(
+            reading,
+            question,
+            port,
+            fill,
+            OBSERVERS.get(name),
+            look,
+            place,
+            is_doubtful,
+            _expectation(context, reading),
+        )
 
 
 Expect = Callable[[SessionContext, SignalRead, Value], None]
@@ -164,7 +218,8 @@ class Scanner:
     def take(self, probe: SignalRead, scan: PortScan) -> Steps[None]:
         """Read one value; store it, or the reason why there is none.
 
-        Raises what makes further requests impossible: `LinkError`, `StationSilent`, `RobotModeOff`, and the run's end.
+        Raises what makes further requests impossible: `LinkError`, `StationSilent`, `RobotModeOff`,
+        and the run's end.
         """
         station = self._station
         probe.due += 1
@@ -177,7 +232,11 @@ class Scanner:
             else:
                 heard = yield request
                 answer = station.value(probe.question, heard)
-                value = answer if answer is not None else (yield from station.ask(probe.question, heard))
+                value = (
+                    answer
+                    if answer is not None
+                    else (yield from station.ask(probe.question, heard))
+                )
             if probe.look.is_due(self._context, value):
                 value = yield from probe.look.settle(self._context, value)
                 if self._is_change(probe, scan, value):
@@ -188,10 +247,17 @@ class Scanner:
             self._lacks(probe, scan, error)
         except (StationError, LinkError) as error:
             why = self._why_unread(probe, scan, error)
-            self.unread(probe, scan, why, sent=not isinstance(error, Refusal), error_text=str(error) if why == error.reason else "")
+            self.unread(
+                probe,
+                scan,
+                why,
+                sent=not isinstance(error, Refusal),
+                error_text=str(error) if why == error.reason else "",
+            )
             if isinstance(error, LinkError | StationSilent | RobotModeOff):
                 raise
-        except BaseException:  # the run's end in mid-request: it may be sent again, except for flags
+        # the run's end in mid-request: it may be sent again, except for flags
+        except BaseException:
             if probe.reading.command.sent_once:
                 self.unread(probe, scan, SKIPPED, sent=True)
             else:
@@ -201,7 +267,8 @@ class Scanner:
             scan.last_heard = probe.look.heard_at = station.heard
             try:
                 self._keep(probe, scan, value)
-            except Exception:  # a fault of this program: without a value in the row it does not count as read
+            # a fault of this program: without a value in the row it does not count as read
+            except Exception:
                 probe.due -= probe.place is None or scan.row[probe.place] is None
                 raise
         finally:
@@ -214,7 +281,9 @@ class Scanner:
         return changes and self._why_unusable(probe, scan, value) is None
 
     def _lacks(self, probe: SignalRead, scan: PortScan, error: NotSupported) -> None:
-        """Handle NotSupported: a signal that was never answered does not exist; it is not due and not read again."""
+        """Handle NotSupported: a signal that was never answered does not exist; it is not due and
+        not read again.
+        """
         why = self._why_unread(probe, scan, error)
         if probe.is_known or scan.no_tool or why != error.reason:
             self.unread(probe, scan, why)
@@ -224,9 +293,13 @@ class Scanner:
         scan.fast = [one for one in scan.fast if one is not probe]
         self._context.not_supported.add(probe.reading.name)
 
-    def _why_unread(self, probe: SignalRead, scan: PortScan, error: StationError | LinkError) -> str:
+    def _why_unread(
+        self, probe: SignalRead, scan: PortScan, error: StationError | LinkError
+    ) -> str:
         """Return the reason; a station may refuse or garble what means nothing at the moment."""
-        meaningless = isinstance(error, Refusal | ImplausibleAnswer) and void(probe.reading.name, scan.port, self._context)
+        meaningless = isinstance(error, Refusal | ImplausibleAnswer) and void(
+            probe.reading.name, scan.port, self._context
+        )
         return meaningless or error.reason
 
     def _keep(self, probe: SignalRead, scan: PortScan, value: Value) -> None:
@@ -252,10 +325,23 @@ class Scanner:
     def _why_unusable(self, probe: SignalRead, scan: PortScan, value: Value) -> str | None:
         if scan.no_tool and probe.reading.name in NEEDS_A_TOOL:
             return "no_tool"
-        return unusable(probe.reading, value, scan.port, self._context) if probe.may_be_unusable else None
+        return (
+            unusable(probe.reading, value, scan.port, self._context)
+            if probe.may_be_unusable
+            else None
+        )
 
-    def unread(self, probe: SignalRead, scan: PortScan, why: str, *, sent: bool = False, error_text: str = "") -> None:
-        """Account for a due reading without a value; `sent`: the station may have sent an answer that was lost.
+    def unread(
+        self,
+        probe: SignalRead,
+        scan: PortScan,
+        why: str,
+        *,
+        sent: bool = False,
+        error_text: str = "",
+    ) -> None:
+        """Account for a due reading without a value; `sent`: the station may have sent an answer
+        that was lost.
 
         `error_text` is the error's text, for the event.
         """
@@ -269,19 +355,31 @@ class Scanner:
         if why not in EXPECTED and not probe.failing:
             probe.failing = True  # one event for a series of failures; the rows have each
             self._context.note(
-                f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number, raw=error_text or None
+                f"read.{why}",
+                Severity.WARNING,
+                _sentence(probe, why),
+                port=probe.port.number,
+                raw=error_text or None,
             )
 
     def _count(self, probe: SignalRead, value: Value) -> None:
         if isinstance(value, int | float) and probe.reading.counter is not None:
             probe.port.counted[probe.reading.counter.name] = value
-            self._counter_row(probe, float(value), probe.reading.command.raw_text(self._context.station.data, value))
+            self._counter_row(
+                probe,
+                float(value),
+                probe.reading.command.raw_text(self._context.station.data, value),
+            )
 
     def _counter_row(self, probe: SignalRead, value: float | None, raw: str) -> None:
         counter, context = probe.reading.counter, self._context
         if counter is not None:
             time = context.utc.micros(context.now)
-            context.journal.counter(CounterRow(time, context.name, probe.port.number, counter.name, value, counter.unit, raw))
+            context.journal.counter(
+                CounterRow(
+                    time, context.name, probe.port.number, counter.name, value, counter.unit, raw
+                )
+            )
 
     def finish(self, scan: PortScan, unasked: str, due: float | None) -> None:
         """Write the row: readings not even requested, the times, the quality."""

@@ -4,11 +4,12 @@ A setting is idempotent, so a failed write is repeated, `REPEATS` times at most:
 
 1. A refusal is final, unless the write was not understood (N 1, N 2).
 2. It is repeated if two answers have the value from before. A third value is a mismatch.
-3. If it cannot be read back, it is repeated once the link has answered another request; a setting that can heat
-   (`recipe.order.CAN_HEAT`) is not: it is never repeated without those two answers.
+3. If it cannot be read back, it is repeated once the link has answered another request; a setting
+   that can heat (`recipe.order.CAN_HEAT`) is not: it is never repeated without those two answers.
 4. Nothing is repeated once the run is ending: `RunEnded` passes through here.
 
-Each repeated write is a row of `settings` (``repeated``), an event and a count in the station's facts.
+Each repeated write is a row of `settings` (``repeated``), an event and a count in the station's
+facts.
 """
 
 from __future__ import annotations
@@ -20,7 +21,14 @@ from typing import Final, NoReturn
 
 from jbclog.config.recipe import CAN_HEAT, COMMAND_OF
 from jbclog.config.recipe_settings import condition_of, settings_for, station_settings_for
-from jbclog.core.errors import LinkError, NotReceived, Refusal, StartRefused, StationError, WriteForbidden
+from jbclog.core.errors import (
+    LinkError,
+    NotReceived,
+    Refusal,
+    StartRefused,
+    StationError,
+    WriteForbidden,
+)
 from jbclog.core.io_requests import RunEnded, Steps, Wait
 from jbclog.core.quantities import Value, text_of
 from jbclog.core.rows import SettingOutcome, SettingRow, Severity
@@ -30,32 +38,43 @@ from jbclog.protocol.commands.command import Command, Scope
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identify import StationAbsent
 
-# Everything that a run can write is in this table. The client of a run's station calls `permit` before each write; a command
-# that is not listed, or another value than the recipe's or a safe state's, ends the run of that station as a fault of this program
-# (`WriteForbidden`), its tools made safe.
+# Everything that a run can write is in this table. The client of a run's station calls `permit`
+# before each write; a command that is not listed, or another value than the recipe's or a safe
+# state's, ends the run of that station as a fault of this program (`WriteForbidden`), its tools
+# made safe.
 #
-# A guard and `jbclog safe` write only `stop_feeding` and the safe states of `status` (`session/safety/secure.py`).
+# A guard and `jbclog safe` write only `stop_feeding` and the safe states of `status`
+# (`session/safety/secure.py`).
 
 SETTING: Final = "before sampling, where the station holds another: the recipe's `{key}`"
 
 WRITES: Final[Mapping[str, str]] = MappingProxyType(
     {
         **{command: SETTING.format(key=key) for key, command in COMMAND_OF.items()},
-        "status": "after the settings: the recipe's `run.status`, with `air.suction`; whenever a tool is made safe: the recipe's "
-        "safe state, and what follows where it is refused or does not cool",
+        "status": (
+            "after the settings: the recipe's `run.status`, with `air.suction`; whenever a tool is"
+            " made safe: the recipe's safe state, and what follows where it is refused or does not"
+            " cool"
+        ),
         "stop_feeding": "whenever tools are made safe on a station with a feeder: 0",
-        "store_condition": "with `--allow-omega-write`, where the controller holds another: the recipe's `[omega]`",
+        "store_condition": (
+            "with `--allow-omega-write`, where the controller holds another: the recipe's `[omega]`"
+        ),
     }
 )
 """Command -> when a run writes it, and whose value. Any other command is never written by a run."""
 
 
 def listed(context: SessionContext) -> Permit:
-    """Return the check before each write of `context`'s client: raises `WriteForbidden` for what the run may not send."""
+    """Return the check before each write of `context`'s client: raises `WriteForbidden` for what
+    the run may not send.
+    """
 
     def permit(command: Command, value: Value, port: int | None, tool: int | None) -> None:
         if command.name not in WRITES:
-            raise WriteForbidden(f"{_title(context, command, port)} is nothing that a run may write; it was not sent")
+            raise WriteForbidden(
+                f"{_title(context, command, port)} is nothing that a run may write; it was not sent"
+            )
         if value not in _values(context, command, port) or not _is_its_tool(context, port, tool):
             asked = f"{_title(context, command, port)}: the run does not allow {text_of(value)}"
             raise WriteForbidden(f"{asked}; it was not sent")
@@ -91,7 +110,9 @@ def _states(context: SessionContext, number: int | None) -> Iterator[Value]:
 
 def _settings(context: SessionContext, command: Command, port: int | None) -> Iterator[Value]:
     recipe, family = context.recipe, context.family
-    for setting in station_settings_for(recipe, family) if port is None else settings_for(recipe, family, port):
+    for setting in (
+        station_settings_for(recipe, family) if port is None else settings_for(recipe, family, port)
+    ):
         counted = setting.as_counted(context.held)
         if setting.command.name == command.name and counted is not None:
             yield counted.value
@@ -110,7 +131,9 @@ def _title(context: SessionContext, command: Command, port: int | None) -> str:
     return f"{context.name}: {name if port is None else f'{name} of port {port}'}"
 
 
-ROBOT_MODE_OFF: Final = ", Robot mode is off, although it answers reads; switch it on in the station's menu"
+ROBOT_MODE_OFF: Final = (
+    ", Robot mode is off, although it answers reads; switch it on in the station's menu"
+)
 REPEATS: Final = 3
 
 
@@ -136,7 +159,9 @@ def _is_meant(error: StationError | None) -> bool:
     return isinstance(error, Refusal) and not isinstance(error, NotReceived)
 
 
-def read_setting(context: SessionContext, command: Command, port: PortState | None, known: Value | None = None) -> Steps[Value]:
+def read_setting(
+    context: SessionContext, command: Command, port: PortState | None, known: Value | None = None
+) -> Steps[Value]:
     return context.read_confirmed(command, *_place(command, port), known=known)
 
 
@@ -166,7 +191,19 @@ def keep_row(
     """Record a row of `settings`."""
     tool = context.tool_text(port.tool) if port and command.scope is Scope.TOOL else None
     time, number = context.utc.micros(context.now), port.number if port else None
-    row = SettingRow(time, context.name, number, tool, command.name, command.unit, requested, written, readback, nak, outcome)
+    row = SettingRow(
+        time,
+        context.name,
+        number,
+        tool,
+        command.name,
+        command.unit,
+        requested,
+        written,
+        readback,
+        nak,
+        outcome,
+    )
     context.journal.setting(row)
 
 
@@ -180,31 +217,55 @@ def touch(context: SessionContext, port: PortState | None) -> None:
         context.publish()  # guard and recovery must know hot tools before they are hot
 
 
-def write_setting(context: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[None]:
-    """Write until the value is read back. Raises `StartRefused` where it is not, `StationAbsent` where the link breaks.
+def write_setting(
+    context: SessionContext, command: Command, value: Value, port: PortState | None
+) -> Steps[None]:
+    """Write until the value is read back. Raises `StartRefused` where it is not, `StationAbsent`
+    where the link breaks.
 
     After an exception the write may or may not have been executed.
     """
-    before, requested = (context.held if port is None else port.held).get(command.name), text_of(value)
+    before, requested = (
+        (context.held if port is None else port.held).get(command.name),
+        text_of(value),
+    )
     if before is not None:
-        keep_row(context, command, port, SettingOutcome.READ, readback=text_of(before))  # the only record of the previous value
+        # the only record of the previous value
+        keep_row(context, command, port, SettingOutcome.READ, readback=text_of(before))
     touch(context, port)
     try:
         yield from _write(context, command, value, port, before)
     except (LinkError, RunEnded) as error:
-        keep_row(context, command, port, SettingOutcome.UNCONFIRMED, requested=requested, written=requested)
+        keep_row(
+            context,
+            command,
+            port,
+            SettingOutcome.UNCONFIRMED,
+            requested=requested,
+            written=requested,
+        )
         if isinstance(error, RunEnded):
             raise
-        raise StationAbsent(_failed(context, command, port, value, before, f"it could not be read back ({error})")) from error
+        raise StationAbsent(
+            _failed(context, command, port, value, before, f"it could not be read back ({error})")
+        ) from error
 
 
-def _write(context: SessionContext, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
+def _write(
+    context: SessionContext,
+    command: Command,
+    value: Value,
+    port: PortState | None,
+    before: Value | None,
+) -> Steps[None]:
     for number in range(1, 2 + REPEATS):
         one = yield from _try(context, command, value, port)
         if one.is_meant:
             _refuse(context, command, value, port, before, one, number)
         if one.found is not None and _is_same(context, command, one.found, value):
-            context.written.append(f"{title_of(command, port)} {command.shown(value)} (was {_shown(command, before)})")
+            context.written.append(
+                f"{title_of(command, port)} {command.shown(value)} (was {_shown(command, before)})"
+            )
             _end(context, command, value, port, SettingOutcome.CONFIRMED, one)
             return
         if number > REPEATS or not (yield from _may_repeat(context, command, one, before)):
@@ -212,8 +273,12 @@ def _write(context: SessionContext, command: Command, value: Value, port: PortSt
         _report_repeated(context, command, value, port, one, number)
 
 
-def _try(context: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[_Try]:
-    """Write once and read back; the read-back decides even after a lost acknowledgement. A refusal needs none."""
+def _try(
+    context: SessionContext, command: Command, value: Value, port: PortState | None
+) -> Steps[_Try]:
+    """Write once and read back; the read-back decides even after a lost acknowledgement. A refusal
+    needs none.
+    """
     one = _Try()
     try:
         yield from context.station.write(command, value, *_place(command, port), once=True)
@@ -228,8 +293,12 @@ def _try(context: SessionContext, command: Command, value: Value, port: PortStat
     return one
 
 
-def _may_repeat(context: SessionContext, command: Command, one: _Try, before: Value | None) -> Steps[bool]:
-    """Whether the link has settled and the previous value still stands; for a setting that cannot heat, whether it may stand."""
+def _may_repeat(
+    context: SessionContext, command: Command, one: _Try, before: Value | None
+) -> Steps[bool]:
+    """Whether the link has settled and the previous value still stands; for a setting that cannot
+    heat, whether it may stand.
+    """
     if one.found is not None:
         if one.found != before:
             return False
@@ -250,23 +319,46 @@ def _is_same(context: SessionContext, command: Command, found: Value, value: Val
     if command.name != "status" or not isinstance(found, tuple) or not isinstance(value, tuple):
         return False
     status = context.family.status
-    is_suction_free = context.recipe.suction == "keep"  # not set by the recipe: anybody may switch it
-    return status.confirms(found, value) and (is_suction_free or status.sucks(found) == status.sucks(value))
+    # not set by the recipe: anybody may switch it
+    is_suction_free = context.recipe.suction == "keep"
+    return status.confirms(found, value) and (
+        is_suction_free or status.sucks(found) == status.sucks(value)
+    )
 
 
 def _end(
-    context: SessionContext, command: Command, value: Value, port: PortState | None, outcome: SettingOutcome, one: _Try
+    context: SessionContext,
+    command: Command,
+    value: Value,
+    port: PortState | None,
+    outcome: SettingOutcome,
+    one: _Try,
 ) -> None:
     """Record the last write, and note the held value as far as it is known."""
     readback = None if one.found is None else text_of(one.found)
     nak = one.nak if outcome == SettingOutcome.REFUSED else None
-    keep_row(context, command, port, outcome, requested=text_of(value), written=text_of(value), readback=readback, nak=nak)
+    keep_row(
+        context,
+        command,
+        port,
+        outcome,
+        requested=text_of(value),
+        written=text_of(value),
+        readback=readback,
+        nak=nak,
+    )
     if one.found is not None:
         (context.held if port is None else port.held)[command.name] = one.found
 
 
 def _refuse(
-    context: SessionContext, command: Command, value: Value, port: PortState | None, before: Value | None, one: _Try, number: int
+    context: SessionContext,
+    command: Command,
+    value: Value,
+    port: PortState | None,
+    before: Value | None,
+    one: _Try,
+    number: int,
 ) -> NoReturn:
     """Raise `StartRefused` with the reason and the number of writes."""
     if one.nak is not None and one.found in (None, before):
@@ -285,10 +377,17 @@ def _refuse(
     raise StartRefused(error) from (one.unread or one.lost)
 
 
-def _failed(context: SessionContext, command: Command, port: PortState | None, value: Value, before: Value | None, why: str) -> str:
+def _failed(
+    context: SessionContext,
+    command: Command,
+    port: PortState | None,
+    value: Value,
+    before: Value | None,
+    why: str,
+) -> str:
     return (
-        f"{context.name}: {title_of(command, port)}: {command.shown(value)} was asked, {why}; before it was "
-        f"{_shown(command, before)}"
+        f"{context.name}: {title_of(command, port)}: {command.shown(value)} was asked, {why};"
+        f" before it was {_shown(command, before)}"
     )
 
 
@@ -297,17 +396,41 @@ def _shown(command: Command, before: Value | None) -> str:
 
 
 def _report_repeated(
-    context: SessionContext, command: Command, value: Value, port: PortState | None, one: _Try, number: int
+    context: SessionContext,
+    command: Command,
+    value: Value,
+    port: PortState | None,
+    one: _Try,
+    number: int,
 ) -> None:
     readback = None if one.found is None else text_of(one.found)
     requested = text_of(value)
     keep_row(
-        context, command, port, SettingOutcome.REPEATED, requested=requested, written=requested, readback=readback, nak=one.nak
+        context,
+        command,
+        port,
+        SettingOutcome.REPEATED,
+        requested=requested,
+        written=requested,
+        readback=readback,
+        nak=one.nak,
     )
     context.facts.settings_repeated += 1
-    stands = "it could not be read back" if one.found is None else f"{command.shown(one.found)} still stands"
+    stands = (
+        "it could not be read back"
+        if one.found is None
+        else f"{command.shown(one.found)} still stands"
+    )
     lost = "acknowledged" if one.lost is None else str(one.lost)
     what = title_of(command, port)
-    text = f"{what[:1].upper()}{what[1:]}: {command.shown(value)} was not taken ({lost}; {stands}). "
+    text = (
+        f"{what[:1].upper()}{what[1:]}: {command.shown(value)} was not taken ({lost}; {stands}). "
+    )
     text += f"Write {number + 1} of at most {1 + REPEATS} follows."
-    context.note("setting.repeated", Severity.WARNING, text, port=port.number if port else None, value=number + 1)
+    context.note(
+        "setting.repeated",
+        Severity.WARNING,
+        text,
+        port=port.number if port else None,
+        value=number + 1,
+    )

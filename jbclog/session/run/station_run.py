@@ -2,14 +2,23 @@
 
 ::
 
-    start, in three steps with the other stations -> sample ⇄ outage -> (end, stop, failure) -> make safe -> counters
+    start, in three steps with the other stations -> sample ⇄ outage -> (end, stop, failure) -> make
+    safe -> counters
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from jbclog.core.errors import JbclogError, LinkError, LinkFlooded, StartRefused, StationError, cause, unexpected_error_text
+from jbclog.core.errors import (
+    JbclogError,
+    LinkError,
+    LinkFlooded,
+    StartRefused,
+    StationError,
+    cause,
+    unexpected_error_text,
+)
 from jbclog.core.io_requests import START_STEPS, Gather, LeftOut, NotStarted, RunEnded, Steps
 from jbclog.core.rows import Journal, NoJournal, Severity, StationFacts
 from jbclog.core.states import StationOutcome
@@ -34,41 +43,52 @@ from jbclog.session.scheduler import Grid
 
 
 def learn_provisos(context: SessionContext) -> Steps[None]:
-    """Read the port errors and report them, where one of them voids a signal (docs/reference/contradictions.md, B-44).
+    """Read the port errors and report them, where one of them voids a signal
+    (docs/reference/contradictions.md, B-44).
 
     Raises `LinkError` or `StationError` where the station does not answer.
     """
     if not context.family.port_errors.voids:
         return
     for port in context.ports.values():
-        error = yield from context.read_confirmed(context.command("port_error"), port.number, known=port.error or 0)
+        error = yield from context.read_confirmed(
+            context.command("port_error"), port.number, known=port.error or 0
+        )
         OBSERVERS["port_error"](context, port, error)
 
 
 # The start has three steps, each finished on all stations before the next begins on any:
 #
-# 1. Read and check everything: identity, tools, rate, settings, limits, cooling. Nothing is written.
+# 1. Read and check everything: identity, tools, rate, settings, limits, cooling. Nothing is
+#    written.
 # 2. Write what cannot heat (`recipe.order.CANNOT_HEAT`).
 # 3. Write what can: setpoints, then the tools' status.
 #
-# If a station fails in the first step, nothing was written anywhere. Later no setting is rolled back: written settings are
-# named, and each touched tool goes to its safe state; before the third step a resting tool is left alone, because an order
-# could heat it. Counters are read last, while the tools warm up, because nothing depends on them. Sessions do not know each
+# If a station fails in the first step, nothing was written anywhere. Later no setting is rolled
+# back: written settings are named, and each touched tool goes to its safe state; before the third
+# step a resting tool is left alone, because an order could heat it. Counters are read last, while
+# the tools warm up, because nothing depends on them. Sessions do not know each
 # other: they yield `Gather`, and the driver resumes all together, or throws `NotStarted`.
 
 
 def start(context: SessionContext) -> Steps[SamplingPlan]:
     """Bring the station to its recipe, in step with the run's other stations; return its pace.
 
-    Raises `StartRefused` where this station fails, `NotStarted` where another does, `LeftOut` where it took too long.
+    Raises `StartRefused` where this station fails, `NotStarted` where another does, `LeftOut` where
+    it took too long.
     """
     yield from identify(context)
     pace = choose_pace(context)
     context.note(
-        "station.ready", Severity.INFO, f"{_ready_text(context)}{chosen_text(context.facts)}.{unreported_states_text(context)}"
+        "station.ready",
+        Severity.INFO,
+        f"{_ready_text(context)}{chosen_text(context.facts)}.{unreported_states_text(context)}",
     )
     if not context.family.safe_states:
-        text = f"An {context.family.title} has no safe state that could be ordered: at the end of the run it is left as it is."
+        text = (
+            f"An {context.family.title} has no safe state that could be ordered: at the end of the"
+            " run it is left as it is."
+        )
         context.note("safety.not_available", Severity.WARNING, text)
     wanted = yield from examine(context)
     condition = yield from look_at_condition(context)
@@ -99,12 +119,17 @@ def notify_failure(context: SessionContext) -> Steps[None]:
 
 
 def _ready_text(context: SessionContext) -> str:
-    facts, answers = context.facts, f"answers in {context.facts.turnaround_us['median'] / 1000:.2f} ms (median)"
+    facts, answers = (
+        context.facts,
+        f"answers in {context.facts.turnaround_us['median'] / 1000:.2f} ms (median)",
+    )
     if context.link_is_faster is not None:
         answers += f" ({context.link_is_faster})"
     if not context.family.models:
         return f"{context.family.title}, as the line file says, {answers}"
-    tools = ", ".join(f"port {port.number} {context.tool_text(port.tool)}" for port in context.ports.values())
+    tools = ", ".join(
+        f"port {port.number} {context.tool_text(port.tool)}" for port in context.ports.values()
+    )
     return f"{facts.model} {answers}, tools: {tools}"
 
 
@@ -115,7 +140,8 @@ SEVERITY: Mapping[str, Severity] = {
 
 
 def run_station(context: SessionContext) -> Steps[StationFacts]:
-    """Run one station to its end and return its facts. Its tools are safe on every way out, or the facts name those that are not.
+    """Run one station to its end and return its facts. Its tools are safe on every way out, or the
+    facts name those that are not.
 
     Errors of station and link are not raised; `facts.outcome` and `facts.reason` have them.
     """
@@ -155,18 +181,24 @@ def run_station(context: SessionContext) -> Steps[StationFacts]:
 
 
 def _give_up(context: SessionContext) -> Steps[None]:
-    """Handle a station that does not start: report what was written, and notify the others. A dispensable one is left out."""
+    """Handle a station that does not start: report what was written, and notify the others. A
+    dispensable one is left out.
+    """
     facts = context.facts
     if context.written:
         facts.reason += f"; written before that and left as it is: {', '.join(context.written)}"
     if facts.outcome in (StationOutcome.GONE, StationOutcome.REFUSED):
-        facts.reason += f" (step {context.step} of {START_STEPS} of the start)" if context.step > 1 else ""
+        facts.reason += (
+            f" (step {context.step} of {START_STEPS} of the start)" if context.step > 1 else ""
+        )
         facts.outcome = StationOutcome.LEFT_OUT if context.order.may_be_missing else facts.outcome
     yield from notify_failure(context)
 
 
 def _ended(context: SessionContext, why: str) -> tuple[StationOutcome, str]:
-    """Return outcome and reason of a station whose run was ended. One without time to answer does not count as gone."""
+    """Return outcome and reason of a station whose run was ended. One without time to answer does
+    not count as gone.
+    """
     if context.connected:
         return StationOutcome.COMPLETED, why
     if context.facts.first_tick is None:
@@ -186,7 +218,9 @@ def _record(context: SessionContext) -> Steps[None]:
 
 
 def _grid(context: SessionContext, pace: SamplingPlan) -> Grid:
-    """Return the grid of due times, from the run's zero. In a replay it lies as in the recording, relative to the last reads."""
+    """Return the grid of due times, from the run's zero. In a replay it lies as in the recording,
+    relative to the last reads.
+    """
     if not pace.paced:
         return Grid(context.now, pace.period_s)
     if context.order.begin is None:
@@ -209,19 +243,29 @@ def _close(context: SessionContext) -> Steps[None]:
     at_work = [port for port in context.ports.values() if is_at_work(context, port)]
     yield from _make_safe_uninterrupted(context)
     try:
-        if context.connected and context.after_safe is not None and not isinstance(context.journal, NoJournal):
+        if (
+            context.connected
+            and context.after_safe is not None
+            and not isinstance(context.journal, NoJournal)
+        ):
             yield from compare_countdowns(context, at_work)
             yield from context.after_safe()
             yield from read_counters(context)
             yield from check_condition(context)
     except (LinkError, StationError, RunEnded) as error:
-        context.note("counters.missed", Severity.WARNING, f"The counters could not be read at the end: {error}.")
+        context.note(
+            "counters.missed",
+            Severity.WARNING,
+            f"The counters could not be read at the end: {error}.",
+        )
     _report_end(context)
     context.publish()
 
 
 def _make_safe_uninterrupted(context: SessionContext) -> Steps[None]:
-    """Make the tools safe without interruption by the run's end, by a fault of the program or by a failed record."""
+    """Make the tools safe without interruption by the run's end, by a fault of the program or by a
+    failed record.
+    """
     journals: list[Journal] = [context.journal, NoJournal()]  # for further tries
     while True:
         try:
@@ -233,7 +277,9 @@ def _make_safe_uninterrupted(context: SessionContext) -> Steps[None]:
             if journals:
                 context.journal = journals.pop(0)
                 continue
-            context.facts.unsafe.append(f"{context.name}: its tools could not be made safe: {cause(error)}")
+            context.facts.unsafe.append(
+                f"{context.name}: its tools could not be made safe: {cause(error)}"
+            )
         return
 
 
@@ -241,7 +287,9 @@ def _fail(context: SessionContext, error: Exception) -> None:
     """Note a fault of this program, or of its record; it must not leave a tip hot."""
     known = isinstance(error, JbclogError)
     context.facts.outcome = StationOutcome.FAILED
-    context.facts.reason = str(error) if known else f"{context.name}: internal error, {unexpected_error_text(error)}"
+    context.facts.reason = (
+        str(error) if known else f"{context.name}: internal error, {unexpected_error_text(error)}"
+    )
 
 
 def _report_end(context: SessionContext) -> None:
@@ -249,4 +297,8 @@ def _report_end(context: SessionContext) -> None:
     good = facts.outcome == StationOutcome.COMPLETED
     if facts.reason or not good:
         severity = Severity.INFO if good else SEVERITY.get(facts.outcome, Severity.ERROR)
-        context.note(f"station.{facts.outcome}", severity, f"{(facts.reason or facts.outcome).removeprefix(f'{context.name}: ')}.")
+        context.note(
+            f"station.{facts.outcome}",
+            severity,
+            f"{(facts.reason or facts.outcome).removeprefix(f'{context.name}: ')}.",
+        )

@@ -5,17 +5,31 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from jbclog.core.errors import JbclogError, LinkError, NotSupported, RobotModeOff, StationError, StationSilent
+from jbclog.core.errors import (
+    JbclogError,
+    LinkError,
+    NotSupported,
+    RobotModeOff,
+    StationError,
+    StationSilent,
+)
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value, text_of
 from jbclog.core.rows import CounterRow, Severity
 from jbclog.protocol.client.omega import OmegaStation
-from jbclog.protocol.commands.omega import COMPLETION_MESSAGES, CONTROL, INFORMATION, TRUE_ANSWERS, WITHOUT_DIGIT
+from jbclog.protocol.commands.omega import (
+    COMPLETION_MESSAGES,
+    CONTROL,
+    INFORMATION,
+    TRUE_ANSWERS,
+    WITHOUT_DIGIT,
+)
 from jbclog.protocol.commands.robot import ErrorTable
 from jbclog.protocol.commands.signals import UsageCounter
 from jbclog.session.run.context import PortState, SessionContext
 
-# Hour and cycle counters are read at the start and at the end of a run; each needs two equal answers.
+# Hour and cycle counters are read at the start and at the end of a run; each needs two equal
+# answers.
 
 
 def read_counters(context: SessionContext) -> Steps[None]:
@@ -50,30 +64,38 @@ def _read(context: SessionContext, port: PortState, counter: UsageCounter) -> St
         )
 
 
-def _keep(context: SessionContext, port: PortState, counter: UsageCounter, value: float | None, raw: str) -> None:
+def _keep(
+    context: SessionContext, port: PortState, counter: UsageCounter, value: float | None, raw: str
+) -> None:
     due = context.facts.due.setdefault(str(port.number), {})
     due[counter.name] = due.get(counter.name, 0) + 1
     time = context.utc.micros(context.now)
-    context.journal.counter(CounterRow(time, context.name, port.number, counter.name, value, counter.unit, raw))
+    context.journal.counter(
+        CounterRow(time, context.name, port.number, counter.name, value, counter.unit, raw)
+    )
 
 
-# Anomalies that only a session can notice. The client counts the others (`protocol/client/interface.py`), and
-# `SessionContext.tell_anomalies` reports all of them.
+# Anomalies that only a session can notice. The client counts the others
+# (`protocol/client/interface.py`), and `SessionContext.tell_anomalies` reports all of them.
 
 DELAY_UNIT, NO_COUNTDOWN = 20, 25  # B-numbers (docs/reference/contradictions.md)
 LATE_S, EARLY_S = 30, 5  # tolerance of a countdown shortly after its start
 
 
 def note_zero_countdown(context: SessionContext, port: PortState, value: Value) -> None:
-    """Note a time to sleep of 0 s where nothing counts down (docs/reference/contradictions.md, B-25)."""
+    """Note a time to sleep of 0 s where nothing counts down (docs/reference/contradictions.md,
+    B-25).
+    """
     if value == 0:
         _note_anomaly(context, NO_COUNTDOWN, "time to sleep", port)
 
 
 def compare_countdowns(context: SessionContext, ports: Iterable[PortState]) -> Steps[None]:
-    """Compare the time to sleep with the sleep delay on `ports`, which were at work and have just been put in stand.
+    """Compare the time to sleep with the sleep delay on `ports`, which were at work and have just
+    been put in stand.
 
-    Manuals give the delay in minutes, in seconds or without a unit; only this can decide (docs/reference/contradictions.md, B-20).
+    Manuals give the delay in minutes, in seconds or without a unit; only this can decide
+    (docs/reference/contradictions.md, B-20).
     """
     if "time_to_sleep" not in context.family.commands or "delay_s" in context.not_supported:
         return
@@ -88,23 +110,32 @@ def _compare_countdown(context: SessionContext, port: PortState, delay: int) -> 
         left = yield from context.station.read(context.command("time_to_sleep"), port.number)
     except StationError:
         return
-    if isinstance(left, int) and 0 < left < 65535 and not 60 * delay - LATE_S <= left <= 60 * delay + EARLY_S:
+    if (
+        isinstance(left, int)
+        and 0 < left < 65535
+        and not 60 * delay - LATE_S <= left <= 60 * delay + EARLY_S
+    ):
         _note_anomaly(context, DELAY_UNIT, f"time to sleep with a sleep delay of {delay}", port)
 
 
 def _note_anomaly(context: SessionContext, number: int, what: str, port: PortState) -> None:
-    context.station.anomalies.meet(number, f"{what}, port {port.number}", context.station.data, port.number)
+    context.station.anomalies.meet(
+        number, f"{what}, port {port.number}", context.station.data, port.number
+    )
 
 
-# OMEGA's states are reported when they change. Solder shortage and a clogged nozzle are errors as long as readings show them.
-# Preparing is reported for information, and so is a temperature out of range, if it lasts: each joint causes that for a moment.
+# OMEGA's states are reported when they change. Solder shortage and a clogged nozzle are errors as
+# long as readings show them. Preparing is reported for information, and so is a temperature out of
+# range, if it lasts: each joint causes that for a moment.
 
 LASTING_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class _FlagEvents:
-    """One flag, a column of `samples`: the events when it becomes true, and when it becomes false."""
+    """One flag, a column of `samples`: the events when it becomes true, and when it becomes
+    false.
+    """
 
     begins: str
     severity: Severity
@@ -114,43 +145,73 @@ class _FlagEvents:
 
 
 SHORTAGE = _FlagEvents(
-    "solder.shortage", Severity.ERROR, "There is no solder left.", "solder.shortage.ended", "There is solder again."
+    "solder.shortage",
+    Severity.ERROR,
+    "There is no solder left.",
+    "solder.shortage.ended",
+    "There is solder again.",
 )
 CLOGGED = _FlagEvents(
-    "feeder.clogged", Severity.ERROR, "The solder is clogged.", "feeder.clogged.ended", "The solder is no longer clogged."
+    "feeder.clogged",
+    Severity.ERROR,
+    "The solder is clogged.",
+    "feeder.clogged.ended",
+    "The solder is no longer clogged.",
 )
 PREPARING = _FlagEvents(
-    "control.preparing", Severity.INFO, "It is preparing, or has an error; one answer means both.", "control.ready", "It is ready."
+    "control.preparing",
+    Severity.INFO,
+    "It is preparing, or has an error; one answer means both.",
+    "control.ready",
+    "It is ready.",
 )
 OUT_OF_RANGE = "temperature.out_of_range"
 
 
-def _flags(signal: str, flags: Mapping[str, _FlagEvents]) -> Callable[[SessionContext, PortState, Value], None]:
-    """Report each change of the flags in the answers to `signal`; at the first reading those that are set."""
+def _flags(
+    signal: str, flags: Mapping[str, _FlagEvents]
+) -> Callable[[SessionContext, PortState, Value], None]:
+    """Report each change of the flags in the answers to `signal`; at the first reading those that
+    are set.
+    """
 
     def observe(context: SessionContext, port: PortState, value: Value) -> None:
         before = port.states.get(signal)
         port.states[signal] = (value, context.now)
         for column, state in flags.items():
-            was, is_now = before is not None and before[0] in TRUE_ANSWERS[column], value in TRUE_ANSWERS[column]
+            was, is_now = (
+                before is not None and before[0] in TRUE_ANSWERS[column],
+                value in TRUE_ANSWERS[column],
+            )
             if was != is_now:
                 kind, severity, text = (
-                    (state.begins, state.severity, state.begun) if is_now else (state.ends, Severity.INFO, state.ended)
+                    (state.begins, state.severity, state.begun)
+                    if is_now
+                    else (state.ends, Severity.INFO, state.ended)
                 )
-                context.note(kind, severity, text, port=port.number, since=before[1] if before else None)
+                context.note(
+                    kind, severity, text, port=port.number, since=before[1] if before else None
+                )
 
     return observe
 
 
 def _in_range(context: SessionContext, port: PortState, value: Value) -> None:
-    """Report a temperature out of range for `LASTING_S`; `states` has the present state and its begin."""
+    """Report a temperature out of range for `LASTING_S`; `states` has the present state and its
+    begin.
+    """
     before = port.states.get("in_range")
     is_in = value in TRUE_ANSWERS["in_range"]
     if before is None or before[0] != value:
         port.states["in_range"] = (value, context.now)
         if is_in and OUT_OF_RANGE in port.states:
             del port.states[OUT_OF_RANGE]
-            context.note("temperature.in_range", Severity.INFO, "The temperature is in its range again.", port=port.number)
+            context.note(
+                "temperature.in_range",
+                Severity.INFO,
+                "The temperature is in its range again.",
+                port=port.number,
+            )
     elif not is_in and OUT_OF_RANGE not in port.states and context.now - before[1] >= LASTING_S:
         port.states[OUT_OF_RANGE] = (value, context.now)
         text = f"The temperature has been out of its range for {context.now - before[1]:.0f} s."
@@ -169,7 +230,9 @@ USUAL = {"solder_shortage": INFORMATION.names[0], "preparing": CONTROL.names[0]}
 
 
 def differs_from_last(name: str) -> Callable[[SessionContext, PortState, Value], bool]:
-    """Return a check whether a state differs from the last reading; such a state is read twice before it is accepted."""
+    """Return a check whether a state differs from the last reading; such a state is read twice
+    before it is accepted.
+    """
 
     def doubt(_context: SessionContext, port: PortState, value: Value) -> bool:
         last = port.states.get(name)
@@ -182,20 +245,32 @@ def differs_from_last(name: str) -> Callable[[SessionContext, PortState, Value],
 
 def unreported_states_text(context: SessionContext) -> str:
     """Describe the states that this controller does not report; empty where it reports all."""
-    unreported = [signal.command.replace("_", " ") for signal in context.family.signals if signal.name in context.not_supported]
-    text = f" It does not answer {', '.join(unreported)}: that is not due, and not known." if unreported else ""
+    unreported = [
+        signal.command.replace("_", " ")
+        for signal in context.family.signals
+        if signal.name in context.not_supported
+    ]
+    text = (
+        f" It does not answer {', '.join(unreported)}: that is not due, and not known."
+        if unreported
+        else ""
+    )
     if isinstance(context.station, OmegaStation) and context.station.without_digit:
         text += " It answers A with a alone: whether solder is short or clogged is not known."
     return text
 
 
 def report_completions(context: SessionContext) -> None:
-    """Report unsolicited messages: a joint is completed that somebody else, or an earlier order, began."""
+    """Report unsolicited messages: a joint is completed that somebody else, or an earlier order,
+    began.
+    """
     if not isinstance(context.station, OmegaStation):
         return
     for completion in context.station.completions:
         kind = "omega.completed" if completion.letter == "h" else "omega.first_stage"
-        text = f"It says that {COMPLETION_MESSAGES[completion.letter]}; this run asked for no joint."
+        text = (
+            f"It says that {COMPLETION_MESSAGES[completion.letter]}; this run asked for no joint."
+        )
         context.note(kind, Severity.INFO, text, raw=completion.letter)
     context.station.completions.clear()
 
@@ -218,18 +293,26 @@ def _temperature(context: SessionContext, port: PortState, value: Value) -> None
     _note_above(context, port, value)
     port.temperatures_c["temperature_c"] = value
     if counts(context, port):
-        port.hottest_c = value if port.hottest_c is None or value > port.hottest_c else port.hottest_c
-        port.coolest_c = value if port.coolest_c is None or value < port.coolest_c else port.coolest_c
+        port.hottest_c = (
+            value if port.hottest_c is None or value > port.hottest_c else port.hottest_c
+        )
+        port.coolest_c = (
+            value if port.coolest_c is None or value < port.coolest_c else port.coolest_c
+        )
     else:
         port.has_counted = False
 
 
 def arrives(context: SessionContext, port: PortState, value: int) -> bool:
-    """Whether alarms begin to count with this temperature: the tool is at work and reaches its setpoint."""
+    """Whether alarms begin to count with this temperature: the tool is at work and reaches its
+    setpoint.
+    """
     setting = None if port.at_temperature else context.set_c(port)
     if setting is None or not is_at_work(context, port):
         return False
-    return _enters(port.temperature_c, value, setting) or _stays_above(context, port, value, setting)
+    return _enters(port.temperature_c, value, setting) or _stays_above(
+        context, port, value, setting
+    )
 
 
 def _enters(before: int | None, value: int, setting: float) -> bool:
@@ -239,7 +322,9 @@ def _enters(before: int | None, value: int, setting: float) -> bool:
 
 
 def _stays_above(context: SessionContext, port: PortState, value: int, setting: float) -> bool:
-    """Whether a tip found hotter than its setpoint does not cool: a runaway tip never enters the band."""
+    """Whether a tip found hotter than its setpoint does not cool: a runaway tip never enters the
+    band.
+    """
     if value <= setting + BAND_C or port.found_above is None:
         return False
     since, then = port.found_above
@@ -271,7 +356,9 @@ def is_at_work(context: SessionContext, port: PortState) -> bool:
 
 
 def counts(context: SessionContext, port: PortState) -> bool:
-    """Whether alarms count: while working, after first entering setpoint ±10 °C (docs/reference/exit-codes.md)."""
+    """Whether alarms count: while working, after first entering setpoint ±10 °C
+    (docs/reference/exit-codes.md).
+    """
     return port.at_temperature and is_at_work(context, port)
 
 
@@ -294,7 +381,9 @@ def _is_changed_status(context: SessionContext, before: Value, found: Value) -> 
 
 
 def would_change(context: SessionContext, port: PortState, name: str, found: Value) -> bool:
-    """Whether the reading `name` with the answer `found` is reported as a changed setting or status."""
+    """Whether the reading `name` with the answer `found` is reported as a changed setting or
+    status.
+    """
     if name == "status":
         return port.status is not None and _is_changed_status(context, port.status, found)
     setting = {"set_c": context.set_name, "set_flow_permille": "selected_air_flow"}.get(name, name)
@@ -302,7 +391,9 @@ def would_change(context: SessionContext, port: PortState, name: str, found: Val
 
 
 def _suction(context: SessionContext, port: PortState, *, is_on: bool) -> None:
-    """Note suction confirmed by two answers, and publish it for the guard: a safe order keeps suction that holds a part."""
+    """Note suction confirmed by two answers, and publish it for the guard: a safe order keeps
+    suction that holds a part.
+    """
     if port.has_suction != is_on:
         port.has_suction = is_on
         if context.family.status.has_suction:
@@ -317,17 +408,27 @@ def _set_temperature(context: SessionContext, port: PortState, value: Value) -> 
         found_changed(context, port, name, f"{before} °C", f"{value} °C")
 
 
-def found_changed(context: SessionContext, port: PortState | None, name: str, before: str, found: str) -> None:
+def found_changed(
+    context: SessionContext, port: PortState | None, name: str, before: str, found: str
+) -> None:
     """Report a changed setting; raise `SettingChanged` where the recipe stops on that."""
     stop_on(context, [report_change(context, port, name, before, found)])
 
 
-def report_change(context: SessionContext, port: PortState | None, name: str, before: str, found: str) -> str:
+def report_change(
+    context: SessionContext, port: PortState | None, name: str, before: str, found: str
+) -> str:
     """Record a changed setting; return its description."""
     place = "" if port is None else f" of port {port.number}"
     change = f"{name.replace('_', ' ')}{place} was found changed: {found} instead of {before}"
     text = f"The {change}. It was not written again."
-    context.note("setting.changed", Severity.ERROR, text, port=port.number if port else None, raw=f"{name}={found}")
+    context.note(
+        "setting.changed",
+        Severity.ERROR,
+        text,
+        port=port.number if port else None,
+        raw=f"{name}={found}",
+    )
     context.facts.settings_changed += 1
     return change
 
@@ -367,7 +468,10 @@ def _tool(context: SessionContext, port: PortState, value: Value) -> None:
     if before == value:
         return
     port.at_temperature, port.found_above, port.tool_is_new = False, None, True
-    text = f"Port {port.number}: the tool changed from {context.tool_text(before)} to {context.tool_text(value)}."
+    text = (
+        f"Port {port.number}: the tool changed from {context.tool_text(before)} to"
+        f" {context.tool_text(value)}."
+    )
     context.note("tool.changed", Severity.WARNING, text, port=port.number, code=value)
 
 
@@ -378,9 +482,21 @@ def _port_error(context: SessionContext, port: PortState, value: Value) -> None:
         return
     errors = context.family.port_errors
     if value == 0:
-        context.note("port.ok", Severity.INFO, f"Port {port.number}: its error is gone.", port=port.number, code=0)
+        context.note(
+            "port.ok",
+            Severity.INFO,
+            f"Port {port.number}: its error is gone.",
+            port=port.number,
+            code=0,
+        )
     elif value in errors.states:
-        context.note("port.state", Severity.WARNING, f"Port {port.number}: {errors.text(value)}.", port=port.number, code=value)
+        context.note(
+            "port.state",
+            Severity.WARNING,
+            f"Port {port.number}: {errors.text(value)}.",
+            port=port.number,
+            code=value,
+        )
     else:
         text = f"Port {port.number}: {errors.text(value)}."
         context.note("port.error", _severity(errors, value), text, port=port.number, code=value)
@@ -399,7 +515,12 @@ def _station_error(context: SessionContext, port: PortState, value: Value) -> No
         context.note("station.ok", Severity.INFO, "The station's error is gone.", code=0)
     else:
         errors = context.family.station_errors
-        context.note("station.error", _severity(errors, value), f"Station error: {errors.text(value)}.", code=value)
+        context.note(
+            "station.error",
+            _severity(errors, value),
+            f"Station error: {errors.text(value)}.",
+            code=value,
+        )
 
 
 OBSERVERS: dict[str, Observe] = {
@@ -417,5 +538,7 @@ OBSERVERS: dict[str, Observe] = {
 
 
 def is_no_tool(context: SessionContext, port: PortState) -> bool:
-    """Whether the station last reported no tool in `port`, so that its temperature means nothing."""
+    """Whether the station last reported no tool in `port`, so that its temperature means
+    nothing.
+    """
     return context.family.is_empty(port.tool, port.error)

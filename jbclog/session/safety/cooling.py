@@ -1,4 +1,6 @@
-"""Decides by temperature and power whether a tool is cold or cools: a digit of the status proves neither."""
+"""Decides by temperature and power whether a tool is cold or cools: a digit of the status proves
+neither.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,8 @@ from jbclog.protocol.commands.command import Command
 from jbclog.session.safety.orders import in_time, is_reachable
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
-COOLING_AFTER_S = 1.0  # time after the order in which the extractor state must show in temperature or power
+# time after the order in which the extractor state must show in temperature or power
+COOLING_AFTER_S = 1.0
 IDLE_PERMILLE = 20  # below it a heater is off
 HEATING_PERMILLE = 200  # above it a falling tip is at a joint and does not cool
 FALL_C = 2  # a cooling tip falls by this much; one degree is within the noise
@@ -23,19 +26,26 @@ def is_cold(task: SafetyTask, tool: ToolSafety) -> Steps[bool]:
     """Whether the tool is too cold to burn anyone and its heater is off, by two answers each."""
     found = yield from _heat(task, tool)
     has_both = bool(found.celsius) and bool(found.permille)
-    return has_both and all(one <= COLD_C for one in found.celsius) and all(one <= IDLE_PERMILLE for one in found.permille)
+    return (
+        has_both
+        and all(one <= COLD_C for one in found.celsius)
+        and all(one <= IDLE_PERMILLE for one in found.permille)
+    )
 
 
 def watch(task: SafetyTask, tools: Sequence[ToolSafety]) -> Steps[set[int]]:
     """Return the ports of those tools that cool down, or whose heater is off.
 
-    All are watched during the same second, and time is left for the orders to those that do not cool.
+    All are watched during the same second, and time is left for the orders to those that do not
+    cool.
     """
     until, cooling, before = task.client.now + COOLING_AFTER_S, set[int](), dict[int, _Heat]()
     if not tools or until >= task.latest(len(tools)):
         return cooling
     for tool in tools:
-        before[tool.port] = yield from _heat_by(task, tool, task.latest(len(tools)), with_power=False)
+        before[tool.port] = yield from _heat_by(
+            task, tool, task.latest(len(tools)), with_power=False
+        )
     task.client.unasked((yield Wait(until)))
     for tool in tools:
         after = yield from _heat_by(task, tool, task.latest(len(tools) - len(cooling)))
@@ -46,14 +56,18 @@ def watch(task: SafetyTask, tools: Sequence[ToolSafety]) -> Steps[set[int]]:
 
 @dataclass(frozen=True, slots=True)
 class _Heat:
-    """Two temperatures and two powers of a tool; empty where not available. `tells_power`: the station has the command."""
+    """Two temperatures and two powers of a tool; empty where not available. `tells_power`: the
+    station has the command.
+    """
 
     celsius: Sequence[float] = ()
     permille: Sequence[float] = ()
     tells_power: bool = True
 
 
-def _heat_by(task: SafetyTask, tool: ToolSafety, end: float, *, with_power: bool = True) -> Steps[_Heat]:
+def _heat_by(
+    task: SafetyTask, tool: ToolSafety, end: float, *, with_power: bool = True
+) -> Steps[_Heat]:
     if not (yield from is_reachable(task)):
         return _Heat()
     return (yield from in_time(_heat(task, tool, with_power=with_power), task.client.now, end))
@@ -67,7 +81,10 @@ def _heat(task: SafetyTask, tool: ToolSafety, *, with_power: bool = True) -> Ste
     celsius: Sequence[float] = ()
     try:
         celsius = yield from _two_of(task, command, tool)
-        return _Heat(celsius, (yield from _two_of(task, task.family.commands["power"], tool)) if with_power else ())
+        return _Heat(
+            celsius,
+            (yield from _two_of(task, task.family.commands["power"], tool)) if with_power else (),
+        )
     except NotSupported:
         return _Heat(celsius, tells_power=False)
     except StationError:
@@ -81,11 +98,15 @@ def _heat(task: SafetyTask, tool: ToolSafety, *, with_power: bool = True) -> Ste
 
 
 def _cools(before: _Heat, after: _Heat) -> bool:
-    """Whether the heater is off, or the tip falls without the heater working against it, by two answers each."""
+    """Whether the heater is off, or the tip falls without the heater working against it, by two
+    answers each.
+    """
     is_off = bool(after.permille) and all(permille <= IDLE_PERMILLE for permille in after.permille)
     pairs = [(then, now) for then in before.celsius for now in after.celsius]
     falls = bool(pairs) and all(now <= then - FALL_C for then, now in pairs)
-    may_be_off = not after.tells_power or (bool(after.permille) and all(one <= HEATING_PERMILLE for one in after.permille))
+    may_be_off = not after.tells_power or (
+        bool(after.permille) and all(one <= HEATING_PERMILLE for one in after.permille)
+    )
     return is_off or (falls and may_be_off)
 
 
@@ -94,5 +115,6 @@ def _two_of(task: SafetyTask, command: Command, tool: ToolSafety) -> Steps[list[
     answers = []
     for _ in range(2):
         value = yield from task.client.read(command, tool.port)
-        answers.append(float(value) if isinstance(value, int | float) else math.nan)  # NaN fails every comparison
+        # NaN fails every comparison
+        answers.append(float(value) if isinstance(value, int | float) else math.nan)
     return answers

@@ -1,15 +1,25 @@
-"""Order a tool's safe state or the feeder's stop, and read it back, on a link that may break meanwhile.
+"""Order a tool's safe state or the feeder's stop, and read it back, on a link that may break
+meanwhile.
 
-Nothing counts as done without proof: an order acknowledged but not read back is `SENT`, and a read-back needs two equal
-answers. On a flooded link no answer proves anything, neither the identity nor the result. A tool that stays hot is worse, so the
-order that needs no proof is sent anyway (`order_blindly`), and is `SENT`, never `VERIFIED`.
+Nothing counts as done without proof: an order acknowledged but not read back is `SENT`, and a
+read-back needs two equal answers. On a flooded link no answer proves anything, neither the identity
+nor the result. A tool that stays hot is worse, so the order that needs no proof is sent anyway
+(`order_blindly`), and is `SENT`, never `VERIFIED`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from jbclog.core.errors import AnswerTimeout, LinkError, LinkFlooded, NotReceived, Refusal, RobotModeOff, StationError
+from jbclog.core.errors import (
+    AnswerTimeout,
+    LinkError,
+    LinkFlooded,
+    NotReceived,
+    Refusal,
+    RobotModeOff,
+    StationError,
+)
 from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, Steps, T, Wait, relay
 from jbclog.core.quantities import Value
 from jbclog.core.states import SafetyResult
@@ -25,7 +35,8 @@ REOPEN_EVERY_S = 0.25
 
 
 def order(task: SafetyTask, orders: Sequence[tuple[ToolSafety, StatusWord]]) -> Steps[None]:
-    """Order each tool's state once, then read each back, while there is time for the fallback states.
+    """Order each tool's state once, then read each back, while there is time for the fallback
+    states.
 
     After one acknowledgement has timed out in full, later ones are not waited for.
     """
@@ -43,8 +54,12 @@ def order(task: SafetyTask, orders: Sequence[tuple[ToolSafety, StatusWord]]) -> 
             return
 
 
-def _send(task: SafetyTask, tool: ToolSafety, word: StatusWord, *, hurry: bool) -> Steps[LinkError | StationError | None]:
-    """Order a state; return the error instead of an acknowledgement. After a `LinkError` the result is not known."""
+def _send(
+    task: SafetyTask, tool: ToolSafety, word: StatusWord, *, hurry: bool
+) -> Steps[LinkError | StationError | None]:
+    """Order a state; return the error instead of an acknowledgement. After a `LinkError` the result
+    is not known.
+    """
     if not (yield from is_reachable(task)):
         return LinkError("not reached")
     tool.note_order(word)
@@ -59,7 +74,9 @@ def _send(task: SafetyTask, tool: ToolSafety, word: StatusWord, *, hurry: bool) 
     return None
 
 
-def _read_back(task: SafetyTask, tool: ToolSafety, word: StatusWord, failure: StationError | None) -> Steps[None]:
+def _read_back(
+    task: SafetyTask, tool: ToolSafety, word: StatusWord, failure: StationError | None
+) -> Steps[None]:
     """Read the ordered state back; `failure` came instead of the acknowledgement."""
     status = task.family.status
     found = yield from status_now(task, tool)
@@ -70,9 +87,13 @@ def _read_back(task: SafetyTask, tool: ToolSafety, word: StatusWord, failure: St
         tool.reached = SafetyResult.SENT if task.has_to_cool(found) else SafetyResult.VERIFIED
     elif isinstance(failure, Refusal):
         final = not isinstance(failure, NotReceived | RobotModeOff)
-        tool.pass_over(word, f"{status.shown(word)} was refused with N {failure.code:05d}", rule_out=final)
+        tool.pass_over(
+            word, f"{status.shown(word)} was refused with N {failure.code:05d}", rule_out=final
+        )
     elif failure is None:
-        tool.pass_over(word, f"{status.shown(word)} was acknowledged, but {status.shown(found)} was read back")
+        tool.pass_over(
+            word, f"{status.shown(word)} was acknowledged, but {status.shown(found)} was read back"
+        )
     else:
         tool.was_lost = True
 
@@ -87,7 +108,10 @@ def status_now(task: SafetyTask, tool: ToolSafety) -> Steps[StatusWord | None]:
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
         return None
-    task.is_silent, task.order_s = False, min(task.order_s, ORDER_PER_LOOK * (task.client.now - begun))
+    task.is_silent, task.order_s = (
+        False,
+        min(task.order_s, ORDER_PER_LOOK * (task.client.now - begun)),
+    )
     return found if isinstance(found, tuple) else None
 
 
@@ -110,7 +134,9 @@ def look_at_feeder(task: SafetyTask) -> Steps[None]:
     if not (yield from is_reachable(task)):
         return
     try:
-        task.feeds = (yield from read_confirmed(task.client, task.family.commands["feeding"])) != FeederState.STOPPED
+        task.feeds = (
+            yield from read_confirmed(task.client, task.family.commands["feeding"])
+        ) != FeederState.STOPPED
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
     if task.feeds:
@@ -118,7 +144,9 @@ def look_at_feeder(task: SafetyTask) -> Steps[None]:
 
 
 def order_blindly(task: SafetyTask) -> Steps[None]:
-    """Stop the feeder and order the state that can always be ordered, without proof; earlier readings are void."""
+    """Stop the feeder and order the state that can always be ordered, without proof; earlier
+    readings are void.
+    """
     if task.is_stranger:
         return
     if task.has_fed:
@@ -134,7 +162,9 @@ def order_blindly(task: SafetyTask) -> Steps[None]:
             tool.reached = SafetyResult.SENT
 
 
-def _write_blindly(task: SafetyTask, name: str, value: Value, port: int | None = None) -> Steps[bool]:
+def _write_blindly(
+    task: SafetyTask, name: str, value: Value, port: int | None = None
+) -> Steps[bool]:
     """Write without proof; return whether the frame was sent."""
     before = task.client.exchanges
     try:
@@ -156,7 +186,8 @@ def is_reachable(task: SafetyTask) -> Steps[bool]:
 
 
 def _reach_again(task: SafetyTask, error: LinkError | StationError) -> Steps[None]:
-    """Reopen the port while there is time; after a broken link also until the station is identified again.
+    """Reopen the port while there is time; after a broken link also until the station is identified
+    again.
 
     A silent station may still hear; one behind a reconnected cable may be another.
     """

@@ -1,11 +1,13 @@
 """Stop the feeder, then put each tool in its safe state and read it back. Start with `secure`.
 
-A station has no watchdog: a tool without an order stays hot. So each tool is tried three times, over a link that is reopened
-if necessary, in rounds, so that no tool waits for the tries of another.
+A station has no watchdog: a tool without an order stays hot. So each tool is tried three times,
+over a link that is reopened if necessary, in rounds, so that no tool waits for the tries of
+another.
 
-A state that counts only if the tool is seen to cool is ordered on all tools first; then they are watched together
-(`cooling.py`), so that four tools take no longer than one. The remaining time is enough for the fallback states. `orders.py` has
-the orders themselves and decides which answers to accept.
+A state that counts only if the tool is seen to cool is ordered on all tools first; then they are
+watched together (`cooling.py`), so that four tools take no longer than one. The remaining time is
+enough for the fallback states. `orders.py` has the orders themselves and decides which answers to
+accept.
 """
 
 from __future__ import annotations
@@ -16,16 +18,27 @@ from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.states import SafetyResult
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.cooling import is_cold, watch
-from jbclog.session.safety.orders import in_time, look_at_feeder, order, order_blindly, status_now, stop_feeder
+from jbclog.session.safety.orders import (
+    in_time,
+    look_at_feeder,
+    order,
+    order_blindly,
+    status_now,
+    stop_feeder,
+)
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 ALLOWED_S = 3.0  # for one station (docs/reference/faults.md, S-2)
-LOOK_S = 0.3  # of these, to ask whether the station is still the one that was identified; it may be silent and still hear
+# of these, to ask whether the station is still the one that was identified; it may be silent and
+# still hear
+LOOK_S = 0.3
 TRIES = 3
 
 
 def secure(task: SafetyTask) -> Steps[None]:
-    """Make the station safe within `ALLOWED_S`. The task has the result; errors of link and station are not raised."""
+    """Make the station safe within `ALLOWED_S`. The task has the result; errors of link and station
+    are not raised.
+    """
     task.client.unasked((yield Wait(0.0)))
     begun = task.client.now
     task.end = begun + ALLOWED_S
@@ -65,8 +78,8 @@ def _round(task: SafetyTask, *, is_first: bool) -> Steps[None]:
 
 
 def _look(task: SafetyTask) -> Steps[None]:
-    """Find tools that rest already, in a state that proves it, and leave them alone. In its extractor state a tool is cold or
-    cools, whatever the family; an order to stand would heat it.
+    """Find tools that rest already, in a state that proves it, and leave them alone. In its
+    extractor state a tool is cold or cools, whatever the family; an order to stand would heat it.
     """
     doubtful = []
     for tool in task.tools:
@@ -100,38 +113,62 @@ def _spare(tool: ToolSafety, found: StatusWord) -> None:
 
 
 def _put(task: SafetyTask, tools: Sequence[ToolSafety], *, is_first: bool) -> Steps[None]:
-    """Try each tool once. If its state is not reached, or the tool does not cool in it, try the fallback states."""
+    """Try each tool once. If its state is not reached, or the tool does not cool in it, try the
+    fallback states.
+    """
     words = {tool.port: task.words(tool) for tool in tools}
     yield from order(task, [(tool, words[tool.port][0]) for tool in tools])
     yield from order(task, [(tool, words[tool.port][0]) for tool in tools if tool.was_lost])
     watched = [tool for tool in tools if _is_to_be_watched(task, tool)]
-    yield from _fall_back(task, [tool for tool in tools if tool not in watched], words, is_first=is_first)
+    yield from _fall_back(
+        task, [tool for tool in tools if tool not in watched], words, is_first=is_first
+    )
     cooling = yield from watch(task, watched)
     for tool in watched:
         if tool.port in cooling:
             tool.reached = SafetyResult.VERIFIED
         elif tool.ordered is not None:
-            tool.pass_over(tool.ordered, f"{task.family.status.shown(tool.ordered)} was read back, but the tool did not cool")
-    yield from _fall_back(task, [tool for tool in watched if not tool.is_safe], words, is_first=is_first)
+            tool.pass_over(
+                tool.ordered,
+                f"{task.family.status.shown(tool.ordered)} was read back, but the tool did not"
+                " cool",
+            )
+    yield from _fall_back(
+        task, [tool for tool in watched if not tool.is_safe], words, is_first=is_first
+    )
 
 
 def _is_to_be_watched(task: SafetyTask, tool: ToolSafety) -> bool:
     """Whether the ordered state was read back but does not prove alone that the tool cools."""
-    return not tool.is_safe and tool.status is not None and tool.ordered is not None and task.has_to_cool(tool.ordered)
+    return (
+        not tool.is_safe
+        and tool.status is not None
+        and tool.ordered is not None
+        and task.has_to_cool(tool.ordered)
+    )
 
 
 def _fall_back(
-    task: SafetyTask, tools: Sequence[ToolSafety], words: Mapping[int, Sequence[StatusWord]], *, is_first: bool
+    task: SafetyTask,
+    tools: Sequence[ToolSafety],
+    words: Mapping[int, Sequence[StatusWord]],
+    *,
+    is_first: bool,
 ) -> Steps[None]:
     """Order the fallback states, until one is reached.
 
-    A word that keeps suction and got no answer is repeated once before the plain one drops the part.
+    A word that keeps suction and got no answer is repeated once before the plain one drops the
+    part.
     """
     for place in range(1, max((len(words[tool.port]) for tool in tools), default=0)):
         orders = []
         for tool in tools:
             choices = words[tool.port]
-            if tool.is_safe or place >= len(choices) or (is_first and _may_keep_suction(task, tool)):
+            if (
+                tool.is_safe
+                or place >= len(choices)
+                or (is_first and _may_keep_suction(task, tool))
+            ):
                 continue
             before = choices[place - 1]
             tool.pass_over(before, f"{task.family.status.shown(before)} was not confirmed")
@@ -141,4 +178,8 @@ def _fall_back(
 
 def _may_keep_suction(task: SafetyTask, tool: ToolSafety) -> bool:
     """Whether a word that keeps suction was ordered, and the station has not refused it."""
-    return tool.ordered is not None and task.family.status.sucks(tool.ordered) and not tool.is_ruled_out(tool.ordered)
+    return (
+        tool.ordered is not None
+        and task.family.status.sucks(tool.ordered)
+        and not tool.is_ruled_out(tool.ordered)
+    )

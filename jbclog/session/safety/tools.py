@@ -12,7 +12,8 @@ from jbclog.protocol.client.interface import Client
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.status import StatusWord
 
-ORDER_S = 0.25  # time reserved for one order with its read-back, at most; as long as the fastest so far once known
+# time reserved for one order with its read-back, at most; as long as the fastest so far once known
+ORDER_S = 0.25
 MARGIN_S = 0.5  # additional time for lost frames
 
 
@@ -22,10 +23,11 @@ Prove = Callable[[], Steps[bool]]
 
 @dataclass(slots=True)
 class ToolSafety:
-    """One port's tool and its progress: `FAILED`, `SENT` (acknowledged, or over a flooded link) or `VERIFIED` (read back as
-    `status`).
+    """One port's tool and its progress: `FAILED`, `SENT` (acknowledged, or over a flooded link) or
+    `VERIFIED` (read back as `status`).
 
-    `suction`: whether the orders keep suction on (hot air); None where reading decides, off until then.
+    `suction`: whether the orders keep suction on (hot air); None where reading decides, off until
+    then.
     """
 
     port: int
@@ -58,8 +60,8 @@ class ToolSafety:
         self.ordered, self.status, self.was_lost = word, None, False
 
     def pass_over(self, word: StatusWord, why: str, *, rule_out: bool = True) -> None:
-        """Note that this order did not make the tool safe. With `rule_out`, if a fallback follows, it is not repeated: the tool may
-        rest by then, and would be heated.
+        """Note that this order did not make the tool safe. With `rule_out`, if a fallback follows,
+        it is not repeated: the tool may rest by then, and would be heated.
         """
         self._passed_over.setdefault(word, why)
         if rule_out:
@@ -79,11 +81,12 @@ class ToolSafety:
 class SafetyTask:
     """The tools of one station to make safe, and what is known about the station.
 
-    `wanted` is one of the family's safe states; any other, which a foreign lease may name, is replaced by the default. `feeds`: the
-    feeder may be running. `is_proven`: the link has not broken since the station was identified; otherwise nothing is
-    written before `prove` succeeds. `look`: asks over the standing link, before the first order, whether it is still that station,
-    because a status that puts a soldering tool to rest switches hot air on. `spare`: a resting tool is left alone, because an
-    order to stand would wake a sleeping tool.
+    `wanted` is one of the family's safe states; any other, which a foreign lease may name, is
+    replaced by the default. `feeds`: the feeder may be running. `is_proven`: the link has not
+    broken since the station was identified; otherwise nothing is written before `prove` succeeds.
+    `look`: asks over the standing link, before the first order, whether it is still that station,
+    because a status that puts a soldering tool to rest switches hot air on. `spare`: a resting tool
+    is left alone, because an order to stand would wake a sleeping tool.
     """
 
     client: Client
@@ -95,9 +98,12 @@ class SafetyTask:
     is_proven: bool = True
     look: Prove | None = None
     spare: bool = False
-    is_stranger: bool = False  # no orders over a flooded link: another station was found there before
-    flood: LinkFlooded | None = None  # a flood on its link, during which orders are sent without an answer
-    is_silent: bool = False  # the last request was not answered: do not wait long for acknowledgements
+    # no orders over a flooded link: another station was found there before
+    is_stranger: bool = False
+    # a flood on its link, during which orders are sent without an answer
+    flood: LinkFlooded | None = None
+    # the last request was not answered: do not wait long for acknowledgements
+    is_silent: bool = False
     has_waited: bool = field(init=False, default=False)  # an acknowledgement timed out
     order_s: float = field(init=False, default=ORDER_S)  # duration of one order with its read-back
     has_fed: bool = field(init=False)
@@ -116,7 +122,11 @@ class SafetyTask:
     def has_to_cool(self, word: StatusWord) -> bool:
         """Whether this state counts only if the tool is seen to cool."""
         status = self.family.status
-        proven = [status.orders[state] for state in self.family.proven_by_cooling if state in status.orders]
+        proven = [
+            status.orders[state]
+            for state in self.family.proven_by_cooling
+            if state in status.orders
+        ]
         return not status.is_resting(word) and any(word[3] == one[3] for one in proven)
 
     def latest(self, tools: int) -> float:

@@ -1,7 +1,8 @@
-"""A test over every row of a table, as one test: all rows are tried, and those that fail are told by name.
+"""A test over every row of a table, as one test: all rows are tried, and those that fail are told
+by name.
 
-A test of its own for each of thousands of rows costs more in being collected and reported than in being run. ``pytest --row TEXT``
-tries the rows that have TEXT in their name.
+A test of its own for each of thousands of rows costs more in being collected and reported than in
+being run. ``pytest --row TEXT`` tries the rows that have TEXT in their name.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ SHOWN = 5
 """So many failures are told whole; of the others the name."""
 
 
-def each_row(rows: Iterable[tuple[str, tuple[object, ...]]]) -> Callable[[Callable[..., None]], Callable[[], None]]:
+def each_row(
+    rows: Iterable[tuple[str, tuple[object, ...]]],
+) -> Callable[[Callable[..., None]], Callable[[], None]]:
     """Of rows (name, what the test is called with)."""
     table = list(rows)
     assert table, "a table without rows proves nothing"
@@ -45,6 +48,7 @@ def each_row(rows: Iterable[tuple[str, tuple[object, ...]]]) -> Callable[[Callab
 def _failure(test: Callable[..., None], row: tuple[object, ...]) -> BaseException | None:
     try:
         test(*row)
-    except (Exception, pytest.fail.Exception) as why:  # the second is what `pytest.raises` ends with
+    # the second is what `pytest.raises` ends with
+    except (Exception, pytest.fail.Exception) as why:
         return why
     return None

@@ -1,6 +1,8 @@
-"""Every verb against files that are not what their names say: each pair in a child with a deadline and little memory.
+"""Every verb against files that are not what their names say: each pair in a child with a deadline
+and little memory.
 
-The pairs are run by one process that has everything loaded and forks for each (``python foreign_matrix.py``, a JSON line a pair).
+The pairs are run by one process that has everything loaded and forks for each (``python
+foreign_matrix.py``, a JSON line a pair).
 """
 
 from __future__ import annotations
@@ -27,7 +29,8 @@ DEADLINE_S: Final = 5.0  # of processor time and of waiting, each
 HANGS_S: Final = 40.0  # on the wall, on a machine that has other work
 WHOLE_S: Final = 600.0  # for a valid record of many rows, which takes its time
 MEMORY: Final = 500  # MB resident, the program and its libraries included
-ADDRESSES: Final = 3 << 30  # reserved beyond what the program has when it is loaded; threads reserve much and use little
+# reserved beyond what the program has when it is loaded; threads reserve much and use little
+ADDRESSES: Final = 3 << 30
 CODES: Final = range(6)
 MOST_LINES: Final = 400
 
@@ -35,7 +38,16 @@ VERBS: Final = {
     "check": ["check", "{run}"],
     "report": ["report", "{run}"],
     "report --verify": ["report", "--verify", "{run}"],
-    "export --to csv": ["export", "{run}", "--to", "csv", "--out", "{ledger}.exported", "--force", "--unchecked"],
+    "export --to csv": [
+        "export",
+        "{run}",
+        "--to",
+        "csv",
+        "--out",
+        "{ledger}.exported",
+        "--force",
+        "--unchecked",
+    ],
     "runs": ["runs", "{runs}"],
     "trend": ["trend", "{runs}"],
     "compare": ["compare", "{run}", "{other}"],
@@ -47,12 +59,21 @@ VERBS: Final = {
     "replay": ["replay", "{run}", "--verify"],
     "start of the next run": ["@start", "{runs}"],
 }
-OF_A_FOLDER: Final = ("runs", "trend", "recover", "where-used", "audit --runs", "start of the next run")
+OF_A_FOLDER: Final = (
+    "runs",
+    "trend",
+    "recover",
+    "where-used",
+    "audit --runs",
+    "start of the next run",
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a child ended: its exit code (None: it was ended by the deadline, below 0: by a signal), and what it said."""
+    """How a child ended: its exit code (None: it was ended by the deadline, below 0: by a signal),
+    and what it said.
+    """
 
     code: int | None
     seconds: float
@@ -71,7 +92,9 @@ class Ended:
                 return self.output[self.output.index(word) :][:300]
         if self.peak_mb > MEMORY:
             return f"took {self.peak_mb} MB"
-        return None if self.output.count("\n") <= MOST_LINES else f"{self.output.count(chr(10))} lines"
+        return (
+            None if self.output.count("\n") <= MOST_LINES else f"{self.output.count(chr(10))} lines"
+        )
 
 
 class Pairs:
@@ -83,11 +106,17 @@ class Pairs:
         environment = {**os.environ, "XDG_STATE_HOME": home, "NO_COLOR": "1"}
         environment.pop("JBCLOG_TRACEBACK", None)
         self._child = subprocess.Popen(
-            program("campaigns.foreign_matrix"), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+            program("campaigns.foreign_matrix"),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
         )
 
     def run(self, words: list[str], *, limited: bool = True) -> Ended:
-        """Run jbclog with these words; without `limited`, in little memory and as long as it takes."""
+        """Run jbclog with these words; without `limited`, in little memory and as long as it
+        takes.
+        """
         assert self._child.stdin is not None
         assert self._child.stdout is not None
         self._child.stdin.write(json.dumps([limited, *words]) + "\n")
@@ -103,7 +132,7 @@ class Pairs:
         shutil.rmtree(self._home, ignore_errors=True)
 
 
-# -- what stands in the place of a file --------------------------------------------------------------------------------------
+# -- what stands in the place of a file ------------------------------------------------------------
 
 
 def _socket(path: Path) -> None:
@@ -153,7 +182,7 @@ def put(path: Path, made: Callable[[Path], None]) -> None:
     made(path)
 
 
-# -- the process that forks ----------------------------------------------------------------------------------------------------
+# -- the process that forks ------------------------------------------------------------------------
 
 
 def _load() -> None:
@@ -199,7 +228,9 @@ def _forked(words: list[str], *, limited: bool) -> dict[str, Any]:
 
 
 def _run(words: list[str], said: int, *, limited: bool) -> None:
-    """The child: it has so much memory and, if `limited`, so much time of the processor, and ends here."""
+    """The child: it has so much memory and, if `limited`, so much time of the processor, and ends
+    here.
+    """
     code = 70
     try:
         null = os.open(os.devnull, os.O_RDONLY)
@@ -246,7 +277,9 @@ def _start(out: Path) -> int:
 
 
 def words_of(verb: str, places: dict[str, Path]) -> list[str]:
-    return [word.format(**{name: str(path) for name, path in places.items()}) for word in VERBS[verb]]
+    return [
+        word.format(**{name: str(path) for name, path in places.items()}) for word in VERBS[verb]
+    ]
 
 
 def table(results: dict[str, list[Ended]]) -> Iterator[str]:

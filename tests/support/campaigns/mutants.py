@@ -1,4 +1,5 @@
-"""Mutation testing: a seeded sample of small changes of the code, each tried with the tests that cover its line.
+"""Mutation testing: a seeded sample of small changes of the code, each tried with the tests that
+cover its line.
 
 ::
 
@@ -8,17 +9,19 @@
     python tests/support campaigns.mutants again WORK safety tests/unit/session/safety/test_secure.py   # survivors, tests of today
     python tests/support campaigns.mutants report WORK           # the share that was noticed, with its 95 % interval (Wilson)
 
-A mutant is one changed place: a comparison, an operator, a number, a condition, a statement left out, a value returned.
-Texts, types and imports are left alone. All is done in WORK/tree, a copy of the repository as it was when its lines were
-measured, so that processes that tests start have the mutant, too.
+A mutant is one changed place: a comparison, an operator, a number, a condition, a statement left
+out, a value returned. Texts, types and imports are left alone. All is done in WORK/tree, a copy of
+the repository as it was when its lines were measured, so that processes that tests start have the
+mutant, too.
 
-A process that has collected all tests forks for each mutant; there the code of the changed function is replaced and the tests
-are run, cheapest first and each test function before its other parameters, up to `MOST_S` of CPU time altogether: a mutant that
-survives those counts as survived. What is changed outside functions (a constant, a default) is tried in a fork that has not
-imported the project yet. A test that takes far longer than usual has noticed. A test that runs in real time has to fail twice:
-a busy machine alone may fail it once. So the share that was noticed may be smaller than it is with all tests, hardly greater.
-WORK/PACKAGE.jsonl holds the outcome of each.
-"""
+A process that has collected all tests forks for each mutant; there the code of the changed function
+is replaced and the tests are run, cheapest first and each test function before its other
+parameters, up to `MOST_S` of CPU time altogether: a mutant that survives those counts as survived.
+What is changed outside functions (a constant, a default) is tried in a fork that has not imported
+the project yet. A test that takes far longer than usual has noticed. A test that runs in real time
+has to fail twice: a busy machine alone may fail it once. So the share that was noticed may be
+smaller than it is with all tests, hardly greater. WORK/PACKAGE.jsonl holds the outcome of each.
+"""  # noqa: E501  # commands are copied as one line
 
 from __future__ import annotations
 
@@ -49,26 +52,49 @@ from types import CodeType, FrameType, FunctionType
 from typing import Any
 
 HERE = Path(__file__).resolve().parents[3]
-PACKAGES = {"session": "session/run", "guard": "guard", "safety": "session/safety"}  # and where they are
+# and where they are
+PACKAGES = {"session": "session/run", "guard": "guard", "safety": "session/safety"}
 SAMPLE, SEED = 500, 20261122
-THOROUGH = 4  # a test that runs half of the lines of a file that others run has to be so much cheaper: 2 to this
+# a test that runs half of the lines of a file that others run has to be so much cheaper: 2 to this
+THOROUGH = 4
 MOST_S = 8.0  # of CPU time for a mutant
 SIBLINGS = 6  # parameters of a test function that are used
 SLOW_S, SLOW = 20.0, 5  # a test may take so long, and so many times as long as usual
 CPU_S = 3  # and so much more CPU time than five times the usual: an endless loop ends by that
 MORE_BYTES = 2 << 30
 COVERING = (
-    *("tests/unit/guard", "tests/unit/session/safety", "tests/unit/transport/test_reactor.py", "tests/unit/guard/test_guarding.py"),
+    *(
+        "tests/unit/guard",
+        "tests/unit/session/safety",
+        "tests/unit/transport/test_reactor.py",
+        "tests/unit/guard/test_guarding.py",
+    ),
     *(
         "tests/unit/protocol/client/test_station_late.py",
         "tests/unit/protocol/test_what_can_heat.py",
         "tests/unit/record/test_left_hot.py",
         "tests/line",
     ),
-    *("tests/unit/record/test_guarded.py", "tests/unit/cli/test_safe.py", "tests/unit/session/test_scheduler.py"),
-    *("tests/faults/test_left_hot.py", "tests/faults/test_link_faults.py", "tests/faults/test_wrong_answers.py"),
-    *("tests/faults/test_disturbed_runs.py", "tests/faults/test_outside_bench.py", "tests/faults/test_nothing_is_decided.py"),
-    *("tests/faults/test_every_witness.py", "tests/faults/test_starts.py", "tests/serial/test_safe.py"),
+    *(
+        "tests/unit/record/test_guarded.py",
+        "tests/unit/cli/test_safe.py",
+        "tests/unit/session/test_scheduler.py",
+    ),
+    *(
+        "tests/faults/test_left_hot.py",
+        "tests/faults/test_link_faults.py",
+        "tests/faults/test_wrong_answers.py",
+    ),
+    *(
+        "tests/faults/test_disturbed_runs.py",
+        "tests/faults/test_outside_bench.py",
+        "tests/faults/test_nothing_is_decided.py",
+    ),
+    *(
+        "tests/faults/test_every_witness.py",
+        "tests/faults/test_starts.py",
+        "tests/serial/test_safe.py",
+    ),
     *("tests/serial/test_take_over.py", "tests/faults/test_guard.py"),
 )
 REAL = (
@@ -79,36 +105,86 @@ REAL = (
     "tests/unit/transport/",
 )
 REAL += ("tests/unit/record/test_left_hot.py", "tests/unit/cli/test_safe.py")
-OPTIONS = ("-n0", "-q", "-s", "-p", "no:cacheprovider", "--no-header", "--tb=no", "--hypothesis-seed=0", "-m", "not campaign")
+OPTIONS = (
+    "-n0",
+    "-q",
+    "-s",
+    "-p",
+    "no:cacheprovider",
+    "--no-header",
+    "--tb=no",
+    "--hypothesis-seed=0",
+    "-m",
+    "not campaign",
+)
 OPTIONS += ("-W", "ignore:Module already imported")
-WARM = ("numpy", "pandas", "pyarrow.parquet", "pydantic", "typer.testing", "serial", "hypothesis", "pytest", "sqlite3")
+WARM = (
+    "numpy",
+    "pandas",
+    "pyarrow.parquet",
+    "pydantic",
+    "typer.testing",
+    "serial",
+    "hypothesis",
+    "pytest",
+    "sqlite3",
+)
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "ARROW_NUM_THREADS")
-MARK = "JBCLOG_MUTANT"  # in the environment of all that a test starts: what outlives the test is ended by it
+# in the environment of all that a test starts: what outlives the test is ended by it
+MARK = "JBCLOG_MUTANT"
 TRACE = "JBCLOG_MUTANTS_TRACE"
 
 Mutant = tuple[str, int, str, int, int]
 """File, line, word, number of the node, number of the change."""
 
 
-# -- mutants --------------------------------------------------------------------------------------------------------------------
+# -- mutants ---------------------------------------------------------------------------------------
 
-COMPARE = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
+COMPARE = {
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+}
 COMPARE |= {ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In}
-OPERATE = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult, ast.Mod: ast.FloorDiv}
+OPERATE = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.FloorDiv,
+}
 OPERATE |= {ast.BitOr: ast.BitAnd, ast.BitAnd: ast.BitOr}
 UNTOUCHED = ("annotation", "returns", "type_params", "decorator_list")
 CALLS = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
 
 def changes(node: ast.AST) -> Iterator[tuple[str, Any]]:
-    """What may be done to a node: a word for it, and a function that does it to a copy and gives what stands there then."""
+    """What may be done to a node: a word for it, and a function that does it to a copy and gives
+    what stands there then.
+    """
     match node:
         case ast.Compare(ops=[one]) if type(one) in COMPARE:
-            yield COMPARE[type(one)].__name__, lambda new: (setattr(new, "ops", [COMPARE[type(new.ops[0])]()]), new)[1]
+            yield (
+                COMPARE[type(one)].__name__,
+                lambda new: (setattr(new, "ops", [COMPARE[type(new.ops[0])]()]), new)[1],
+            )
         case ast.BinOp(op=one) | ast.AugAssign(op=one) if type(one) in OPERATE:
-            yield OPERATE[type(one)].__name__, lambda new: (setattr(new, "op", OPERATE[type(new.op)]()), new)[1]
+            yield (
+                OPERATE[type(one)].__name__,
+                lambda new: (setattr(new, "op", OPERATE[type(new.op)]()), new)[1],
+            )
         case ast.BoolOp():
-            yield "and/or", lambda new: (setattr(new, "op", ast.Or() if isinstance(new.op, ast.And) else ast.And()), new)[1]
+            yield (
+                "and/or",
+                lambda new: (
+                    setattr(new, "op", ast.Or() if isinstance(new.op, ast.And) else ast.And()),
+                    new,
+                )[1],
+            )
         case ast.UnaryOp(op=ast.Not()):
             yield "without not", lambda new: new.operand
         case ast.UnaryOp(op=ast.USub()):
@@ -119,13 +195,26 @@ def changes(node: ast.AST) -> Iterator[tuple[str, Any]]:
             yield "plus 1", lambda new: ast.Constant(new.value + 1)
             if node.value:
                 yield "zero", lambda new: ast.Constant(type(new.value)(0))
-        case ast.If() | ast.IfExp() | ast.While(test=ast.Compare() | ast.BoolOp() | ast.Name() | ast.Attribute() | ast.Call()):
+        case (
+            ast.If()
+            | ast.IfExp()
+            | ast.While(
+                test=ast.Compare() | ast.BoolOp() | ast.Name() | ast.Attribute() | ast.Call()
+            )
+        ):
             yield "never", lambda new: (setattr(new, "test", ast.Constant(False)), new)[1]
             if not isinstance(node, ast.While):
                 yield "always", lambda new: (setattr(new, "test", ast.Constant(True)), new)[1]
-        case ast.Return(value=value) if value is not None and not (isinstance(value, ast.Constant) and value.value is None):
+        case ast.Return(value=value) if value is not None and not (
+            isinstance(value, ast.Constant) and value.value is None
+        ):
             yield "returns None", lambda new: ast.Return(ast.Constant(None))
-        case ast.Expr(value=ast.Call()) | ast.Raise() | ast.Assign(targets=[ast.Attribute() | ast.Subscript()]) | ast.AugAssign():
+        case (
+            ast.Expr(value=ast.Call())
+            | ast.Raise()
+            | ast.Assign(targets=[ast.Attribute() | ast.Subscript()])
+            | ast.AugAssign()
+        ):
             yield "left out", lambda new: ast.Pass()
         case ast.Expr(value=ast.YieldFrom()):
             yield "left out", lambda new: ast.parse("if False:\n    yield").body[0]
@@ -170,7 +259,11 @@ class Change(ast.NodeTransformer):
             if name in UNTOUCHED or isinstance(node, ast.Import | ast.ImportFrom):
                 continue
             if isinstance(value, list):
-                setattr(node, name, [self.visit(one) if isinstance(one, ast.AST) else one for one in value])
+                setattr(
+                    node,
+                    name,
+                    [self.visit(one) if isinstance(one, ast.AST) else one for one in value],
+                )
             elif isinstance(value, ast.AST):
                 setattr(node, name, self.visit(value))
         return node
@@ -195,7 +288,9 @@ def sample(tree: Path, package: str) -> list[Mutant]:
 
 
 def around(path: Path, number: int) -> list[tuple[ast.AST, str]]:
-    """The nodes from the module to this one, and through which field it goes on; numbered as `Places` and `Change` do."""
+    """The nodes from the module to this one, and through which field it goes on; numbered as
+    `Places` and `Change` do.
+    """
     left = number
 
     def walk(node: ast.AST) -> list[tuple[ast.AST, str]]:
@@ -215,42 +310,64 @@ def around(path: Path, number: int) -> list[tuple[ast.AST, str]]:
 
 
 def function_at(path: Path, number: int) -> tuple[str, int] | None:
-    """Name and first line (of its decorators) of the outermost function in whose body this node is; None outside of functions."""
+    """Name and first line (of its decorators) of the outermost function in whose body this node is;
+    None outside of functions.
+    """
     name = ""
     for node, field in around(path, number):
         if isinstance(node, ast.ClassDef):
             name += f"{node.name}."
         if isinstance(node, ast.FunctionDef) and field == "body":
-            return name + node.name, min([node.lineno, *(one.lineno for one in node.decorator_list)])
+            return name + node.name, min(
+                [node.lineno, *(one.lineno for one in node.decorator_list)]
+            )
     return None
 
 
 def statement_at(path: Path, number: int) -> range:
-    """The lines of the innermost statement that this node is in, without those of the statements in it."""
-    one = [node for node, _ in around(path, number) if isinstance(node, ast.stmt | ast.ExceptHandler)][-1]
-    inner = [child.lineno for child in ast.walk(one) if isinstance(child, ast.stmt) and child is not one]
+    """The lines of the innermost statement that this node is in, without those of the statements in
+    it.
+    """
+    one = [
+        node for node, _ in around(path, number) if isinstance(node, ast.stmt | ast.ExceptHandler)
+    ][-1]
+    inner = [
+        child.lineno for child in ast.walk(one) if isinstance(child, ast.stmt) and child is not one
+    ]
     return range(one.lineno, max(min([(one.end_lineno or one.lineno) + 1, *inner]), one.lineno + 1))
 
 
 def called_as_it_loads(text: str) -> set[str]:
     """The functions whose work is done, in part, when their module is imported."""
-    loads = [node for node in ast.parse(text).body if not isinstance(node, ast.FunctionDef | ast.ClassDef)]
+    loads = [
+        node
+        for node in ast.parse(text).body
+        if not isinstance(node, ast.FunctionDef | ast.ClassDef)
+    ]
     calls = [call.func for node in loads for call in ast.walk(node) if isinstance(call, ast.Call)]
     return {name.id for name in calls if isinstance(name, ast.Name)}
 
 
-# -- a copy, and children in it ---------------------------------------------------------------------------------------------------
+# -- a copy, and children in it --------------------------------------------------------------------
 
 
 def copied(work: Path) -> Path:
     """A copy of the repository of one's own; which commit it is of stands in `COMMIT`."""
     tree = work / "tree"
     shutil.rmtree(tree, ignore_errors=True)
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=HERE, capture_output=True, check=True, text=True).stdout
+    listed = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=HERE, capture_output=True, check=True, text=True
+    ).stdout
     for file in filter(None, listed.split("\0")):
         (tree / file).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(HERE / file, tree / file, follow_symlinks=False)
-    commit = subprocess.run(["git", "describe", "--always", "--dirty"], cwd=HERE, capture_output=True, check=True, text=True).stdout
+    commit = subprocess.run(
+        ["git", "describe", "--always", "--dirty"],
+        cwd=HERE,
+        capture_output=True,
+        check=True,
+        text=True,
+    ).stdout
     (tree / "COMMIT").write_text(commit)
     compileall.compile_dir(tree / "jbclog", quiet=1)
     return tree
@@ -263,19 +380,30 @@ def enter(work: Path) -> None:
     site.mkdir(exist_ok=True)
     program = HERE / "tests/support/campaigns/mutants.py"
     (site / "sitecustomize.py").write_text(
-        f"import os, runpy\nif os.environ.get({TRACE!r}):\n    runpy.run_path({str(program)!r})['traced_here']()\n"
+        f"import os, runpy\nif os.environ.get({TRACE!r}):\n   "
+        f" runpy.run_path({str(program)!r})['traced_here']()\n"
     )
     os.chdir(tree)
     os.environ |= dict.fromkeys(ONE_THREAD, "1")
-    os.environ |= {"PYTHONPATH": os.pathsep.join([str(tree), str(site)]), "HYPOTHESIS_STORAGE_DIRECTORY": str(work / "hypothesis")}
-    sys.path[:] = [str(tree), *(place for place in sys.path if Path(place).resolve() != Path(__file__).resolve().parent)]
+    os.environ |= {
+        "PYTHONPATH": os.pathsep.join([str(tree), str(site)]),
+        "HYPOTHESIS_STORAGE_DIRECTORY": str(work / "hypothesis"),
+    }
+    sys.path[:] = [
+        str(tree),
+        *(place for place in sys.path if Path(place).resolve() != Path(__file__).resolve().parent),
+    ]
     for name in WARM:
         importlib.import_module(name)
 
 
 def wanted(items: dict[str, Any], tests: Sequence[str]) -> list[Any]:
     """Those of these tests that there are, in their order; of a file, all."""
-    return [item for test in tests for item in ([items[test]] if test in items else of_file(items, test))]
+    return [
+        item
+        for test in tests
+        for item in ([items[test]] if test in items else of_file(items, test))
+    ]
 
 
 def of_file(items: dict[str, Any], name: str) -> list[Any]:
@@ -283,9 +411,13 @@ def of_file(items: dict[str, Any], name: str) -> list[Any]:
 
 
 class Child:
-    """A fork that runs tests and says so, line by line: ``begun NODEID``, ``failed NODEID``, ``done``."""
+    """A fork that runs tests and says so, line by line: ``begun NODEID``, ``failed NODEID``,
+    ``done``.
+    """
 
-    def __init__(self, work: Path, act: Callable[[Callable[[str], None]], None], trace: Path | None = None) -> None:
+    def __init__(
+        self, work: Path, act: Callable[[Callable[[str], None]], None], trace: Path | None = None
+    ) -> None:
         self._place = work / f"child-{os.getpid()}"
         shutil.rmtree(self._place, ignore_errors=True)
         self._place.mkdir()
@@ -301,13 +433,20 @@ class Child:
         finally:
             os._exit(9)
 
-    def _live(self, act: Callable[[Callable[[str], None]], None], write: int, trace: Path | None) -> None:
-        os.setpgid(0, 0)  # in the same session: where the system groups by session, its nice value holds
+    def _live(
+        self, act: Callable[[Callable[[str], None]], None], write: int, trace: Path | None
+    ) -> None:
+        # in the same session: where the system groups by session, its nice value holds
+        os.setpgid(0, 0)
         quiet = os.open(os.devnull, os.O_RDWR)
         for number in (0, 1, 2):
             os.dup2(quiet, number)
         sys.dont_write_bytecode = True
-        os.environ |= {MARK: str(os.getpid()), "XDG_STATE_HOME": str(self._place / "state"), "PYTHONDONTWRITEBYTECODE": "1"}
+        os.environ |= {
+            MARK: str(os.getpid()),
+            "XDG_STATE_HOME": str(self._place / "state"),
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
         os.environ |= {"PYTEST_DEBUG_TEMPROOT": str(self._place)}
         if trace is not None:
             os.environ[TRACE] = str(trace)
@@ -318,7 +457,9 @@ class Child:
         os._exit(0)
 
     def said(self, limit_s: Callable[[str], float]) -> Iterator[str]:
-        """What it says, until its end or until it has been silent for longer than `limit_s` of its last words."""
+        """What it says, until its end or until it has been silent for longer than `limit_s` of its
+        last words.
+        """
         last, heard = "", b""
         while select.select([self._end], [], [], limit_s(last))[0]:
             if not (more := os.read(self._end, 65536)):
@@ -359,7 +500,7 @@ def patience(took: dict[str, list[float]]) -> Callable[[str], float]:
     return lambda last: SLOW_S + SLOW * took.get(last.partition(" ")[2], [20.0, 20.0])[0]
 
 
-# -- which tests cover what -------------------------------------------------------------------------------------------------------
+# -- which tests cover what ------------------------------------------------------------------------
 
 
 def watch_lines(note: Callable[[str, int], None]) -> None:
@@ -369,7 +510,8 @@ def watch_lines(note: Callable[[str, int], None]) -> None:
 
     def of(code: CodeType) -> tuple[str, set[int]] | None:
         name = code.co_filename
-        if not code.co_flags & 1 or not any(place in name for place in places):  # 1: a function, no module and no class
+        # 1: a function, no module and no class
+        if not code.co_flags & 1 or not any(place in name for place in places):
             return None
         return name[name.rindex("/jbclog/") + 1 :], {line for *_, line in code.co_lines() if line}
 
@@ -428,7 +570,9 @@ def collected(act: Callable[[dict[str, Any]], None], words: Sequence[str]) -> No
     pytest.main([*OPTIONS, *words], plugins=[Served(act)])
 
 
-def one_by_one(items: Sequence[Any], took: dict[str, list[float]], say: Callable[[str], None]) -> bool:
+def one_by_one(
+    items: Sequence[Any], took: dict[str, list[float]], say: Callable[[str], None]
+) -> bool:
     """Run these; whether all passed. It ends with the first that did not."""
     from _pytest.runner import runtestprotocol
 
@@ -480,12 +624,15 @@ def cover(work: Path) -> None:
 
 
 def lines_of(tree: Path, name: str, line: int) -> list[tuple[str, int]]:
-    """The lines where a change of this line outside of functions shows: where its name is used; its file's where it has none."""
+    """The lines where a change of this line outside of functions shows: where its name is used; its
+    file's where it has none.
+    """
     text = (tree / name).read_text()
     names = [
         target.id
         for node in ast.parse(text).body
-        if isinstance(node, ast.Assign | ast.AnnAssign) and node.lineno <= line <= (node.end_lineno or line)
+        if isinstance(node, ast.Assign | ast.AnnAssign)
+        and node.lineno <= line <= (node.end_lineno or line)
         for targets in (node.targets if isinstance(node, ast.Assign) else [node.target])
         for target in ast.walk(targets)
         if isinstance(target, ast.Name)
@@ -497,13 +644,19 @@ def lines_of(tree: Path, name: str, line: int) -> list[tuple[str, int]]:
     for package in PACKAGES:
         for path in sorted((tree / "jbclog" / PACKAGES[package]).glob("*.py")):
             rows = path.read_text().splitlines()
-            found += [(path.relative_to(tree).as_posix(), number) for number, row in enumerate(rows, 1) if word.search(row)]
+            found += [
+                (path.relative_to(tree).as_posix(), number)
+                for number, row in enumerate(rows, 1)
+                if word.search(row)
+            ]
     return found
 
 
-def covering(known: dict[str, Any], tree: Path, mutant: Mutant, noticed: Counter[str], most_s: float = MOST_S) -> list[str]:
-    """The tests that run the line, cheapest first; other parameters of the same test later, those that noticed much, and those
-    that run more of the file, earlier.
+def covering(
+    known: dict[str, Any], tree: Path, mutant: Mutant, noticed: Counter[str], most_s: float = MOST_S
+) -> list[str]:
+    """The tests that run the line, cheapest first; other parameters of the same test later, those
+    that noticed much, and those that run more of the file, earlier.
     """
     name, line, _, node, _ = mutant
     took, lines = known["took"], known["lines"]
@@ -521,7 +674,12 @@ def covering(known: dict[str, Any], tree: Path, mutant: Mutant, noticed: Counter
     for test in sorted(tests, key=lambda test: cost[test]):
         function = test.partition("[")[0]
         siblings[function] += 1
-        order[test] = cost[test] * siblings[function] / (1 + noticed[test]) * (thorough / max(runs[test], 1)) ** THOROUGH
+        order[test] = (
+            cost[test]
+            * siblings[function]
+            / (1 + noticed[test])
+            * (thorough / max(runs[test], 1)) ** THOROUGH
+        )
     result, total = [], 0.0
     for test in sorted(order, key=lambda test: order[test]):
         if result and total + cost[test] > most_s:
@@ -531,12 +689,12 @@ def covering(known: dict[str, Any], tree: Path, mutant: Mutant, noticed: Counter
     return result
 
 
-# -- trying -----------------------------------------------------------------------------------------------------------------------
+# -- trying ----------------------------------------------------------------------------------------
 
 
 class Trial:
-    """Tries mutants, each in a child: of one that has collected the tests, or of this process, which has not even imported the
-    project.
+    """Tries mutants, each in a child: of one that has collected the tests, or of this process,
+    which has not even imported the project.
     """
 
     def __init__(self, work: Path, known: dict[str, Any], words: Sequence[str] = COVERING) -> None:
@@ -548,7 +706,10 @@ class Trial:
             os.close(self._ask)
             os.close(self._answer)
             try:
-                collected(lambda items: self._serve(items, ask, answer), [name for name in words if Path(name).exists()])
+                collected(
+                    lambda items: self._serve(items, ask, answer),
+                    [name for name in words if Path(name).exists()],
+                )
             finally:
                 os._exit(0)
         os.close(ask)
@@ -566,7 +727,11 @@ class Trial:
         function = function_at(path, node)
         try:
             changed = mutated(path, node, which)
-            code = None if function is None or function[0] in called_as_it_loads(text) else (str(path), *function, node, which)
+            code = (
+                None
+                if function is None or function[0] in called_as_it_loads(text)
+                else (str(path), *function, node, which)
+            )
             path.write_text(ast.unparse(changed))
             by, why = "", ""
             while left:
@@ -581,9 +746,18 @@ class Trial:
             os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
         word = "not covered" if not tests else "noticed" if by else "survived"
         seconds = round(time.monotonic() - began, 1)
-        return {"outcome": word, "by": by, "why": why, "tests": len(tests), "seconds": seconds, "cpu": round(self._cpu_s, 2)}
+        return {
+            "outcome": word,
+            "by": by,
+            "why": why,
+            "tests": len(tests),
+            "seconds": seconds,
+            "cpu": round(self._cpu_s, 2),
+        }
 
-    def _tried(self, code: tuple[str, str, int, int, int] | None, text: str, tests: Sequence[str]) -> tuple[str, str]:
+    def _tried(
+        self, code: tuple[str, str, int, int, int] | None, text: str, tests: Sequence[str]
+    ) -> tuple[str, str]:
         if code is None:
             by, why, cpu = judged(Child(self.work, lambda say: self._cold(tests, say)), self.took)
             self._cpu_s += cpu
@@ -609,8 +783,12 @@ class Trial:
         gc.unfreeze()
         functions: dict[tuple[str, str, int], list[FunctionType]] = defaultdict(list)
         for one in gc.get_objects():
-            if isinstance(one, FunctionType) and one.__code__.co_filename.startswith(str(self.tree / "jbclog")):
-                functions[one.__code__.co_filename, one.__code__.co_qualname, one.__code__.co_firstlineno].append(one)
+            if isinstance(one, FunctionType) and one.__code__.co_filename.startswith(
+                str(self.tree / "jbclog")
+            ):
+                functions[
+                    one.__code__.co_filename, one.__code__.co_qualname, one.__code__.co_firstlineno
+                ].append(one)
         gc.collect()
         gc.freeze()
         os.write(answer, b"ready\n")
@@ -620,13 +798,19 @@ class Trial:
             def act(say: Callable[[str], None]) -> None:
                 tree = ast.fix_missing_locations(Change(node, which).visit(ast.parse(text)))  # noqa: B023
                 made = codes(compile(tree, file, "exec"))  # noqa: B023
-                (code,) = (one for one in made if (one.co_qualname, one.co_firstlineno) == (name, first))  # noqa: B023
+                there = [(one.co_qualname, one.co_firstlineno) for one in made]
+                code = made[there.index((name, first))]  # noqa: B023
                 for one in functions[file, name, first]:  # noqa: B023
                     one.__code__ = code
                 if one_by_one(wanted(items, tests), self.took, say):  # noqa: B023
                     say("done")
 
-            found = judged(Child(self.work, act), self.took) if functions[file, name, first] else ("", "", 0.0)  # no test has it
+            # no test has it
+            found = (
+                judged(Child(self.work, act), self.took)
+                if functions[file, name, first]
+                else ("", "", 0.0)
+            )
             os.write(answer, (json.dumps(found) + "\n").encode())
 
     def end(self) -> None:
@@ -666,14 +850,26 @@ def rows_of(work: Path, package: str) -> list[dict[str, Any]]:
 
 
 def run(work: Path, packages: Sequence[str], seconds: float, most_s: float = MOST_S) -> None:
-    """Try mutants of the samples that have not been tried yet, or survived less than this, of each package in turn, for so long."""
-    known, tree, end = json.loads((work / "cover.json").read_text()), work / "tree", time.monotonic() + seconds
+    """Try mutants of the samples that have not been tried yet, or survived less than this, of each
+    package in turn, for so long.
+    """
+    known, tree, end = (
+        json.loads((work / "cover.json").read_text()),
+        work / "tree",
+        time.monotonic() + seconds,
+    )
     before = [row for package in packages for row in rows_of(work, package)]
-    done = {tuple(row["mutant"]) for row in before if row["outcome"] == "noticed" or row.get("most_s", MOST_S) >= most_s}
+    done = {
+        tuple(row["mutant"])
+        for row in before
+        if row["outcome"] == "noticed" or row.get("most_s", MOST_S) >= most_s
+    }
     noticed: dict[str, Counter[str]] = defaultdict(Counter)
     for row in before:
         noticed[row["mutant"][0]][row["by"]] += 1
-    left = [[(package, one) for one in sample(tree, package) if one not in done] for package in packages]
+    left = [
+        [(package, one) for one in sample(tree, package) if one not in done] for package in packages
+    ]
     enter(work)
     trial = Trial(work, known)
     for package, one in filter(None, chain.from_iterable(zip_longest(*left))):
@@ -683,12 +879,16 @@ def run(work: Path, packages: Sequence[str], seconds: float, most_s: float = MOS
         noticed[one[0]][outcome["by"]] += 1
         with (work / f"{package}.jsonl").open("a") as file:
             file.write(json.dumps({"mutant": one, "most_s": most_s, **outcome}) + "\n")
-        print(outcome["outcome"], one, outcome["seconds"], outcome["cpu"], outcome["by"], flush=True)
+        print(
+            outcome["outcome"], one, outcome["seconds"], outcome["cpu"], outcome["by"], flush=True
+        )
     trial.end()
 
 
 def again(work: Path, package: str, words: Sequence[str]) -> None:
-    """Try those that survived with tests as they are in the repository by now; what notices one is written to its row."""
+    """Try those that survived with tests as they are in the repository by now; what notices one is
+    written to its row.
+    """
     tree, rows = work / "tree", rows_of(work, package)
     for path in [*(HERE / "tests/support").rglob("*.py"), *(HERE / word for word in words)]:
         shutil.copy2(path, tree / path.relative_to(HERE))
@@ -702,7 +902,7 @@ def again(work: Path, package: str, words: Sequence[str]) -> None:
     (work / f"{package}.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
-# -- the score --------------------------------------------------------------------------------------------------------------
+# -- the score -------------------------------------------------------------------------------------
 
 
 def wilson(hits: int, count: int, z: float = 1.959964) -> tuple[float, float]:
@@ -716,18 +916,27 @@ def wilson(hits: int, count: int, z: float = 1.959964) -> tuple[float, float]:
 
 
 def report(work: Path) -> None:
-    print("package: mutants, sample, tried, noticed, survived, not covered; share that was noticed, with its 95 % interval")
+    print(
+        "package: mutants, sample, tried, noticed, survived, not covered; share that was noticed,"
+        " with its 95 % interval"
+    )
     for package in PACKAGES:
         rows, tree = rows_of(work, package), work / "tree"
         count = Counter(row["outcome"] for row in rows)
         low, high = wilson(count["noticed"], len(rows))
         share = f"{count['noticed'] / len(rows):.0%} ({low:.0%} to {high:.0%})" if rows else "-"
         found = ", ".join(str(count[word]) for word in ("noticed", "survived", "not covered"))
-        print(f"{package}: {len(mutants_of(tree, package))}, {len(sample(tree, package))}, {len(rows)}, {found}; {share}")
+        print(
+            f"{package}: {len(mutants_of(tree, package))}, {len(sample(tree, package))},"
+            f" {len(rows)}, {found}; {share}"
+        )
         for row in rows:
             if row["outcome"] != "noticed":
                 name, line, word, *_ = row["mutant"]
-                print(f"    {row['outcome']}: {name}:{line} {word}: {(tree / name).read_text().splitlines()[line - 1].strip()}")
+                print(
+                    f"    {row['outcome']}: {name}:{line} {word}:"
+                    f" {(tree / name).read_text().splitlines()[line - 1].strip()}"
+                )
 
 
 def main() -> None:

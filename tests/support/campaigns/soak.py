@@ -1,9 +1,11 @@
-"""A soak: a line of virtual stations on which everything goes wrong that can, recorded for as long as one likes.
+"""A soak: a line of virtual stations on which everything goes wrong that can, recorded for as long
+as one likes.
 
-The stations live in a process of their own (`jbclog sim`), with faults of every kind that they know drawn from a seed; each has
-calm between two of them. Meanwhile cables come back as new terminals, the recorder's wall clock is stepped, its guard is killed or
-stopped, another program reads the open run, and what the recorder holds is looked at from outside. `Soak.wrong` says what of the
-record does not fit what was done.
+The stations live in a process of their own (`jbclog sim`), with faults of every kind that they know
+drawn from a seed; each has calm between two of them. Meanwhile cables come back as new terminals,
+the recorder's wall clock is stepped, its guard is killed or stopped, another program reads the open
+run, and what the recorder holds is looked at from outside. `Soak.wrong` says what of the record
+does not fit what was done.
 """
 
 from __future__ import annotations
@@ -39,19 +41,26 @@ from support.virtual.tapped_sim import TappedSim, heard_in
 FAMILIES = ("dde", "nae", "dme", "hde", "ucr", "ale", "jtse", "omega", "soldering")
 QUIET_S = 6.0  # at the start and at the end nothing is done to anybody
 EDGE_S = 0.1  # of the two processes' clocks, and of what a file of faults is written to
-SETTLES_S = 12.0  # in which something may still come of a fault that is over: a station that was slow may be gone for 5 s at most
-STARVED_S = 0.1  # that the stations' process waited for a processor within `LOOK_BACK_S`: by as much their answers were late
+# in which something may still come of a fault that is over: a station that was slow may be gone for
+# 5 s at most
+SETTLES_S = 12.0
+# that the stations' process waited for a processor within `LOOK_BACK_S`: by as much their answers
+# were late
+STARVED_S = 0.1
 LOOK_BACK_S = 3.0
-STARVED_ALL_S = 2.0  # in the whole soak, on a machine that is too busy for what is said of its guard
+# in the whole soak, on a machine that is too busy for what is said of its guard
+STARVED_ALL_S = 2.0
 STEPS_S = (3600.0, -3600.0, 2.5, -1.5, 7200.0, -7200.0)
 STEP_EVERY_S, GUARD_EVERY_S, LOOK_S = 60.0, 150.0, 2.0
 GUARD_AGAIN_S = 6.0
 MOST_GUARDS = 15  # below the number after which a run does without
 MOST_GROWTH = 0.10
 MOST_GROWTH_MB = 12.0
-MOST_DESCRIPTORS = 12  # that may be open in one half more than in the other: parts that are sealed, ports that are opened
+# that may be open in one half more than in the other: parts that are sealed, ports that are opened
+MOST_DESCRIPTORS = 12
 FLOOD = "flood"  # no fault of a station: somebody else on its wire
-FLOODS = ("noise", "STX alone")  # others could be taken for an answer until the flood is seen to be one
+# others could be taken for an answer until the flood is seen to be one
+FLOODS = ("noise", "STX alone")
 FLOOD_BYTES_PER_S = 200_000.0
 OF_THEMSELVES = (
     "host.busy",
@@ -61,7 +70,8 @@ OF_THEMSELVES = (
 WARNED = ("warning", "error", "critical")
 
 RECIPES = {
-    "tip": """
+    "tip": (
+        """
 [recipe]
 name = "soak"
 revision = 1
@@ -80,8 +90,10 @@ rate_hz = 1
 [run]
 status = "working"
 on_difference = "continue"
-""",
-    "air": """
+"""
+    ),
+    "air": (
+        """
 [recipe]
 name = "soak-air"
 revision = 1
@@ -94,15 +106,18 @@ rate_hz = 1
 [run]
 status = "on"
 on_difference = "continue"
-""",
-    "omega": """
+"""
+    ),
+    "omega": (
+        """
 [recipe]
 name = "soak-omega"
 revision = 1
 families = ["omega"]
 [sampling]
 rate_hz = 1
-""",
+"""
+    ),
 }
 RECIPE_OF = {"jtse": "air", "omega": "omega"}
 
@@ -115,8 +130,9 @@ warnings.simplefilter("error")
 folder, every_s, seen, looks = Path(sys.argv[1]), float(sys.argv[2]), {}, 0
 while sys.stdin.readline():
     run = open_run(folder)
-    rows = run.samples(columns=["station", "port", "tick"]).groupby(["station", "port"], observed=True)["tick"]
-    now = {place: list(ticks) for place, ticks in rows}
+    rows = run.samples(columns=["station", "port", "tick"])
+    places = rows.groupby(["station", "port"], observed=True)["tick"]
+    now = {place: list(ticks) for place, ticks in places}
     for place, ticks in seen.items():
         if now.get(place, [])[: len(ticks)] != ticks:
             sys.exit(f"look {looks}: rows of {place} that had been read are not there as they were")
@@ -131,7 +147,7 @@ def waited_s(pid: int) -> float:
     return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1]) / 1e9
 
 
-# -- what is done ----------------------------------------------------------------------------------------------------------------
+# -- what is done ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -145,13 +161,19 @@ class Odd:
 
     @property
     def text(self) -> str:
-        return fault(self.kind, at_s=round(self.begin, 2), for_s=round(self.end - self.begin, 2), **self.keys)
+        return fault(
+            self.kind, at_s=round(self.begin, 2), for_s=round(self.end - self.begin, 2), **self.keys
+        )
 
 
 def kinds_of(family: str) -> list[str]:
     """Every kind of fault that its virtual station knows."""
     known = get_args(FaultKind)
-    return [kind for kind in known if (kind in KINDS_OF_OMEGA if family == "omega" else kind not in OF_OMEGA)]
+    return [
+        kind
+        for kind in known
+        if (kind in KINDS_OF_OMEGA if family == "omega" else kind not in OF_OMEGA)
+    ]
 
 
 def drawn(rng: Random, kind: str) -> tuple[float, dict[str, object]]:
@@ -160,11 +182,17 @@ def drawn(rng: Random, kind: str) -> tuple[float, dict[str, object]]:
         case "silence":
             return rng.choice([0.3, 2.0, 8.0]), {}
         case "noise":
-            return rng.uniform(0.5, 4), {"bytes_count": rng.randint(1, 256), "every": rng.randint(1, 3)}
+            return rng.uniform(0.5, 4), {
+                "bytes_count": rng.randint(1, 256),
+                "every": rng.randint(1, 3),
+            }
         case "flip":
             return rng.uniform(0.5, 4), {"bits": rng.randint(1, 8), "every": rng.randint(1, 4)}
         case "late":
-            return rng.uniform(0.3, 4), {"by_s": round(rng.uniform(0.05, 1.9), 2), "every": rng.randint(1, 3)}
+            return rng.uniform(0.3, 4), {
+                "by_s": round(rng.uniform(0.05, 1.9), 2),
+                "every": rng.randint(1, 3),
+            }
         case "nak":
             return rng.uniform(0.5, 3), {"code": rng.choice([1, 2, 3, 5, 99999]), "only": "read"}
         case "dropout":
@@ -197,11 +225,18 @@ def history(rng: Random, family: str, seconds: float, calm_s: float) -> list[Odd
 
 
 def with_a_flood(rng: Random, odd: list[Odd], seconds: float) -> list[Odd]:
-    """A history without what takes the cable out, which a flooder is in, and with one flood in the place of one of its faults."""
+    """A history without what takes the cable out, which a flooder is in, and with one flood in the
+    place of one of its faults.
+    """
     found = [one for one in odd if one.kind != "dropout"]
     number = rng.randrange(len(found)) if found else 0
     begin = found[number].begin if found else QUIET_S + rng.uniform(0, seconds / 4)
-    flood = Odd(FLOOD, begin, begin + rng.uniform(1.5, 4.0), {"shape": rng.choice(FLOODS), "tcp": rng.random() < 0.5})
+    flood = Odd(
+        FLOOD,
+        begin,
+        begin + rng.uniform(1.5, 4.0),
+        {"shape": rng.choice(FLOODS), "tcp": rng.random() < 0.5},
+    )
     return [*found[:number], flood, *found[number + 1 :]]
 
 
@@ -211,9 +246,14 @@ def line_text(families: dict[str, str], histories: dict[str, list[Odd]]) -> str:
     for name, family in families.items():
         ports = "" if family in ("jtse", "omega") else "ports = [1]\n"
         recipe = RECIPE_OF.get(family, "tip")
-        tables.append(f'[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "{family}"\n{ports}recipe = "{recipe}.toml"\n')
+        tables.append(
+            f'[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "{family}"\n{ports}recipe ='
+            f' "{recipe}.toml"\n'
+        )
         faults = "".join(one.text for one in histories.get(name, ()) if one.kind != FLOOD)
-        tables.append(f"[station.sim]\nseed = {name.rpartition('-')[2]}\nturnaround_ms = 1.0\n{faults}")
+        tables.append(
+            f"[station.sim]\nseed = {name.rpartition('-')[2]}\nturnaround_ms = 1.0\n{faults}"
+        )
     return "\n".join(tables)
 
 
@@ -241,7 +281,8 @@ class Soak:
     waits: list[tuple[float, float]] = field(
         default_factory=list
     )  # monotonic seconds, that the stations' process has waited until then
-    guards: list[tuple[float, str]] = field(default_factory=list)  # UTC (of a clock that nobody steps) and signal
+    # UTC (of a clock that nobody steps) and signal
+    guards: list[tuple[float, str]] = field(default_factory=list)
     new_terminals: int = 0
     replugged: int = 0
     said: str = ""
@@ -250,9 +291,17 @@ class Soak:
 
     def __post_init__(self) -> None:
         rng = Random(self.seed)
-        self.families = {f"{FAMILIES[n % len(FAMILIES)]}-{n + 1}": FAMILIES[n % len(FAMILIES)] for n in range(self.count)}
-        self.histories = {name: history(rng, family, self.seconds, self.calm_s) for name, family in self.families.items()}
-        able = [name for name, family in self.families.items() if family in ("dde", "nae", "dme", "hde")]
+        self.families = {
+            f"{FAMILIES[n % len(FAMILIES)]}-{n + 1}": FAMILIES[n % len(FAMILIES)]
+            for n in range(self.count)
+        }
+        self.histories = {
+            name: history(rng, family, self.seconds, self.calm_s)
+            for name, family in self.families.items()
+        }
+        able = [
+            name for name, family in self.families.items() if family in ("dde", "nae", "dme", "hde")
+        ]
         self.flooded = rng.sample(able, max(1, self.count // 5))
         for name in self.flooded:
             self.histories[name] = with_a_flood(rng, self.histories[name], self.seconds)
@@ -273,7 +322,7 @@ class Soak:
         (folder,) = (path for path in self.out.iterdir() if path.is_dir())
         return folder
 
-    # -- doing it ------------------------------------------------------------------------------------------------------------
+    # -- doing it ----------------------------------------------------------------------------------
 
     def write_line(self) -> list[Path]:
         """The line file; returns those that hold its stations with their faults."""
@@ -295,8 +344,11 @@ class Soak:
                 words = ["run", "--line", line, "--out", self.out, "-d", f"{self.seconds:g}s"]
                 steps = ",".join(f"step={STEPS_S[n % len(STEPS_S)]:g}" for n in range(1000))
                 command = program("faults.odd_host", steps, *words)
-                own = {**os.environ, "XDG_STATE_HOME": str(self.home / "state")}  # what others left hot is none of its business
-                recorder = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=own)
+                # what others left hot is none of its business
+                own = {**os.environ, "XDG_STATE_HOME": str(self.home / "state")}
+                recorder = subprocess.Popen(
+                    command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=own
+                )
                 try:
                     assert sim.pid is not None
                     self._accompany(recorder, line.parent, sim.pid)
@@ -309,7 +361,9 @@ class Soak:
     @contextmanager
     def _flooded_links(self, line: Path) -> Iterator[None]:
         """Flooders between the run and these stations; the line file leads to them."""
-        floods = {name: one for name in self.flooded for one in self.histories[name] if one.kind == FLOOD}
+        floods = {
+            name: one for name in self.flooded for one in self.histories[name] if one.kind == FLOOD
+        }
         links = [
             Flooded(
                 "" if one.keys["tcp"] else str(self.home / f"near-{name}"),
@@ -335,7 +389,10 @@ class Soak:
         began = time.monotonic()
         step_at, guard_at, look_at = began + QUIET_S, began + QUIET_S + 3, began
         reader = subprocess.Popen(
-            [sys.executable, "-c", READER, str(self.folder), "0"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, "-c", READER, str(self.folder), "0"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         )
         end = began + self.seconds
         while recorder.poll() is None and time.monotonic() < end - QUIET_S:
@@ -346,7 +403,9 @@ class Soak:
                 step_at = now + min(STEP_EVERY_S, self.seconds / 5)
                 self._step(recorder)
             if now >= guard_at and len(self.guards) < MOST_GUARDS:
-                guard_at = now + max(min(GUARD_EVERY_S, self.seconds / 3), GUARD_AGAIN_S, self.seconds / MOST_GUARDS)
+                guard_at = now + max(
+                    min(GUARD_EVERY_S, self.seconds / 3), GUARD_AGAIN_S, self.seconds / MOST_GUARDS
+                )
                 self._strike_guard(recorder)
             if now >= look_at:
                 look_at = now + max(LOOK_S, self.seconds / 500)
@@ -377,7 +436,9 @@ class Soak:
                 os.kill(guard, number)
 
     def _look_at_links(self, links: Path) -> None:
-        """Whose cable is out gets another terminal when it is back: its number is taken by somebody else meanwhile."""
+        """Whose cable is out gets another terminal when it is back: its number is taken by somebody
+        else meanwhile.
+        """
         for name in self.families:
             link = links / name
             device = str(link.readlink()) if link.is_symlink() else ""
@@ -406,16 +467,27 @@ class Soak:
     def _look(self, pid: int) -> None:
         with suppress(OSError):
             place = Path(f"/proc/{pid}")
-            memory = int((place / "statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 2**20
-            self.looks.append(Look(time.monotonic(), memory, sum(1 for _ in (place / "fd").iterdir()), waited_s(pid)))
+            memory = (
+                int((place / "statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 2**20
+            )
+            self.looks.append(
+                Look(
+                    time.monotonic(),
+                    memory,
+                    sum(1 for _ in (place / "fd").iterdir()),
+                    waited_s(pid),
+                )
+            )
 
-    # -- what came of it -----------------------------------------------------------------------------------------------------
+    # -- what came of it ---------------------------------------------------------------------------
 
     def manifest(self) -> Manifest:
         return read_manifest(self.folder)
 
     def wrong(self) -> list[str]:
-        """What does not hold: of the record (I1 to I9), of its events, of what the recorder held, of tools."""
+        """What does not hold: of the record (I1 to I9), of its events, of what the recorder held,
+        of tools.
+        """
         wires = heard_in(self.log)
         zero = {name: heard[0].at for name, heard in wires.items()}
         found = violations(self.folder, wires, ended=Ended(self.code or 0, self.said), as_sent=True)
@@ -433,37 +505,63 @@ class Soak:
     def _false_events(self, zero: dict[str, float]) -> Iterator[str]:
         events = pd.read_parquet(self.folder / "events")
         steps = [float(value) for value in events["value"][events["kind"] == "clock.step"]]
-        if len(steps) != len(self.steps) or any(abs(one - other) > 1 for one, other in zip(steps, self.steps, strict=True)):
+        if len(steps) != len(self.steps) or any(
+            abs(one - other) > 1 for one, other in zip(steps, self.steps, strict=True)
+        ):
             yield f"the clock was stepped by {self.steps}, and the record has {steps}"
         told = set(events["station"][events["kind"] == "link.flooded"])
         if not told >= set(self.flooded):  # the noise of a fault may be one, too
             yield f"the links of {self.flooded} were flooded, and the record has {told}"
         kinds = Counter(events["kind"])
-        starved = self.waits[-1][1] - self.waits[0][1] if self.waits else 0.0  # on a busy machine a guard may seem to stand still
-        if kinds["guard.lost"] != len(self.guards) and not (kinds["guard.lost"] > len(self.guards) and starved > STARVED_ALL_S):
-            yield f"the guard was struck {len(self.guards)} times: {self.guards}; the record has {kinds['guard.lost']} times"
+        # on a busy machine a guard may seem to stand still
+        starved = self.waits[-1][1] - self.waits[0][1] if self.waits else 0.0
+        if kinds["guard.lost"] != len(self.guards) and not (
+            kinds["guard.lost"] > len(self.guards) and starved > STARVED_ALL_S
+        ):
+            yield (
+                f"the guard was struck {len(self.guards)} times: {self.guards}; the record has"
+                f" {kinds['guard.lost']} times"
+            )
         for kind in kinds:
-            if kind.startswith(("guard.", "host.suspended", "identity.", "record.")) and kind != "guard.lost":
-                yield f"nothing of that kind was done: {kind}, {list(events['text'][events['kind'] == kind])}"
+            if (
+                kind.startswith(("guard.", "host.suspended", "identity.", "record."))
+                and kind != "guard.lost"
+            ):
+                yield (
+                    f"nothing of that kind was done: {kind},"
+                    f" {list(events['text'][events['kind'] == kind])}"
+                )
         yield from self._untrue(events, zero)
 
     def _untrue(self, events: pd.DataFrame, zero: dict[str, float]) -> Iterator[str]:
-        """Warnings about stations to which nothing was done. The rows are in the order of time, whatever the clock said."""
+        """Warnings about stations to which nothing was done. The rows are in the order of time,
+        whatever the clock said.
+        """
         manifest = self.manifest()
         offset = (manifest.t0_utc or 0.0) - (manifest.t0_mono or 0.0)
         for row in events.to_dict("records"):
             offset += row["value"] if row["kind"] == "clock.step" else 0.0
             name = row["station"]
-            if isinstance(name, str) and row["severity"] in WARNED and row["kind"] not in OF_THEMSELVES:
+            if (
+                isinstance(name, str)
+                and row["severity"] in WARNED
+                and row["kind"] not in OF_THEMSELVES
+            ):
                 after = row["time"].timestamp() - offset - zero[name]
                 if not self._was_odd(name, after) and not self._were_starved(zero[name] + after):
-                    yield f"nothing was done to {name} at {after:.1f} s: {row['kind']}: {row['text']}"
+                    yield (
+                        f"nothing was done to {name} at {after:.1f} s: {row['kind']}: {row['text']}"
+                    )
 
     def _was_odd(self, name: str, second: float) -> bool:
-        return any(odd.begin - EDGE_S <= second <= odd.end + SETTLES_S for odd in self.histories[name])
+        return any(
+            odd.begin - EDGE_S <= second <= odd.end + SETTLES_S for odd in self.histories[name]
+        )
 
     def _were_starved(self, at: float) -> bool:
-        """Whether the stations' process wanted to run and others did: then what was said of a station may be true."""
+        """Whether the stations' process wanted to run and others did: then what was said of a
+        station may be true.
+        """
         waits = [waited for when, waited in self.waits if at - LOOK_BACK_S <= when <= at + EDGE_S]
         return bool(waits) and waits[-1] - waits[0] > STARVED_S
 

@@ -22,8 +22,12 @@ from jbclog.transport.virtual import VirtualDriver
 
 T = TypeVar("T")
 Place = tuple[Command, int | None, int | None]
-LINE = '[line]\nname = "test"\n[[station]]\nname = "it"\nurl = "it"\nfamily = "{family}"\n{keys}\n[station.sim]\n{sim}\n'
-IF_UNPRINTED = "ports = [1, 2, 3, 4]"  # as many as any station has, where the manual does not say how many
+LINE = (
+    '[line]\nname = "test"\n[[station]]\nname = "it"\nurl = "it"\nfamily ='
+    ' "{family}"\n{keys}\n[station.sim]\n{sim}\n'
+)
+# as many as any station has, where the manual does not say how many
+IF_UNPRINTED = "ports = [1, 2, 3, 4]"
 
 
 class Pair:
@@ -31,7 +35,9 @@ class Pair:
 
     def __init__(self, family: str, keys: str = "", sim: str = "") -> None:
         keys = keys or (IF_UNPRINTED if FAMILIES[family].ports is None else "")
-        spec = parse_line(LINE.format(family=family, keys=keys, sim=sim), Path("line.toml")).stations[0]
+        spec = parse_line(
+            LINE.format(family=family, keys=keys, sim=sim), Path("line.toml")
+        ).stations[0]
         self.family = FAMILIES[family]
         self.clock = VirtualClock()
         self.station = virtual_station(spec, now=self.clock.monotonic())
@@ -54,11 +60,15 @@ class Pair:
     def read(self, command: Command, port: int | None = None, tool: int | None = None) -> Value:
         return self.do(lambda client: client.read(command, port, tool))
 
-    def write(self, command: Command, value: Value, port: int | None = None, tool: int | None = None) -> None:
+    def write(
+        self, command: Command, value: Value, port: int | None = None, tool: int | None = None
+    ) -> None:
         self.do(lambda client: client.write(command, value, port, tool))
 
     def places(self, command: Command) -> Iterator[Place]:
-        """Everywhere that the station has this command: with port and tool, as far as its code has them."""
+        """Everywhere that the station has this command: with port and tool, as far as its code has
+        them.
+        """
         match command.scope:
             case Scope.STATION:
                 yield command, None, None
@@ -67,4 +77,9 @@ class Pair:
             case Scope.PORT:
                 yield from ((command, port, None) for port in self.ports)
             case Scope.TOOL:
-                yield from ((command, port, tool) for port in self.ports for tool in self.family.tools if tool)
+                yield from (
+                    (command, port, tool)
+                    for port in self.ports
+                    for tool in self.family.tools
+                    if tool
+                )

@@ -1,4 +1,6 @@
-"""What a client takes of an answer whose bits were turned over: its whole acceptance, for the question that is out."""
+"""What a client takes of an answer whose bits were turned over: its whole acceptance, for the
+question that is out.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,12 @@ from jbclog.protocol.frame import Frame, FrameReader
 LINE = LineFormat()
 
 
-def taken(command: Command, port: int | None, tool: int | None, wire: bytes, address: int | None = 1) -> Value | None:
-    """The value that a client which has just asked takes `wire` for; None where it goes on listening or asks again."""
+def taken(
+    command: Command, port: int | None, tool: int | None, wire: bytes, address: int | None = 1
+) -> Value | None:
+    """The value that a client which has just asked takes `wire` for; None where it goes on
+    listening or asks again.
+    """
     station = Station(LINE, address)
     return _first_taken(station, station.question(command, port, tool), wire)
 
@@ -62,10 +68,16 @@ def taken_of_two_bits(
 
     Where a reader finds no frame at all, none can be taken; the others go through the client.
     """
-    found = [(sent, taken(command, port, tool, sent, address)) for sent in _framed_of_two_bits(wire)]
+    found = [
+        (sent, taken(command, port, tool, sent, address)) for sent in _framed_of_two_bits(wire)
+    ]
     return [(sent, value) for sent, value in found if value is not None]
 
 
 @cache
 def _framed_of_two_bits(wire: bytes) -> list[bytes]:
-    return [sent for sent in flipped(wire, 2) if any(isinstance(one, Frame) for one in FrameReader().feed(sent))]
+    return [
+        sent
+        for sent in flipped(wire, 2)
+        if any(isinstance(one, Frame) for one in FrameReader().feed(sent))
+    ]

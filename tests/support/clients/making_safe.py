@@ -1,4 +1,6 @@
-"""`secure` against what a test puts at the end of a cable, pulled wish by wish on a clock that jumps."""
+"""`secure` against what a test puts at the end of a cable, pulled wish by wish on a clock that
+jumps.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,12 @@ ASKED_AT = 100.0
 
 def station(family: str = "dde", tools: tuple[int, ...] = (1, 2), sim: str = "") -> VirtualStation:
     """One with these ports' tools at work, switched on long ago."""
-    plugged = ", ".join(f"{port} = {2 if port in tools else 0}" for port in (FAMILIES[family].ports or (1, 2)))
+    plugged = ", ".join(
+        f"{port} = {2 if port in tools else 0}" for port in FAMILIES[family].ports or (1, 2)
+    )
     text = (
-        f'[line]\nname = "x"\n[[station]]\nname = "s"\nurl = "s"\nfamily = "{family}"\n[station.sim]\ntools = {{{plugged}}}\n{sim}'
+        '[line]\nname = "x"\n[[station]]\nname = "s"\nurl = "s"\nfamily ='
+        f' "{family}"\n[station.sim]\ntools = {{{plugged}}}\n{sim}'
     )
     made = VirtualStation(parse_line(text, Path("line.toml")).stations[0], now=0.0)
     if isinstance(made.device.face, AirModel):
@@ -59,7 +64,9 @@ def text_of(frame: bytes) -> str:
 
 @dataclass
 class Cable:
-    """A cable with `end` at it. `before` is told each question before it goes out, and may pull the cable or change the end."""
+    """A cable with `end` at it. `before` is told each question before it goes out, and may pull the
+    cable or change the end.
+    """
 
     end: Peer
     before: Callable[[str], object] = lambda text: None
@@ -93,7 +100,9 @@ class Cable:
         if isinstance(request, Reopen):
             return IoResult(self.now, b"", self.now)
         if isinstance(request, Ask):
-            self.coming = [(reply[0], reply[1]) for reply in self.end.receive(request.data, self.now)]
+            self.coming = [
+                (reply[0], reply[1]) for reply in self.end.receive(request.data, self.now)
+            ]
             return self._next(self.now + request.patience_s)
         return self._next(request.until) if isinstance(request, Listen) else self._waited(request)
 
@@ -119,7 +128,9 @@ def task(
     wanted: str = "stand",
     suction: bool | None = False,
 ) -> SafetyTask:
-    """To put these tools in stand, or what is `wanted`; who is there is proven by the model's name."""
+    """To put these tools in stand, or what is `wanted`; who is there is proven by the model's
+    name.
+    """
     client = Station(LineFormat())
     client.turnaround_s = 0.002  # it has been spoken to before
     made = FAMILIES[family]

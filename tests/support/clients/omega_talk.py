@@ -1,8 +1,8 @@
 """One OMEGA client and a controller made for the test, in memory, on a clock that jumps.
 
-``OmegaTalk(("A", "a0"), ("C0065",)).do(lambda station: station.read(INFORMATION))``: each turn is the text that must come and
-what is said to it, nothing being silence. An answer is a text, bytes as they are, or a pair of seconds and either: how long
-after the question it is there.
+``OmegaTalk(("A", "a0"), ("C0065",)).do(lambda station: station.read(INFORMATION))``: each turn is
+the text that must come and what is said to it, nothing being silence. An answer is a text, bytes as
+they are, or a pair of seconds and either: how long after the question it is there.
 """
 
 from __future__ import annotations
@@ -23,7 +23,9 @@ PROMPT_S = 0.1
 
 
 def framed(text: str) -> bytes:
-    """`text` as a frame, built from the manual's rule (003, 11.2) and not by the code under test."""
+    """`text` as a frame, built from the manual's rule (003, 11.2) and not by the code under
+    test.
+    """
     return b"\x02" + text.encode() + b"\x03" + f"{sum(text.encode()) % 256:02X}".encode()
 
 
@@ -57,7 +59,8 @@ class Controller:
 
 
 class OmegaTalk:
-    """A client and its controller. Every turn must have been taken at the end, whether that raises or not.
+    """A client and its controller. Every turn must have been taken at the end, whether that raises
+    or not.
 
     `always` is what is said once all turns are over.
     """

@@ -1,8 +1,9 @@
 """One station client and another end made for the test, in memory, on a clock that jumps.
 
-``Talk(("RTT1", "ATT100183")).do(lambda station: station.read(TIP, 1))``: each turn is the question that must come and
-what is said to it. An answer is a text (framed and addressed as by station 01), bytes as they are, or a pair of seconds
-and either: how long after the question it is there. ``Talk(replies=...)`` takes a function from question to answers.
+``Talk(("RTT1", "ATT100183")).do(lambda station: station.read(TIP, 1))``: each turn is the question
+that must come and what is said to it. An answer is a text (framed and addressed as by station 01),
+bytes as they are, or a pair of seconds and either: how long after the question it is there.
+``Talk(replies=...)`` takes a function from question to answers.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ PROMPT_S = 0.016  # an addressed read, its answer and 2 ms of turnaround at 1920
 
 
 def framed(text: str, source: int | None = 1, target: int = 0) -> bytes:
-    """`text` as a frame, built from the manual's rule and not by the code under test; no source: no addresses."""
+    """`text` as a frame, built from the manual's rule and not by the code under test; no source: no
+    addresses.
+    """
     addresses = "" if source is None else f"{source:02d}{target:02d}"
     covered = b"\x02" + (addresses + text).encode() + b"\x03"
     check = 0
@@ -34,7 +37,9 @@ def framed(text: str, source: int | None = 1, target: int = 0) -> bytes:
 
 
 class OtherEnd:
-    """Says what `replies` gives, one answer after the other as a wire does; what it heard is in `heard`."""
+    """Says what `replies` gives, one answer after the other as a wire does; what it heard is in
+    `heard`.
+    """
 
     def __init__(self, replies: Replies, addressed: bool) -> None:
         self._replies = replies
@@ -76,7 +81,9 @@ class Talk:
         self.clock = VirtualClock()
 
     def do(self, ask: Asking[T]) -> T:
-        """Do it and give what came out; every turn must have been taken, whether that raises or not."""
+        """Do it and give what came out; every turn must have been taken, whether that raises or
+        not.
+        """
         return self.each(ask)[0]
 
     def each(self, *asks: Asking[T]) -> list[T]:

@@ -1,4 +1,6 @@
-"""Every code of a family, what can stand on the wire behind it and what can be written: for walks over every command."""
+"""Every code of a family, what can stand on the wire behind it and what can be written: for walks
+over every command.
+"""
 
 from __future__ import annotations
 
@@ -23,12 +25,21 @@ from jbclog.protocol.commands.family import Family
 
 NAMES = ("  DDE", "  DDR", " JTSE", "UCR245", "UCR470", "UCR24", "1.00a")
 LONG_HEX = ("186A0", "FFFFF", "100000", "FFFFFFFF")
-RECORDS = ("00650" + 15 * "023", "018F4" + 5 * "00001EFFF", "0191500A00B", "00C95FFFFFF", "0000000", "0000FFF")
+RECORDS = (
+    "00650" + 15 * "023",
+    "018F4" + 5 * "00001EFFF",
+    "0191500A00B",
+    "00C95FFFFFF",
+    "0000000",
+    "0000FFF",
+)
 """Solder conditions: modes 0, 4 and 5, and the cleaning."""
 
 
 def every_text() -> Iterator[str]:
-    """Every data field of five characters that a manual lets one expect, every ss.cc, and some that are longer."""
+    """Every data field of five characters that a manual lets one expect, every ss.cc, and some that
+    are longer.
+    """
     numbers = (f"{number:05d}" for number in range(100_000))
     negative = (f"-{number:04d}" for number in range(10_000))
     delays = (f"{number // 100:02d}.{number % 100:02d}" for number in range(10_000))
@@ -46,17 +57,21 @@ def meant(quantity: Quantity, text: str) -> Value | None:
 
 
 def as_written(quantity: Quantity, text: str) -> str | None:
-    """How what `text` means is written: the same, but for the few that are read for tolerance' sake. None: no manual says."""
+    """How what `text` means is written: the same, but for the few that are read for tolerance'
+    sake. None: no manual says.
+    """
     match quantity:
         case AlarmLimit() if quantity.decode(text) is OFF or text.startswith("-"):
             return None  # "not set" has no printed form (docs/reference/contradictions.md, B-23)
         case AlarmDelay() if "." not in text and text != OFF_ON_WIRE:
-            return f"{text[1:3]}.{text[3:]}"  # digits without a dot (docs/reference/contradictions.md, B-22)
+            # digits without a dot (docs/reference/contradictions.md, B-22)
+            return f"{text[1:3]}.{text[3:]}"
         case Flags():
             # any digit but 0 is a flag (docs/reference/contradictions.md, B-24)
             return "".join("0" if digit == "0" else "1" for digit in text)
         case Number(printed_for=misprints) if text.isdigit():
-            return f"{dict(misprints).get(int(text), int(text)):05d}"  # docs/reference/contradictions.md, B-28
+            # docs/reference/contradictions.md, B-28
+            return f"{dict(misprints).get(int(text), int(text)):05d}"
         case Text():
             return text.rjust(5)
         case HexLength():
@@ -71,8 +86,14 @@ def values_to_write(family: Family, command: Command, held: Value | None = None)
         return list(names)
     if command.name == "status":
         return list(family.status.orders.values())
-    numbers = [value for value in dict.fromkeys(_numbers(command, held)) if command.limits.problem(value) is None]
-    return numbers or [value for text in RECORDS if (value := meant(command.quantity, text)) is not None]
+    numbers = [
+        value
+        for value in dict.fromkeys(_numbers(command, held))
+        if command.limits.problem(value) is None
+    ]
+    return numbers or [
+        value for text in RECORDS if (value := meant(command.quantity, text)) is not None
+    ]
 
 
 def _numbers(command: Command, held: Value | None) -> Iterator[Value]:
@@ -99,7 +120,9 @@ def resolution(quantity: Quantity) -> float:
 def as_held(command: Command, number: float) -> Value:
     """The number as it will be read back."""
     whole = round(number)
-    return command.quantity.decode(command.quantity.encode(whole if whole == number else round(number, 3)))
+    return command.quantity.decode(
+        command.quantity.encode(whole if whole == number else round(number, 3))
+    )
 
 
 PORTS = (1, 2, 3, 4)
@@ -122,4 +145,6 @@ def codes_of(command: Command, ports: tuple[int, ...] = PORTS) -> Iterator[str]:
 def codes(family: Family) -> dict[str, Command]:
     """Every code of a family with its command."""
     ports = family.ports or PORTS
-    return {code: command for command in family.commands.values() for code in codes_of(command, ports)}
+    return {
+        code: command for command in family.commands.values() for code in codes_of(command, ports)
+    }

@@ -1,7 +1,8 @@
-"""One answer of a run replaced by what two flipped bits can make of it so that it passes; and what a run decides.
+"""One answer of a run replaced by what two flipped bits can make of it so that it passes; and what
+a run decides.
 
-`Bench` is a station of a family with a short run on it; `spoilt` lives through that run with one answer spoilt, `clean`
-with none.
+`Bench` is a station of a family with a short run on it; `spoilt` lives through that run with one
+answer spoilt, `clean` with none.
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ from support.virtual.lines import AIR
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 SIM = "joints_per_minute = 0\nseed = 5\n"
-FEEDER = RECIPE + "\n[feeder]\nlength_mm = 4.0\nspeed_mm_s = 8.0\nbackward_mm = 0.5\nclog_detection = true\n"
+FEEDER = (
+    RECIPE
+    + "\n[feeder]\nlength_mm = 4.0\nspeed_mm_s = 8.0\nbackward_mm = 0.5\nclog_detection = true\n"
+)
 CONTROLLER = """
 [recipe]
 name = "test"
@@ -84,12 +88,14 @@ BENCHES = {
 """A family of each kind: NAE, DME and HDE have DDE's table."""
 
 
-# -- what two flipped bits can make of an answer ---------------------------------------------------------------------------
+# -- what two flipped bits can make of an answer ---------------------------------------------------
 
 
 @lru_cache(8192)
 def corruptions(family: str, question: str, answer: bytes) -> list[tuple[bytes, Value]]:
-    """Every corruption of two bits that passes for an answer to ``question`` (``RTT1``, ``C0065``) and says something else."""
+    """Every corruption of two bits that passes for an answer to ``question`` (``RTT1``, ``C0065``)
+    and says something else.
+    """
     if FAMILIES[family].protocol == OMEGA:
         return _of_omega(family, question, answer)
     asked = questions(family, (1,))[question]
@@ -101,7 +107,11 @@ def corruptions(family: str, question: str, answer: bytes) -> list[tuple[bytes, 
 def _of_omega(family: str, question: str, answer: bytes) -> list[tuple[bytes, Value]]:
     command = _command_of_omega(family, question)
     right = taken_by_omega(command, answer)
-    framed = (sent for sent in flipped(answer, 2) if any(isinstance(one, str) for one in OmegaReader().feed(sent)))
+    framed = (
+        sent
+        for sent in flipped(answer, 2)
+        if any(isinstance(one, str) for one in OmegaReader().feed(sent))
+    )
     found = [(sent, taken_by_omega(command, sent)) for sent in framed]
     return [(sent, value) for sent, value in found if value is not None and value != right]
 
@@ -111,13 +121,17 @@ def _command_of_omega(family: str, question: str) -> Command:
     return command.numbered(int(question[1:], 16)) if len(question) > 1 else command
 
 
-# -- runs ------------------------------------------------------------------------------------------------------------------
+# -- runs ------------------------------------------------------------------------------------------
 
 
 class Spoiler:
-    """Spoils the n-th answer (from 0) to one question; ``which`` of its corruptions counts round. Counts what it did."""
+    """Spoils the n-th answer (from 0) to one question; ``which`` of its corruptions counts round.
+    Counts what it did.
+    """
 
-    def __init__(self, run: VirtualRun, family: str, question: str = "", place: int = -1, which: int = 0) -> None:
+    def __init__(
+        self, run: VirtualRun, family: str, question: str = "", place: int = -1, which: int = 0
+    ) -> None:
         self.family, self.question, self.place, self.which = family, question, place, which
         self.asked: Counter[str] = Counter()
         self.first: dict[str, bytes] = {}  # the first answer to each question
@@ -144,7 +158,9 @@ class Spoiler:
         return [(at, choice[self.which % len(choice)][0])]
 
 
-def spoilt(family: str, question: str = "", place: int = -1, which: int = 0) -> tuple[VirtualRun, Spoiler]:
+def spoilt(
+    family: str, question: str = "", place: int = -1, which: int = 0
+) -> tuple[VirtualRun, Spoiler]:
     run = BENCHES[family].prepare()
     spoiler = Spoiler(run, family, question, place, which)
     return run.go(), spoiler
@@ -170,7 +186,9 @@ def places(family: str, question: str) -> list[int]:
 
 
 def decided(run: VirtualRun) -> dict[str, object]:
-    """What a run decides: what it wrote and found set, what it counted, which tool it met, how it ended."""
+    """What a run decides: what it wrote and found set, what it counted, which tool it met, how it
+    ended.
+    """
     return {
         "settings": [one[2:] for one in run.memory.settings],
         "counters": [one[2:] for one in run.memory.counters],

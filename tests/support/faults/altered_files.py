@@ -1,4 +1,6 @@
-"""Files with bytes altered in every way that a disk, a copy or a hand has: for campaigns that count what came of it."""
+"""Files with bytes altered in every way that a disk, a copy or a hand has: for campaigns that count
+what came of it.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def bits_flipped(data: bytes, stride: int = 1) -> Iterator[Altered]:
 def bytes_replaced(data: bytes, stride: int = 1) -> Iterator[Altered]:
     for place in range(0, len(data), stride):
         for value in {0x00, 0xFF, data[place] ^ 0x20, (data[place] + 1) & 0xFF} - {data[place]}:
-            yield Altered(f"byte {place} made {value:02x}", data[:place] + bytes([value]) + data[place + 1 :])
+            yield Altered(
+                f"byte {place} made {value:02x}", data[:place] + bytes([value]) + data[place + 1 :]
+            )
 
 
 def cut_off(data: bytes, stride: int = 1) -> Iterator[Altered]:
@@ -48,20 +52,28 @@ def sectors_zeroed(data: bytes, stride: int = SECTOR) -> Iterator[Altered]:
     for place in range(0, len(data), stride):
         zeros = bytes(len(data[place : place + SECTOR]))
         if data[place : place + SECTOR] != zeros:
-            yield Altered(f"zeros from byte {place} on", data[:place] + zeros + data[place + SECTOR :])
+            yield Altered(
+                f"zeros from byte {place} on", data[:place] + zeros + data[place + SECTOR :]
+            )
 
 
 def pieces_moved(data: bytes, stride: int = SECTOR) -> Iterator[Altered]:
     """A piece lost from the middle, and one that is there twice."""
     for place in range(0, len(data) - 1, stride):
         length = min(100, len(data) - place)
-        yield Altered(f"{length} bytes lost from byte {place} on", data[:place] + data[place + length :])
-        yield Altered(f"{length} bytes twice from byte {place} on", data[: place + length] + data[place:])
+        yield Altered(
+            f"{length} bytes lost from byte {place} on", data[:place] + data[place + length :]
+        )
+        yield Altered(
+            f"{length} bytes twice from byte {place} on", data[: place + length] + data[place:]
+        )
 
 
 @dataclass
 class Count:
-    """What came of a campaign: alterations tried, those that cost something, those that showed something wrong."""
+    """What came of a campaign: alterations tried, those that cost something, those that showed
+    something wrong.
+    """
 
     fault: str
     tried: int = 0

@@ -1,7 +1,8 @@
-"""A batch on real ports that is disturbed: its executor and its jobs are killed, it is started again until it is finished.
+"""A batch on real ports that is disturbed: its executor and its jobs are killed, it is started
+again until it is finished.
 
-What must hold is looked for in the runs' own manifests, not in the batch's journal: every job done exactly once, what was cut off
-told as half done, no two runs of a station at the same time.
+What must hold is looked for in the runs' own manifests, not in the batch's journal: every job done
+exactly once, what was cut off told as half done, no two runs of a station at the same time.
 """
 
 from __future__ import annotations
@@ -52,7 +53,10 @@ def write_batch(folder: Path, line: Path, seconds: float = 2.0, count: int = len
     (folder / "quick.toml").write_text(RECIPE)
     text = f'[batch]\nline = "{line}"\non_failure = "stop"\n'
     for name, station, after in JOBS[:count]:
-        text += f'[[job]]\nname = "{name}"\nrecipe = "quick.toml"\nstations = ["{station}"]\nduration = "{seconds}s"\n'
+        text += (
+            f'[[job]]\nname = "{name}"\nrecipe = "quick.toml"\nstations = ["{station}"]\nduration ='
+            f' "{seconds}s"\n'
+        )
         text += f'after = ["{after}"]\n' if after else ""
     path = folder / "quick-night.toml"
     path.write_text(text)
@@ -71,14 +75,18 @@ class Trial:
 
     @property
     def journal(self) -> Path:
-        return sorted(path for path in (self.out / "quick-night.batch").iterdir() if path.is_dir())[-1]
+        return sorted(path for path in (self.out / "quick-night.batch").iterdir() if path.is_dir())[
+            -1
+        ]
 
     def state(self) -> BatchState:
         return batch_state(entries_in(BatchStore(self.journal)))
 
     def runs(self) -> list[str]:
         """How each attempt came out."""
-        return [attempt.state.value for job in self.state().jobs.values() for attempt in job.attempts]
+        return [
+            attempt.state.value for job in self.state().jobs.values() for attempt in job.attempts
+        ]
 
 
 def disturbed(folder: Path, line: Path, dice: random.Random, kills: int) -> Trial:
@@ -88,7 +96,12 @@ def disturbed(folder: Path, line: Path, dice: random.Random, kills: int) -> Tria
     while trial.sittings < MOST_SITTINGS:
         trial.sittings += 1
         batch = started(
-            "batch", jobs, "--out", trial.out, "--json", *(["--resume"] if trial.sittings > 1 and dice.random() < 0.5 else [])
+            "batch",
+            jobs,
+            "--out",
+            trial.out,
+            "--json",
+            *(["--resume"] if trial.sittings > 1 and dice.random() < 0.5 else []),
         )
         if kills > 0:
             kills -= 1
@@ -123,13 +136,19 @@ def _strike(trial: Trial, batch: subprocess.Popen[str], dice: random.Random) -> 
 def running(out: Path) -> list[int]:
     """The processes of jobs that run now."""
     papers = [JobDir(path) for path in out.glob("*.batch/*/jobs/*")]
-    return [process for one in papers if one.is_running() and (process := one.process()) is not None]
+    return [
+        process for one in papers if one.is_running() and (process := one.process()) is not None
+    ]
 
 
 def recording(out: Path) -> list[int]:
     """Those whose run has a folder."""
     papers = [JobDir(path) for path in sorted(out.glob("*.batch/*/jobs/*"))]
-    return [process for one in papers if one.is_running() and one.run() and (process := one.process()) is not None]
+    return [
+        process
+        for one in papers
+        if one.is_running() and one.run() and (process := one.process()) is not None
+    ]
 
 
 def faults(trial: Trial) -> list[str]:
@@ -138,7 +157,12 @@ def faults(trial: Trial) -> list[str]:
     if not state.is_finished:
         found.append(f"not finished after {trial.sittings} sittings: {trial.codes}")
     runs = [one for one in find(trial.out) if isinstance(one, Found)]
-    told = {attempt.run: (job.name, attempt) for job in state.jobs.values() for attempt in job.attempts if attempt.run}
+    told = {
+        attempt.run: (job.name, attempt)
+        for job in state.jobs.values()
+        for attempt in job.attempts
+        if attempt.run
+    }
     for run in runs:
         if run.folder.name not in told:
             found.append(f"{run.folder.name} is in no line of the journal")
@@ -148,13 +172,20 @@ def faults(trial: Trial) -> list[str]:
         if run.tags.get("job") != name:
             found.append(f"{run.folder.name} is of {run.tags.get('job')}, told of {name}")
         if is_whole != (attempt.state in RECORDED):
-            found.append(f"{name}: {run.folder.name} is {run.state}, {run.exit_status}, told as {attempt.state.value}")
+            found.append(
+                f"{name}: {run.folder.name} is {run.state}, {run.exit_status}, told as"
+                f" {attempt.state.value}"
+            )
         if run.state != "sealed":
             found.append(f"{run.folder.name} was left {run.state}")
         found += [f"{run.folder.name}: {fault}" for fault in check(run.folder)]
     whole = Counter(run.tags["job"] for run in runs if run.exit_status == "success")
     found += [f"{name} was done {whole[name]} times" for name in state.jobs if whole[name] != 1]
-    found += [f"{job.name} is {job.state.value}" for job in state.jobs.values() if job.state is not State.DONE]
+    found += [
+        f"{job.name} is {job.state.value}"
+        for job in state.jobs.values()
+        if job.state is not State.DONE
+    ]
     found += _overlaps(runs)
     found += [f"process {process} still runs" for process in running(trial.out)]
     return found
@@ -162,7 +193,9 @@ def faults(trial: Trial) -> list[str]:
 
 def _overlaps(runs: list[Found]) -> list[str]:
     """Runs that had a station at the same time, by their manifests."""
-    spans = sorted((run.started, _end(run), run.stations, run.folder.name) for run in runs if run.started)
+    spans = sorted(
+        (run.started, _end(run), run.stations, run.folder.name) for run in runs if run.started
+    )
     return [
         f"{first[3]} and {second[3]} had {set(first[2]) & set(second[2])} at the same time"
         for place, first in enumerate(spans)

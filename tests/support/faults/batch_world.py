@@ -1,7 +1,8 @@
-"""A world for a executor, made of plain values: its own time, jobs that end as they are told to, a executor that can be killed.
+"""A world for a executor, made of plain values: its own time, jobs that end as they are told to, a
+executor that can be killed.
 
-Every step that a executor does (a line of its journal, a process) is counted, and it can be killed before and behind each. The jobs
-go on meanwhile, as processes do.
+Every step that a executor does (a line of its journal, a process) is counted, and it can be killed
+before and behind each. The jobs go on meanwhile, as processes do.
 """
 
 from __future__ import annotations
@@ -71,7 +72,14 @@ class World:
         self.disk.append(Entry(iso(self.now), EntryKind.BEGIN, "", asked="night.toml"))
         for turn in self.turns:
             moment = due.get(turn.name)
-            entry = Entry(iso(self.now), EntryKind.JOB, "", turn.name, asked="{}", on_failure=turn.on_failure.value)
+            entry = Entry(
+                iso(self.now),
+                EntryKind.JOB,
+                "",
+                turn.name,
+                asked="{}",
+                on_failure=turn.on_failure.value,
+            )
             self.disk.append(replace(entry, due=None if moment is None else iso(moment)))
 
     @contextmanager
@@ -89,7 +97,11 @@ class World:
     def pause(self) -> None:
         """Until something can happen."""
         ends = [process.began + process.fate.takes_s for process in self.running()]
-        dues = [job.due for job in batch_state(self.disk).jobs.values() if job.due is not None and job.due > self.now]
+        dues = [
+            job.due
+            for job in batch_state(self.disk).jobs.values()
+            if job.due is not None and job.due > self.now
+        ]
         ahead = min([*ends, *dues], default=self.now) - self.now
         self.go_on(max(min(ahead, 5.0) if ends else ahead, 0.25))
 
@@ -107,10 +119,18 @@ class World:
         return [process for process in self.processes if process.ended is None]
 
     def process(self, name: str, attempt: int) -> Process | None:
-        return next((one for one in self.processes if (one.name, one.attempt) == (name, attempt)), None)
+        return next(
+            (one for one in self.processes if (one.name, one.attempt) == (name, attempt)), None
+        )
 
     def executor(self) -> BatchExecutor:
-        return Whole(in_turn(self.turns), Memory(self), WorldProcesses(self), NullObserver(), Timing(lambda: self.now, self.pause))
+        return Whole(
+            in_turn(self.turns),
+            Memory(self),
+            WorldProcesses(self),
+            NullObserver(),
+            Timing(lambda: self.now, self.pause),
+        )
 
 
 class Whole(BatchExecutor):
@@ -168,11 +188,17 @@ class WorldProcesses:
             for other in world.running():
                 if other.places & places:
                     world.wrong.append(f"{name} was started beside {other.name}")
-            if any(one.comes_to in (0, 1) and one.ended is not None for one in world.processes if one.name == name):
+            if any(
+                one.comes_to in (0, 1) and one.ended is not None
+                for one in world.processes
+                if one.name == name
+            ):
                 world.wrong.append(f"{name} was done already and was started again")
             if world.process(name, attempt) is not None:
                 world.wrong.append(f"attempt {attempt} at {name} was started twice")
-            world.processes.append(Process(name, attempt, places, world.fates(name, attempt), world.now))
+            world.processes.append(
+                Process(name, attempt, places, world.fates(name, attempt), world.now)
+            )
 
     def runs(self, name: str, attempt: int) -> bool:
         process = self._world.process(name, attempt)
@@ -185,15 +211,23 @@ class WorldProcesses:
     def request_end(self, name: str, attempt: int, number: signal.Signals) -> bool:
         process = self._world.process(name, attempt)
         if process is not None and process.ended is None:
-            process.fate = Fate(130 if number is signal.SIGINT else 143, self._world.now + 2.0 - process.began)
+            process.fate = Fate(
+                130 if number is signal.SIGINT else 143, self._world.now + 2.0 - process.began
+            )
         return True
 
     def result(self, name: str, attempt: int) -> AttemptResult | None:
         process = self._world.process(name, attempt)
         with self._world.step():
             if process is None or process.comes_to == STILLBORN:
-                return AttemptResult(State.FAILED, Exit.RECORD.value, "its process ended before its run began")
+                return AttemptResult(
+                    State.FAILED, Exit.RECORD.value, "its process ended before its run began"
+                )
             run = Path(process.run)
             if not isinstance(process.comes_to, int):
-                return AttemptResult(State.HALF, Exit.RECORD.value, "its process died while it ran", run)
-            return AttemptResult(STATES.get(process.comes_to, State.FAILED), process.comes_to, "", run)
+                return AttemptResult(
+                    State.HALF, Exit.RECORD.value, "its process died while it ran", run
+                )
+            return AttemptResult(
+                STATES.get(process.comes_to, State.FAILED), process.comes_to, "", run
+            )

@@ -1,7 +1,9 @@
 """Sealing that stops before a chosen step, and reading in the middle of which a run is sealed.
 
-A step of sealing is whatever others can see: a rename or a removal. A step of reading is whatever it asks of the disk by
-itself: the list of the store's files, opening one, fixing the moment, each query, the list of parts, the manifest.
+A step of sealing is whatever others can see: a rename or a removal. A step of reading is whatever
+it asks of the disk by
+itself: the list of the store's files, opening one, fixing the moment, each query, the list of
+parts, the manifest.
 """
 
 from __future__ import annotations
@@ -31,7 +33,9 @@ class Cut(BaseException):
 
 @dataclass
 class Sealing:
-    """Seals the run in `folder` until just before its step `until`; None: to the end. `told`: the steps that were done."""
+    """Seals the run in `folder` until just before its step `until`; None: to the end. `told`: the
+    steps that were done.
+    """
 
     folder: Path
     until: int | None = None
@@ -63,7 +67,9 @@ class Sealing:
 
 @contextmanager
 def meanwhile(step: str, act: Callable[[], None]) -> Iterator[list[str]]:
-    """Whoever reads inside does `act` just before its first `step` (``opened``: just after opening); gives the steps it did."""
+    """Whoever reads inside does `act` just before its first `step` (``opened``: just after
+    opening); gives the steps it did.
+    """
     done: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
 

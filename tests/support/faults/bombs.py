@@ -30,14 +30,18 @@ def _columns(table: str, rows: int, first: int | None = None) -> dict[str, pa.Ar
     made = {}
     for field in list(SCHEMAS[table])[:first]:
         text = pa.types.is_string(field.type)
-        made[field.name] = pa.array([""]).take(pa.array(zeros)) if text else pa.array(zeros).cast(field.type)
+        made[field.name] = (
+            pa.array([""]).take(pa.array(zeros)) if text else pa.array(zeros).cast(field.type)
+        )
     return made
 
 
 def many_rows(path: Path) -> None:
     """Rows that take next to nothing in the file and gigabytes in memory, in one group."""
     table = path.parent.name
-    pq.write_table(pa.table(_columns(table, MANY // 10, 3)), path, row_group_size=MANY, compression="zstd")
+    pq.write_table(
+        pa.table(_columns(table, MANY // 10, 3)), path, row_group_size=MANY, compression="zstd"
+    )
 
 
 def many_groups(path: Path) -> None:
@@ -60,18 +64,30 @@ def long_pages(path: Path) -> None:
             row[field.name] = False if pa.types.is_boolean(field.type) else 0
             if pa.types.is_string(field.type):
                 row[field.name] = " " * 100_000_000 if field.name == "station" else "x"
-    pq.write_table(pa.Table.from_pylist(rows, SCHEMAS[table]), path, compression="zstd", use_dictionary=False)
+    pq.write_table(
+        pa.Table.from_pylist(rows, SCHEMAS[table]), path, compression="zstd", use_dictionary=False
+    )
 
 
 def long_words(path: Path) -> None:
-    """A dictionary with one long word that stands in every row: 200 kB in the file, 20 GB written out."""
+    """A dictionary with one long word that stands in every row: 200 kB in the file, 20 GB written
+    out.
+    """
     table = path.parent.name
     rows = 200_000
     columns = _columns(table, rows)
     word = pa.array([" " * 900_000])
-    columns["station"] = pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, dtype=np.int32)), word)
+    columns["station"] = pa.DictionaryArray.from_arrays(
+        pa.array(np.zeros(rows, dtype=np.int32)), word
+    )
     schema = pa.schema([pa.field(field.name, columns[field.name].type) for field in SCHEMAS[table]])
-    pq.write_table(pa.table(columns, schema=schema), path, compression="zstd", row_group_size=rows, store_schema=False)
+    pq.write_table(
+        pa.table(columns, schema=schema),
+        path,
+        compression="zstd",
+        row_group_size=rows,
+        store_schema=False,
+    )
 
 
 def lying_footer(path: Path) -> None:
@@ -81,7 +97,9 @@ def lying_footer(path: Path) -> None:
 
 def other_bytes(path: Path) -> None:
     """The beginning and the end of a Parquet file, and noise between."""
-    path.write_bytes(b"PAR1" + np.random.default_rng(1).bytes(100_000) + (90_000).to_bytes(4, "little") + b"PAR1")
+    path.write_bytes(
+        b"PAR1" + np.random.default_rng(1).bytes(100_000) + (90_000).to_bytes(4, "little") + b"PAR1"
+    )
 
 
 PARTS: Final[dict[str, Bomb]] = {
@@ -107,7 +125,9 @@ def _told(**changes: object) -> Bomb:
                 table = table[int(key) if key.isdigit() else key]
             table[last] = value
         plain = json.dumps(data, indent=1) + "\n"
-        path.write_text(plain.removesuffix(END.decode()) + DIGEST % sha256(plain.encode()).hexdigest())
+        path.write_text(
+            plain.removesuffix(END.decode()) + DIGEST % sha256(plain.encode()).hexdigest()
+        )
 
     return made
 
@@ -139,7 +159,13 @@ PLACES: Final = (
         "stations__0__last_tick",
         "stations__0__first_tick",
     ),
-    *("stations__0__rate_hz", "stations__0__baudrate", "stations__0__skipped", "stations__0__rated_power_w", "files__0__rows"),
+    *(
+        "stations__0__rate_hz",
+        "stations__0__baudrate",
+        "stations__0__skipped",
+        "stations__0__rated_power_w",
+        "files__0__rows",
+    ),
     *("files__0__bytes", "stations__0__ports", "stations__0__worst_slow_periods"),
 )
 MANIFESTS: Final[dict[str, Bomb]] = {
@@ -167,7 +193,11 @@ LINES: Final[dict[str, Bomb]] = {
     "15 MB of line ends": lambda path: path.write_bytes(b"\n" * (15 << 20)) and None,
     "15 MB of braces": lambda path: path.write_bytes((b"{" * 150 + b"\n") * 90_000) and None,
     "nested": lambda path: path.write_bytes(b'{"a":' * 500_000) and None,
-    "odd numbers": lambda path: path.write_text('{"seq": 1e308, "time": NaN, "port": 1' + "0" * 5000 + "}\n") and None,
+    "odd numbers": (
+        lambda path: (
+            path.write_text('{"seq": 1e308, "time": NaN, "port": 1' + "0" * 5000 + "}\n") and None
+        )
+    ),
     "NULs": lambda path: path.write_bytes(b"\0" * 1_000_000) and None,
 }
 
@@ -186,42 +216,59 @@ def _database(script: str) -> Bomb:
 
 _ENDLESS = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n)"
 _NOTE = (
-    "CREATE TABLE note (kind TEXT NOT NULL, key TEXT NOT NULL, text TEXT NOT NULL, crc INTEGER NOT NULL, PRIMARY KEY (kind, key));"
+    "CREATE TABLE note (kind TEXT NOT NULL, key TEXT NOT NULL, text TEXT NOT NULL, crc INTEGER NOT"
+    " NULL, PRIMARY KEY (kind, key));"
 )
 _BATCH = (
-    "CREATE TABLE batch (number INTEGER PRIMARY KEY, name TEXT NOT NULL, rows INTEGER NOT NULL, crc INTEGER NOT NULL,"
-    " data BLOB NOT NULL);"
+    "CREATE TABLE batch (number INTEGER PRIMARY KEY, name TEXT NOT NULL, rows INTEGER NOT NULL, crc"
+    " INTEGER NOT NULL, data BLOB NOT NULL);"
 )
 STORES: Final[dict[str, Bomb]] = {
     "endless views": _database(
-        f"CREATE VIEW batch AS {_ENDLESS} SELECT i AS number, 'samples' AS name, 1 AS rows, 1 AS crc, x'00' AS data FROM n;"
-        f"CREATE VIEW note AS {_ENDLESS} SELECT 'meta' AS kind, i AS key, 'x' AS text, 1 AS crc FROM n;"
+        f"CREATE VIEW batch AS {_ENDLESS} SELECT i AS number, 'samples' AS name, 1 AS rows, 1 AS"
+        f" crc, x'00' AS data FROM n;CREATE VIEW note AS {_ENDLESS} SELECT 'meta' AS kind, i AS"
+        " key, 'x' AS text, 1 AS crc FROM n;"
     ),
     "one endless view": _database(
-        _BATCH + f"CREATE VIEW note AS {_ENDLESS} SELECT 'meta' AS kind, i AS key, 'x' AS text, 1 AS crc FROM n;"
+        _BATCH
+        + f"CREATE VIEW note AS {_ENDLESS} SELECT 'meta' AS kind, i AS key, 'x' AS text, 1 AS crc"
+        " FROM n;"
     ),
     "a trigger": _database(
         _BATCH + _NOTE + "CREATE TRIGGER t AFTER DELETE ON batch"
         f" BEGIN INSERT INTO note {_ENDLESS} SELECT 'a', i, 'x', 1 FROM n; END;"
     ),
     "computed columns": _database(
-        _NOTE + "CREATE TABLE batch (number INTEGER PRIMARY KEY, name TEXT, rows INTEGER, crc INTEGER,"
+        _NOTE
+        + "CREATE TABLE batch (number INTEGER PRIMARY KEY, name TEXT, rows INTEGER, crc INTEGER,"
         " data BLOB AS (zeroblob(900000000)));"
         "INSERT INTO batch (number, name, rows, crc) VALUES (1, 'samples', 1, 1);"
     ),
-    "a large blob": _database(_BATCH + _NOTE + "INSERT INTO batch VALUES (1, 'samples', 1, 1, zeroblob(300000000));"),
+    "a large blob": _database(
+        _BATCH + _NOTE + "INSERT INTO batch VALUES (1, 'samples', 1, 1, zeroblob(300000000));"
+    ),
     "large numbers": _database(
-        _BATCH + _NOTE + "INSERT INTO batch VALUES (9223372036854775807, 'samples', 9223372036854775807, 1, x'00');"
+        _BATCH
+        + _NOTE
+        + "INSERT INTO batch VALUES (9223372036854775807, 'samples', 9223372036854775807, 1,"
+        " x'00');"
         "INSERT INTO note VALUES ('meta', 'last', '9223372036854775807', 1);"
     ),
-    "valid batches of 797 325 rows": lambda path: large_stores.write_store(path, large_stores.large_batches(7, 797_325), {}),
+    "valid batches of 797 325 rows": lambda path: large_stores.write_store(
+        path, large_stores.large_batches(7, 797_325), {}
+    ),
     "a gap after each of 1000 batches": lambda path: large_stores.write_store(
         path, large_stores.small_batches(range(1, 2000, 2)), {}
     ),
     "300 MB of notes": lambda path: large_stores.write_store(
         path, (), {("facts", str(number)): " " * 1_000_000 for number in range(300)}
     ),
-    "noise": lambda path: path.write_bytes(b"SQLite format 3\0" + np.random.default_rng(1).bytes(500_000)) and None,
+    "noise": (
+        lambda path: (
+            path.write_bytes(b"SQLite format 3\0" + np.random.default_rng(1).bytes(500_000))
+            and None
+        )
+    ),
 }
 
 
@@ -243,11 +290,17 @@ BOMBS: Final[dict[str, dict[str, Bomb]]] = {
     "guard.jsonl": LINES,
     "damage.jsonl": LINES,
     "../verifications.jsonl": LINES,
-    "report.json": {**LINES, "a list": _text("[]"), "written": _text('{"manifest_sha256": 1, "written": [1]}')},
+    "report.json": {
+        **LINES,
+        "a list": _text("[]"),
+        "written": _text('{"manifest_sha256": 1, "written": [1]}'),
+    },
     "samples/part-0000.parquet": PARTS,
     "events/part-0000.parquet": PARTS,
     "settings/part-0000.parquet": PARTS,
-    "joints.parquet": {name: bomb for name, bomb in PARTS.items() if name in ("lying footer", "noise")},
+    "joints.parquet": {
+        name: bomb for name, bomb in PARTS.items() if name in ("lying footer", "noise")
+    },
     "live.sqlite": STORES,
     "live.lock": LINES,
     "wire/a.tsv.gz": WIRES,

@@ -1,7 +1,7 @@
 """jbclog with a fault in it: ``python tests/support faults.broken_session STATION run ...``.
 
-The session of STATION breaks while its tools are at work, as no session may, and as only a fault of the program could make it.
-Nothing of this is in the product: what it calls is patched.
+The session of STATION breaks while its tools are at work, as no session may, and as only a fault of
+the program could make it. Nothing of this is in the product: what it calls is patched.
 """
 
 from __future__ import annotations

@@ -1,13 +1,15 @@
-"""Kills a process at a chosen step of its work on a run's folder, for real, and looks at what it leaves.
+"""Kills a process at a chosen step of its work on a run's folder, for real, and looks at what it
+leaves.
 
-Run as a program, because it forks: ``python tests/support faults.crash SCENARIO DIR FIRST STRIDE [--power]`` prints a line
-of JSON for each step FIRST, FIRST + STRIDE ... at which it killed, until the work ends by itself. ``... slice DIR FIRST
-STRIDE`` does so in every scenario, with and without ``--power``.
-``... random DIR SEED TRIALS`` kills a recorder at random moments instead.
+Run as a program, because it forks: ``python tests/support faults.crash SCENARIO DIR FIRST STRIDE
+[--power]`` prints a line of JSON for each step FIRST, FIRST + STRIDE ... at which it killed, until
+the work ends by itself. ``... slice DIR FIRST STRIDE`` does so in every scenario, with and without
+``--power``. ``... random DIR SEED TRIALS`` kills a recorder at random moments instead.
 
-A step is whatever reaches the disk: a sync, a rename, a removal, a new folder, an SQL statement, a row group. The kill
-is SIGKILL, just before the step. With ``--power`` a rename whose folder was not synced afterwards is undone, as a power
-cut may do. Nothing of this is in the product: the child patches what it calls.
+A step is whatever reaches the disk: a sync, a rename, a removal, a new folder, an SQL statement, a
+row group. The kill is SIGKILL, just before the step. With ``--power`` a rename whose folder was not
+synced afterwards is undone, as a power cut may do. Nothing of this is in the product: the child
+patches what it calls.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ from support.records import few_rows
 ROWS = 120
 
 
-# -- the work that is cut off ----------------------------------------------------------------------------------------------
+# -- the work that is cut off ----------------------------------------------------------------------
 
 
 def close_and_seal(folder: Path) -> None:
@@ -87,7 +89,10 @@ def closed(out: Path) -> Path:
     few_rows.hand_over(store, range(ROWS))
     store.close()
     store.release()
-    write_manifest(store.folder, Manifest(store.folder.name, exit_status="success", exit_code=0, verdict="ACCEPT"))
+    write_manifest(
+        store.folder,
+        Manifest(store.folder.name, exit_status="success", exit_code=0, verdict="ACCEPT"),
+    )
     return store.folder
 
 
@@ -103,12 +108,14 @@ SCENARIOS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None]]] = {
 }
 
 
-# -- the kill --------------------------------------------------------------------------------------------------------------
+# -- the kill --------------------------------------------------------------------------------------
 
 
 @dataclass
 class Steps:
-    """Counts the steps of this process and kills it before a chosen one; notes renames and synced folders."""
+    """Counts the steps of this process and kills it before a chosen one; notes renames and synced
+    folders.
+    """
 
     fatal: int
     notes: Path
@@ -124,7 +131,12 @@ class Steps:
             file.write(json.dumps([str(word) for word in words]) + "\n")
 
     def arm(self) -> None:
-        fsync, replace, connect, write_table = os.fsync, os.replace, store_module._connect, pq.ParquetWriter.write_table
+        fsync, replace, connect, write_table = (
+            os.fsync,
+            os.replace,
+            store_module._connect,
+            pq.ParquetWriter.write_table,
+        )
 
         def syncing(descriptor: int) -> None:
             self.step()
@@ -194,7 +206,7 @@ def in_child(work: Callable[[], object]) -> tuple[int, object]:
     return status, json.loads(told) if told else None
 
 
-# -- what is left ------------------------------------------------------------------------------------------------------------
+# -- what is left ----------------------------------------------------------------------------------
 
 
 def aftermath(folder: Path) -> dict[str, object]:
@@ -205,20 +217,28 @@ def aftermath(folder: Path) -> dict[str, object]:
     manifest = read_manifest(folder)
     told = folder.with_name("acknowledged")
     return {
-        "acknowledged": int(told.read_text().split()[-1]) if told.exists() and told.read_text() else 0,
+        "acknowledged": (
+            int(told.read_text().split()[-1]) if told.exists() and told.read_text() else 0
+        ),
         "numbers": few_rows.sealed_numbers(folder),
         "events": few_rows.sealed_events(folder),
         "findings": [str(finding) for finding in check(folder)],
         "twice the same": contents(folder) == first,
         "exit status": manifest.exit_status,
         "lost": None if manifest.lost is None else manifest.lost.seconds_at_most,
-        "leavings": sorted(path.name for path in folder.rglob(".*")) + sorted(path.name for path in folder.glob("live*")),
+        "leavings": (
+            sorted(path.name for path in folder.rglob(".*"))
+            + sorted(path.name for path in folder.glob("live*"))
+        ),
     }
 
 
 def contents(folder: Path) -> dict[str, str]:
     files = (path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    return {
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in files
+    }
 
 
 def kill_at_steps(scenario: str, home: Path, first: int, stride: int, power: bool) -> None:
@@ -243,16 +263,23 @@ def kill_at_steps(scenario: str, home: Path, first: int, stride: int, power: boo
         if power:
             undo_unsynced_renames(trial / "notes")
         status, left = in_child(lambda folder=folder: aftermath(folder))
-        print(json.dumps({"step": fatal, **(left if isinstance(left, dict) else {"error": left})}), flush=True)
+        print(
+            json.dumps({"step": fatal, **(left if isinstance(left, dict) else {"error": left})}),
+            flush=True,
+        )
         shutil.rmtree(trial)
 
 
 def kill_at_some_steps(home: Path, first: int, stride: int) -> None:
-    """In every scenario, with and without power, each beginning at another step; a line with its name comes before each."""
+    """In every scenario, with and without power, each beginning at another step; a line with its
+    name comes before each.
+    """
     for power in (False, True):
         for number, scenario in enumerate(sorted(SCENARIOS)):
             print(json.dumps([scenario, power]), flush=True)
-            kill_at_steps(scenario, home / f"{scenario}-{power}", first + 4 * power + number, stride, power)
+            kill_at_steps(
+                scenario, home / f"{scenario}-{power}", first + 4 * power + number, stride, power
+            )
 
 
 def kill_at_random(home: Path, seed: int, trials: int) -> None:
@@ -268,7 +295,10 @@ def kill_at_random(home: Path, seed: int, trials: int) -> None:
         os.waitpid(pid, 0)
         folder = next(path for path in out.iterdir() if path.is_dir())
         _, left = in_child(lambda folder=folder: aftermath(folder))
-        print(json.dumps({"step": trial, **(left if isinstance(left, dict) else {"error": left})}), flush=True)
+        print(
+            json.dumps({"step": trial, **(left if isinstance(left, dict) else {"error": left})}),
+            flush=True,
+        )
         shutil.rmtree(out)
 
 
@@ -290,7 +320,9 @@ def record_for_ever(out: Path, chance: float) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("scenario", choices=[*SCENARIOS, "random", "slice"])
     parser.add_argument("dir", type=Path)
     parser.add_argument("first", type=int)

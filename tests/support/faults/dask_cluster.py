@@ -29,7 +29,16 @@ class Cluster:
     address: str = ""
 
     def start(self, program: str, *words: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard", "--host", self.host, *self.options, *words]
+        command = [
+            sys.executable,
+            "-m",
+            f"distributed.cli.{program}",
+            "--no-dashboard",
+            "--host",
+            self.host,
+            *self.options,
+            *words,
+        ]
         with (self.home / "log").open("ab") as log:
             ours = os.environ | {"PYTHONPATH": str(ROOT / "tests")}  # for the functions below
             process = subprocess.Popen(command, stdout=log, stderr=log, cwd=self.home, env=ours)
@@ -42,7 +51,10 @@ class Cluster:
 
     def scheduler(self) -> subprocess.Popen[bytes]:
         """Start the scheduler, and return when it listens."""
-        process, end = self.start("dask_scheduler", "--port", "0", "--scheduler-file", "scheduler"), time.monotonic() + WAIT_S
+        process, end = (
+            self.start("dask_scheduler", "--port", "0", "--scheduler-file", "scheduler"),
+            time.monotonic() + WAIT_S,
+        )
         said = self.home / "scheduler"
         while not (said.exists() and said.stat().st_size):
             assert process.poll() is None, self.log
@@ -54,7 +66,16 @@ class Cluster:
 
     def worker(self, *words: str) -> subprocess.Popen[bytes]:
         """Start a worker of one thread."""
-        return self.start("dask_worker", self.address, "--nthreads", "1", "--no-nanny", "--memory-limit", "0", *words)
+        return self.start(
+            "dask_worker",
+            self.address,
+            "--nthreads",
+            "1",
+            "--no-nanny",
+            "--memory-limit",
+            "0",
+            *words,
+        )
 
     @property
     def log(self) -> str:
@@ -78,14 +99,43 @@ def cluster(home: Path, workers: int, options: Sequence[str] = ()) -> Iterator[C
 
 def certificates(home: Path) -> None:
     """Write an authority and one certificate of it, with its key, for whoever takes part."""
-    run = lambda *words: subprocess.run(["openssl", *words], cwd=home, check=True, capture_output=True)  # noqa: E731
+
+    def run(*words: str) -> None:
+        subprocess.run(["openssl", *words], cwd=home, check=True, capture_output=True)
+
     new = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
-    run("req", "-x509", *new, "-keyout", "ca.key", "-out", "ca.pem", "-days", "2", "-subj", "/CN=test authority")
+    run(
+        "req",
+        "-x509",
+        *new,
+        "-keyout",
+        "ca.key",
+        "-out",
+        "ca.pem",
+        "-days",
+        "2",
+        "-subj",
+        "/CN=test authority",
+    )
     run("req", *new, "-keyout", "node.key", "-out", "node.csr", "-subj", "/CN=node")
-    run("x509", "-req", "-in", "node.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-out", "node.pem", "-days", "2")
+    run(
+        "x509",
+        "-req",
+        "-in",
+        "node.csr",
+        "-CA",
+        "ca.pem",
+        "-CAkey",
+        "ca.key",
+        "-CAcreateserial",
+        "-out",
+        "node.pem",
+        "-days",
+        "2",
+    )
 
 
-# -- functions that tests have workers call --------------------------------------------------------------------------------------
+# -- functions that tests have workers call --------------------------------------------------------
 
 
 def rows_of(run: Run) -> tuple[int, float, int]:

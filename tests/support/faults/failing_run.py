@@ -1,10 +1,12 @@
 """Runs on a virtual clock whose record is on a disk that fails.
 
-``python tests/support faults.failing_run SCENARIO DIR ERROR AGAIN FIRST STRIDE``, with `failing_disk.c` preloaded: operation FIRST,
-FIRST + STRIDE ... of the scenario fails with ERROR (``EIO``, ``ENOSPC``), and with AGAIN 1 everything after it, until the scenario
-ends without having met it. A line of JSON for each tells what did not hold. `run` is
-a run from its folder to its seal; `recover` finishes one that was cut off. Each is done in a process of its own, from the same
-beginning; afterwards the disk is well again, the folder is recovered, and another run is made beside it.
+``python tests/support faults.failing_run SCENARIO DIR ERROR AGAIN FIRST STRIDE``, with
+`failing_disk.c` preloaded: operation FIRST, FIRST + STRIDE ... of the scenario fails with ERROR
+(``EIO``, ``ENOSPC``), and with AGAIN 1 everything after it, until the scenario ends without having
+met it. A line of JSON for each tells what did not hold. `run` is a run from its folder to its seal;
+`recover` finishes one that was cut off. Each is done in a process of its own, from the same
+beginning; afterwards the disk is well again, the folder is recovered, and another run is made
+beside it.
 """
 
 from __future__ import annotations
@@ -92,7 +94,9 @@ class Both:
 
 @dataclass
 class Trial:
-    """One run of `plan` below `out`, its commits made by the virtual clock as the writer's thread makes them by the real one."""
+    """One run of `plan` below `out`, its commits made by the virtual clock as the writer's thread
+    makes them by the real one.
+    """
 
     plan: Plan
     out: Path
@@ -104,7 +108,9 @@ class Trial:
     acknowledged: int = 0  # rows of samples
 
     def go(self, *, ends: bool = True) -> None:
-        """Raises `RecordError` where the record cannot be begun. Without `ends` it is cut off there."""
+        """Raises `RecordError` where the record cannot be begun. Without `ends` it is cut off
+        there.
+        """
         clock, failures = VirtualClock(), []
         papers = RunRecord(self.plan, self.out, Nobody(), clock, failures.append, seal_every_s=None)
         self.folder = papers.folder
@@ -112,7 +118,9 @@ class Trial:
             context.journal = Both(papers._store, self.memory)
         driver = VirtualDriver(clock)
         papers.begin()
-        stations = [virtual_station(station.spec, now=clock.monotonic()) for station in self.plan.stations]
+        stations = [
+            virtual_station(station.spec, now=clock.monotonic()) for station in self.plan.stations
+        ]
         taps = {station.name: Tap(station) for station in stations}
         self.heard = {name: tap.heard for name, tap in taps.items()}
         for station, context in zip(stations, papers.contexts, strict=True):
@@ -129,7 +137,9 @@ class Trial:
 
         driver.at(clock.monotonic() + COMMIT_S, commit)
         driver.run()
-        self.safe = all(_is_safe(station) for station in stations if isinstance(station, VirtualStation))
+        self.safe = all(
+            _is_safe(station) for station in stations if isinstance(station, VirtualStation)
+        )
         if ends:
             self.result = papers.conclude(papers.close())
 
@@ -146,7 +156,7 @@ def trial(home: Path, duration_s: float = DURATION_S) -> Trial:
     return Trial(plan, home / "runs", {}, Memory())
 
 
-# -- the scenarios ---------------------------------------------------------------------------------------------------------------
+# -- the scenarios ---------------------------------------------------------------------------------
 
 
 def failing_run(disk: Disk, home: Path, nth: int, error: int, again: int) -> dict[str, object]:
@@ -192,7 +202,9 @@ def _after(one: Trial, code: int | None) -> list[str]:
 
 
 def _account(one: Trial, code: int | None, *, was_sealed: bool) -> list[str]:
-    """Every row that was handed over is there, as it was, or its loss is told: by the exit code, the manifest, an event."""
+    """Every row that was handed over is there, as it was, or its loss is told: by the exit code,
+    the manifest, an event.
+    """
     assert one.folder is not None
     sealed, manifest = sealed_rows(one.folder), read_manifest(one.folder)
     samples = [list(row) for row in sealed["samples"]]
@@ -204,18 +216,31 @@ def _account(one: Trial, code: int | None, *, was_sealed: bool) -> list[str]:
     if samples[: one.acknowledged] != handed[: one.acknowledged]:
         wrong.append(f"I3: {one.acknowledged} rows were acknowledged, {len(samples)} are there")
     if missing and manifest.lost is None:
-        wrong.append(f"lost without a word: {missing} of {len(handed)} samples; exit status {manifest.exit_status}, code {code}")
+        wrong.append(
+            f"lost without a word: {missing} of {len(handed)} samples; exit status"
+            f" {manifest.exit_status}, code {code}"
+        )
     if missing and code not in (4, 5):
         wrong.append(f"{missing} samples are missing, and the exit code is {code}")
     if not was_sealed and code == 0:
         wrong.append("it was not sealed, and the exit code was 0")
     kinds = {str(row[5]) for row in sealed["events"]}
-    if missing and was_sealed and not kinds & set(TOLD) and "could not be kept" not in str(manifest.lost):
-        wrong.append(f"{missing} samples are missing, and nothing tells why: {sorted(kinds)}, {manifest.lost}")
+    if (
+        missing
+        and was_sealed
+        and not kinds & set(TOLD)
+        and "could not be kept" not in str(manifest.lost)
+    ):
+        wrong.append(
+            f"{missing} samples are missing, and nothing tells why: {sorted(kinds)},"
+            f" {manifest.lost}"
+        )
     if missing and manifest.lost is not None and manifest.lost.seconds_at_most is not None:
         seconds = (handed[-1][TIME] - (samples[-1][TIME] if samples else handed[0][TIME])) / 1e6
         if seconds > manifest.lost.seconds_at_most:
-            wrong.append(f"I3: {seconds:.1f} s are missing, {manifest.lost.seconds_at_most:g} s are admitted")
+            wrong.append(
+                f"I3: {seconds:.1f} s are missing, {manifest.lost.seconds_at_most:g} s are admitted"
+            )
     return wrong
 
 
@@ -271,7 +296,12 @@ SCENARIOS = {"run": failing_run, "recover": failing_recovery}
 
 
 def main() -> None:
-    scenario, home, error, again = sys.argv[1], Path(sys.argv[2]), getattr(errno, sys.argv[3]), int(sys.argv[4])
+    scenario, home, error, again = (
+        sys.argv[1],
+        Path(sys.argv[2]),
+        getattr(errno, sys.argv[3]),
+        int(sys.argv[4]),
+    )
     first, stride = int(sys.argv[5]), int(sys.argv[6])
     disk = Disk()
     run_record.seal_in_child = _seal  # a child process would take a second for it
@@ -282,8 +312,18 @@ def main() -> None:
     for nth in range(first, 100_000, stride):
         place = home / str(nth)
         shutil.copytree(home / "base", place) if scenario == "recover" else place.mkdir()
-        _, told = in_child(lambda place=place, nth=nth: SCENARIOS[scenario](disk, place, nth, error, again))
-        print(json.dumps({"nth": nth, **(told if isinstance(told, dict) else {"fired": 1, "wrong": [str(told)]})}), flush=True)
+        _, told = in_child(
+            lambda place=place, nth=nth: SCENARIOS[scenario](disk, place, nth, error, again)
+        )
+        print(
+            json.dumps(
+                {
+                    "nth": nth,
+                    **(told if isinstance(told, dict) else {"fired": 1, "wrong": [str(told)]}),
+                }
+            ),
+            flush=True,
+        )
         if isinstance(told, dict) and not told["wrong"]:
             shutil.rmtree(place)
         if isinstance(told, dict) and told["count"] < nth:

@@ -1,4 +1,6 @@
-"""Runs with a guard: started, stopped in the hardest ways, and what the virtual stations saw of it afterwards."""
+"""Runs with a guard: started, stopped in the hardest ways, and what the virtual stations saw of it
+afterwards.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from support.virtual.served_line import ServedLine
 
 TOOLS = 6  # of a served line
 TOLD_S = 5.0  # by then every tool has been made safe (docs/reference/faults.md, S-3)
-ON_THE_WIRE_S = 0.5  # what was written just before may still be under way to a station on a busy machine
+# what was written just before may still be under way to a station on a busy machine
+ON_THE_WIRE_S = 0.5
 GUARD = b"jbclog.guard"
 
 
@@ -100,21 +103,30 @@ class Blow:
 
 
 def told_after(line: ServedLine, began: float, blow: Blow) -> float:
-    """Assert that all that the run had written to when it was struck was told to be safe afterwards, and nothing else was
-    written any more; give the seconds until the last of them was told.
+    """Assert that all that the run had written to when it was struck was told to be safe
+    afterwards, and nothing else was written any more; give the seconds until the last of them was
+    told.
     """
     orders = line.orders(began)
     after = [order for order in orders if order.at > blow.at]
-    assert [order for order in after if not order.is_safe and order.at > blow.at + ON_THE_WIRE_S] == []
+    assert [
+        order for order in after if not order.is_safe and order.at > blow.at + ON_THE_WIRE_S
+    ] == []
     told = {}
     for order in reversed(after):
         if order.is_safe:
             told[order.station, order.port] = order.at - blow.at
     touched = {(order.station, order.port): order for order in orders if not order.is_safe}
     assert touched.keys() - told.keys() == set(), "never told to be safe"
-    assert [order for place, order in touched.items() if order.at - blow.at > told[place]] == [], "put to work again"
+    assert [order for place, order in touched.items() if order.at - blow.at > told[place]] == [], (
+        "put to work again"
+    )
     for station in {station for station, port in touched if port == 0}:
-        assert all(told[station, 0] < seconds for (name, port), seconds in told.items() if name == station and port)
+        assert all(
+            told[station, 0] < seconds
+            for (name, port), seconds in told.items()
+            if name == station and port
+        )
     assert max(told.values(), default=0.0) <= TOLD_S
     return max(told.values(), default=0.0)
 
@@ -126,5 +138,15 @@ def only_run(out: Path) -> Path:
 
 def guard_process(folder: Path) -> subprocess.Popen[bytes]:
     """A guard of this process, spoken to by hand."""
-    command = [sys.executable, "-P", "-m", "jbclog.guard", str(folder), "--recorder", str(os.getpid())]
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    command = [
+        sys.executable,
+        "-P",
+        "-m",
+        "jbclog.guard",
+        str(folder),
+        "--recorder",
+        str(os.getpid()),
+    ]
+    return subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )

@@ -1,4 +1,6 @@
-"""Texts made to do something where they are only to be shown: one table for every place that takes a text from outside."""
+"""Texts made to do something where they are only to be shown: one table for every place that takes
+a text from outside.
+"""
 
 from __future__ import annotations
 
@@ -59,8 +61,12 @@ HOSTILE = {
 }
 
 ALLOWED_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")
-MOVES = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
-"""Characters that move a cursor, turn the reading direction, hide or begin an escape; a line's end apart."""
+MOVES = re.compile(
+    "[\x00-\x09\x0b-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]"
+)
+"""Characters that move a cursor, turn the reading direction, hide or begin an escape; a line's end
+apart.
+"""
 
 
 def steers(text: str) -> list[str]:
@@ -68,11 +74,14 @@ def steers(text: str) -> list[str]:
     return sorted({ascii(sign) for sign in MOVES.findall(text)})
 
 
-BESIDE = ("tables/joints.csv", "tables/metrics.csv", "joints.parquet")  # files that a report writes beside its page
+# files that a report writes beside its page
+BESIDE = ("tables/joints.csv", "tables/metrics.csv", "joints.parquet")
 
 
 class Acting(HTMLParser):
-    """Collects what in a page could act: elements that load or run, handlers, addresses that are not of the page itself."""
+    """Collects what in a page could act: elements that load or run, handlers, addresses that are
+    not of the page itself.
+    """
 
     def __init__(self, html: str) -> None:
         super().__init__(convert_charrefs=True)
@@ -81,14 +90,28 @@ class Acting(HTMLParser):
         self.feed(html)
         for script in SCRIPTS:
             if "<script>" in self._elements and html.count(f"<script>{script}</script>") == 1:
-                self._elements.remove("<script>")  # the report's own, which its policy names by hash
+                # the report's own, which its policy names by hash
+                self._elements.remove("<script>")
         self.found += self._elements
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        if tag in ("script", "iframe", "object", "embed", "link", "form", "base", "svg", "math", "template"):
+        if tag in (
+            "script",
+            "iframe",
+            "object",
+            "embed",
+            "link",
+            "form",
+            "base",
+            "svg",
+            "math",
+            "template",
+        ):
             self._elements.append(f"<{tag}>")
         for name, value in attrs:
-            if name.startswith("on") or (name == "href" and not str(value).startswith("#") and value not in BESIDE):
+            if name.startswith("on") or (
+                name == "href" and not str(value).startswith("#") and value not in BESIDE
+            ):
                 self.found.append(f"{tag} {name}={value}")
             if name in ("src", "srcset") and not str(value).startswith("data:image/"):
                 self.found.append(f"{tag} {name}={value}")

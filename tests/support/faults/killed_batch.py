@@ -1,8 +1,9 @@
-"""`jbclog batch`, killed with SIGKILL at a chosen step: ``python tests/support faults.killed_batch STEP batch ...``.
+"""`jbclog batch`, killed with SIGKILL at a chosen step: ``python tests/support faults.killed_batch
+STEP batch ...``.
 
-A step is what the executor leaves behind or does to others: a statement of a transaction, a sync, a new folder, a rename, a
-process; it can be killed before each and after it. Nothing of this is in the product, and the jobs, which are processes of their
-own, do not know of it.
+A step is what the executor leaves behind or does to others: a statement of a transaction, a sync, a
+new folder, a rename, a process; it can be killed before each and after it. Nothing of this is in
+the product, and the jobs, which are processes of their own, do not know of it.
 """
 
 from __future__ import annotations
@@ -43,9 +44,13 @@ class Steps:
         if self._done == self._fatal:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    def _in_transaction(self, execute: Callable[..., sqlite3.Cursor]) -> Callable[..., sqlite3.Cursor]:
+    def _in_transaction(
+        self, execute: Callable[..., sqlite3.Cursor]
+    ) -> Callable[..., sqlite3.Cursor]:
         counting = self.counted(execute)
-        return lambda db, sql, *values: (execute if sql.startswith(("SELECT", "PRAGMA")) else counting)(db, sql, *values)
+        return lambda db, sql, *values: (
+            execute if sql.startswith(("SELECT", "PRAGMA")) else counting
+        )(db, sql, *values)
 
     def arm(self) -> None:
         Database.execute = self._in_transaction(Database.execute)  # type: ignore[method-assign]

@@ -1,6 +1,8 @@
-"""A publisher that kills itself (SIGKILL) at one of its commits: ``python tests/support faults.killed_publisher RUN STORE N WHEN``.
+"""A publisher that kills itself (SIGKILL) at one of its commits: ``python tests/support
+faults.killed_publisher RUN STORE N WHEN``.
 
-WHEN is ``before`` or ``after``: the commit is not made, or made and never answered. With N 0 it publishes to its end.
+WHEN is ``before`` or ``after``: the commit is not made, or made and never answered. With N 0 it
+publishes to its end.
 """
 
 from __future__ import annotations
@@ -19,7 +21,15 @@ COMMITS = 9
 
 
 def start(run: Path, store: Path, number: int = 0, when: str = "before") -> subprocess.Popen[str]:
-    command = [sys.executable, str(ROOT / "tests" / "support"), "faults.killed_publisher", str(run), str(store), str(number), when]
+    command = [
+        sys.executable,
+        str(ROOT / "tests" / "support"),
+        "faults.killed_publisher",
+        str(run),
+        str(store),
+        str(number),
+        when,
+    ]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 

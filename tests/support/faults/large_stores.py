@@ -1,4 +1,6 @@
-"""Live stores of valid batches that are larger than a recorder's, and serial captures that unpack to much."""
+"""Live stores of valid batches that are larger than a recorder's, and serial captures that unpack
+to much.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +26,13 @@ from support.records import few_rows
 T0: Final = 1_790_000_000
 TABLES: Final = """
 CREATE TABLE batch (
-  number INTEGER PRIMARY KEY, name TEXT NOT NULL, rows INTEGER NOT NULL, crc INTEGER NOT NULL, data BLOB NOT NULL
+  number INTEGER PRIMARY KEY, name TEXT NOT NULL, rows INTEGER NOT NULL, crc INTEGER NOT NULL,
+  data BLOB NOT NULL
 );
-CREATE TABLE note (kind TEXT NOT NULL, key TEXT NOT NULL, text TEXT NOT NULL, crc INTEGER NOT NULL, PRIMARY KEY (kind, key));
+CREATE TABLE note (
+  kind TEXT NOT NULL, key TEXT NOT NULL, text TEXT NOT NULL, crc INTEGER NOT NULL,
+  PRIMARY KEY (kind, key)
+);
 """
 
 
@@ -45,7 +51,9 @@ def samples(rows: int, first: int = 0) -> pa.RecordBatch:
         "status": pa.array(["working"]).take(pa.array(np.zeros(rows, dtype=np.int64))),
     }
     schema = BARE["samples"]
-    return pa.RecordBatch.from_arrays([known.get(f.name, pa.nulls(rows, f.type)) for f in schema], schema=schema)
+    return pa.RecordBatch.from_arrays(
+        [known.get(f.name, pa.nulls(rows, f.type)) for f in schema], schema=schema
+    )
 
 
 def packed(number: int, table: str, rows: pa.RecordBatch) -> Batch:
@@ -54,7 +62,9 @@ def packed(number: int, table: str, rows: pa.RecordBatch) -> Batch:
     with pa.ipc.new_stream(sink, rows.schema) as writer:
         writer.write_batch(rows)
     stream = sink.getvalue()
-    data = struct.pack("<I", stream.size) + bytes(pa.Codec("zstd", compression_level=1).compress(stream, asbytes=True))
+    data = struct.pack("<I", stream.size) + bytes(
+        pa.Codec("zstd", compression_level=1).compress(stream, asbytes=True)
+    )
     return Batch(number, table, rows.num_rows, data)
 
 
@@ -65,28 +75,55 @@ def write_store(path: Path, batches: Iterable[Batch], notes: dict[tuple[str, str
     with sqlite3.connect(path) as made:
         made.executescript(TABLES)
         made.executemany(
-            "INSERT INTO batch VALUES (?, ?, ?, ?, ?)", ((one.number, one.table, one.rows, one.crc, one.data) for one in batches)
+            "INSERT INTO batch VALUES (?, ?, ?, ?, ?)",
+            ((one.number, one.table, one.rows, one.crc, one.data) for one in batches),
         )
         made.executemany(
             "INSERT INTO note VALUES (?, ?, ?, ?)",
-            ((kind, key, text, zlib.crc32(f"{kind} {key} {text}".encode())) for (kind, key), text in notes.items()),
+            (
+                (kind, key, text, zlib.crc32(f"{kind} {key} {text}".encode()))
+                for (kind, key), text in notes.items()
+            ),
         )
     made.close()
 
 
-def crashed_run(out: Path, batches: Iterable[Batch], notes: dict[tuple[str, str], str] | None = None) -> Path:
+def crashed_run(
+    out: Path, batches: Iterable[Batch], notes: dict[tuple[str, str], str] | None = None
+) -> Path:
     """The folder of a run that crashed, with these batches in its live store."""
     folder = create_run(out, "bench", float(T0))
-    facts = replace(few_rows.facts(), period_s=0.1, signals=["temperature_c", "power_permille", "status"], first_tick=0)
-    write_manifest(folder, Manifest(folder.name, started=iso(T0 * 1_000_000), t0_utc=float(T0), t0_mono=0.0, stations=[facts]))
-    said = {(META, "schema"): "1", (META, "run"): folder.name, (FACTS, "a"): json.dumps(asdict(facts))}
+    facts = replace(
+        few_rows.facts(),
+        period_s=0.1,
+        signals=["temperature_c", "power_permille", "status"],
+        first_tick=0,
+    )
+    write_manifest(
+        folder,
+        Manifest(
+            folder.name,
+            started=iso(T0 * 1_000_000),
+            t0_utc=float(T0),
+            t0_mono=0.0,
+            stations=[facts],
+        ),
+    )
+    said = {
+        (META, "schema"): "1",
+        (META, "run"): folder.name,
+        (FACTS, "a"): json.dumps(asdict(facts)),
+    }
     write_store(folder / "live.sqlite", batches, said | (notes or {}))
     return folder
 
 
 def large_batches(count: int, rows: int) -> Iterator[Batch]:
     """So many batches of so many samples each."""
-    return (packed(number, "samples", samples(rows, (number - 1) * rows)) for number in range(1, count + 1))
+    return (
+        packed(number, "samples", samples(rows, (number - 1) * rows))
+        for number in range(1, count + 1)
+    )
 
 
 def small_batches(numbers: Iterable[int]) -> Iterator[Batch]:

@@ -1,4 +1,6 @@
-"""Files and streams made of good ones, as a fuzzer feeds them. The good ones, and what once broke something: tests/data/fuzz."""
+"""Files and streams made of good ones, as a fuzzer feeds them. The good ones, and what once broke
+something: tests/data/fuzz.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,21 @@ Rng = random.Random
 
 JUNK: tuple[Any, ...] = (
     *(None, True, False, 0, -1, 1, 2**31, 2**62, -(2**62), 0.5, -0.0, 1e18, 1e300),
-    *("", "x", "0", "-1", "١", "\n", "\t", "\x1b[2J", "\u202e", "\ud800", "../../x", "x" * 5000, "1970-01-01T00:00:00Z"),
+    *(
+        "",
+        "x",
+        "0",
+        "-1",
+        "١",
+        "\n",
+        "\t",
+        "\x1b[2J",
+        "\u202e",
+        "\ud800",
+        "../../x",
+        "x" * 5000,
+        "1970-01-01T00:00:00Z",
+    ),
     *([], [[]], {}, {"": {}}, [None], {"a": []}),
 )
 
@@ -28,7 +44,9 @@ def corpus(target: str) -> list[bytes]:
 
 def cases(seeds: Sequence[bytes], words: Sequence[bytes]) -> st.SearchStrategy[bytes]:
     """A seed with some alterations; `words` are what may come into it."""
-    return st.builds(lambda seed, rng, count: altered(seed, seeds, words, rng, count), *_random(seeds))
+    return st.builds(
+        lambda seed, rng, count: altered(seed, seeds, words, rng, count), *_random(seeds)
+    )
 
 
 def json_cases(seeds: Sequence[bytes]) -> st.SearchStrategy[bytes]:
@@ -36,12 +54,18 @@ def json_cases(seeds: Sequence[bytes]) -> st.SearchStrategy[bytes]:
     return st.builds(lambda seed, rng, count: _altered_json(seed, rng, count), *_random(seeds))
 
 
-def _random(seeds: Sequence[bytes]) -> tuple[st.SearchStrategy[bytes], st.SearchStrategy[Rng], st.SearchStrategy[int]]:
+def _random(
+    seeds: Sequence[bytes],
+) -> tuple[st.SearchStrategy[bytes], st.SearchStrategy[Rng], st.SearchStrategy[int]]:
     return st.sampled_from(list(seeds)), st.integers(0, 2**32).map(Rng), st.integers(0, 8)
 
 
-def altered(seed: bytes, seeds: Sequence[bytes], words: Sequence[bytes], rng: Rng, count: int) -> bytes:
-    """`seed` with `count` alterations: bits, bytes, words, lines, pieces of itself and of others."""
+def altered(
+    seed: bytes, seeds: Sequence[bytes], words: Sequence[bytes], rng: Rng, count: int
+) -> bytes:
+    """`seed` with `count` alterations: bits, bytes, words, lines, pieces of itself and of
+    others.
+    """
     data = bytearray(seed)
     for _ in range(count):
         place, size = rng.randrange(len(data) + 1), rng.choice((1, 1, 2, 4, 16, 200))
@@ -53,7 +77,9 @@ def altered(seed: bytes, seeds: Sequence[bytes], words: Sequence[bytes], rng: Rn
         elif what == 2:
             del data[place : place + size]
         elif what == 3:
-            data[place : place + rng.choice((0, size))] = rng.choice(words) if words else bytes(size)
+            data[place : place + rng.choice((0, size))] = (
+                rng.choice(words) if words else bytes(size)
+            )
         elif what == 4:
             other = rng.choice(seeds)
             start = rng.randrange(len(other) + 1)
@@ -81,7 +107,12 @@ def _altered_json(seed: bytes, rng: Rng, count: int) -> bytes:
     for _ in range(count):
         number = rng.randrange(len(lines))
         lines[number] = with_junk(lines[number], rng)
-    return "\n".join(json.dumps(line, ensure_ascii=rng.random() < 0.8) for line in lines).encode(errors="replace") + b"\n"
+    return (
+        "\n".join(json.dumps(line, ensure_ascii=rng.random() < 0.8) for line in lines).encode(
+            errors="replace"
+        )
+        + b"\n"
+    )
 
 
 def _trees(seed: bytes) -> list[Any]:

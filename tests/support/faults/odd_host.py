@@ -1,9 +1,10 @@
-"""jbclog on a host whose clocks do as they like: ``python tests/support faults.odd_host STEPS run ...``.
+"""jbclog on a host whose clocks do as they like:
+``python tests/support faults.odd_host STEPS run ...``.
 
-STEPS are words with commas between them. ``at=SECONDS`` is what the wall clock says when it is first looked at. Each SIGUSR1
-takes the next of the others: ``step=SECONDS`` steps the wall clock, as an operator or a time server would, ``sleep=SECONDS``
-suspends the machine for so long: both clocks go on, and nothing else did. Nothing of this is in the product: what it calls is
-patched.
+STEPS are words with commas between them. ``at=SECONDS`` is what the wall clock says when it is
+first looked at. Each SIGUSR1 takes the next of the others: ``step=SECONDS`` steps the wall clock,
+as an operator or a time server would, ``sleep=SECONDS`` suspends the machine for so long: both
+clocks go on, and nothing else did. Nothing of this is in the product: what it calls is patched.
 """
 
 from __future__ import annotations

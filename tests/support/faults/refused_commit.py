@@ -1,10 +1,13 @@
-"""Commits of a live store in which Python is refused memory at the Nth request and the next, for each N (a process of its own).
+"""Commits of a live store in which Python is refused memory at the Nth request and the next, for
+each N (a process of its own).
 
 ::
 
-    main_of(["", OUT, MANY, STEP])   # prints, as JSON, how many commits were tried, and what each table holds then
+    main_of(["", OUT, MANY, STEP])   # prints, as JSON, how many commits were tried, and what each
+    table holds then
 
-Rows are stored as JSON here: the Arrow library ends a process that refuses memory to it, which is the guard's to see to.
+Rows are stored as JSON here: the Arrow library ends a process that refuses memory to it, which is
+the guard's to see to.
 """
 
 from __future__ import annotations
@@ -65,7 +68,9 @@ def tables(folder: Path) -> dict[str, list[list[object]]]:
         stored = segment.get(number)
         assert stored is not None
         values, width = json.loads(stored.batch.data), len(BARE[stored.batch.table])
-        found.setdefault(stored.batch.table, []).extend(values[n : n + width] for n in range(0, len(values), width))
+        found.setdefault(stored.batch.table, []).extend(
+            values[n : n + width] for n in range(0, len(values), width)
+        )
     return found
 
 

@@ -1,7 +1,8 @@
-"""Refuses memory once, at each request in turn, to a part of the guard that must outlive it: ``refused_once.py PART FOLDER``.
+"""Refuses memory once, at each request in turn, to a part of the guard that must outlive it:
+``refused_once.py PART FOLDER``.
 
-Runs below `failing_alloc.c`. Prints the requests after which the part did not do its work; a part that waits for ever is ended by
-SIGALRM.
+Runs below `failing_alloc.c`. Prints the requests after which the part did not do its work; a part
+that waits for ever is ended by SIGALRM.
 """
 
 from __future__ import annotations
@@ -24,8 +25,11 @@ from jbclog.transport.cpu_limit import cpu_limit
 PATIENCE_S = 5
 SOON_S = 0.5
 EVERY_S = 0.002
-NUMBERS = [struct.pack("q", number) for number in range(1000)]  # made before: a test that is refused memory proves nothing
-LEASE = StationLease("dde-1", "/dev/null", 9600, "8N1", None, "dde", "DDE", "1", "sleep", (1,), False)
+# made before: a test that is refused memory proves nothing
+NUMBERS = [struct.pack("q", number) for number in range(1000)]
+LEASE = StationLease(
+    "dde-1", "/dev/null", 9600, "8N1", None, "dde", "DDE", "1", "sleep", (1,), False
+)
 
 
 class Refusals:
@@ -72,7 +76,10 @@ def limit(refusals: Refusals, nth: int, _: Path) -> bool:
     return True
 
 
-PARTS: dict[str, tuple[Callable[[Refusals, int, Path], bool], int]] = {"lease_writer": (lease_writer, 60), "limit": (limit, 40)}
+PARTS: dict[str, tuple[Callable[[Refusals, int, Path], bool], int]] = {
+    "lease_writer": (lease_writer, 60),
+    "limit": (limit, 40),
+}
 
 
 def main(part: str, folder: Path) -> None:

@@ -1,7 +1,8 @@
-"""A real S3 server (moto's) in a process of its own: ``python tests/support faults.s3_server PORT [ignore|refuse]``.
+"""A real S3 server (moto's) in a process of its own: ``python tests/support faults.s3_server PORT
+[ignore|refuse]``.
 
-It has conditional writes. With ``ignore`` it takes no notice of `If-None-Match`, with ``refuse`` it answers 501 to it, as servers
-without conditional writes do. `Server` starts one, with a bucket.
+It has conditional writes. With ``ignore`` it takes no notice of `If-None-Match`, with ``refuse`` it
+answers 501 to it, as servers without conditional writes do. `Server` starts one, with a bucket.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ CONDITION = "HTTP_IF_NONE_MATCH"
 
 @dataclass(frozen=True)
 class Server:
-    """A server that runs. While it is stopped, its connections are refused; it has its objects when it starts again."""
+    """A server that runs. While it is stopped, its connections are refused; it has its objects when
+    it starts again.
+    """
 
     port: int
     process: subprocess.Popen[bytes] | None = None
@@ -66,7 +69,9 @@ class Server:
         import boto3  # type: ignore[import-untyped]  # ships no types
 
         told = dict(zip(("aws_access_key_id", "aws_secret_access_key"), (KEY, SECRET), strict=True))
-        client = boto3.client("s3", endpoint_url=f"http://127.0.0.1:{self.port}", region_name="us-east-1", **told)
+        client = boto3.client(
+            "s3", endpoint_url=f"http://127.0.0.1:{self.port}", region_name="us-east-1", **told
+        )
         pages = client.get_paginator("list_objects_v2").paginate(Bucket=BUCKET)
         return [one["Key"] for page in pages for one in page.get("Contents", ())]
 
@@ -77,7 +82,9 @@ def serving(how: str = "", **environment: str) -> Iterator[Server]:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     command = [sys.executable, str(ROOT / "tests" / "support"), "faults.s3_server", str(port), how]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | environment)
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | environment
+    )
     try:
         _wait(port)
         request = urllib.request.Request(f"http://127.0.0.1:{port}/{BUCKET}", method="PUT")
@@ -109,7 +116,11 @@ def main(port: str, how: str = "") -> None:
         condition = environment.pop(CONDITION, None) if how else None
         if condition and how == "refuse":
             start("501 Not Implemented", [("Content-Type", "application/xml")])
-            return [b"<?xml version='1.0'?><Error><Code>NotImplemented</Code><Message>If-None-Match</Message></Error>"]
+            return [
+                b"<?xml"
+                b" version='1.0'?><Error>"
+                b"<Code>NotImplemented</Code><Message>If-None-Match</Message></Error>"
+            ]
         with one_by_one if CONDITION in environment else nullcontext():
             answer: Iterable[bytes] = serve(environment, start)
             return answer

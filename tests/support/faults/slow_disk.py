@@ -1,7 +1,9 @@
-"""jbclog on a disk that takes 1.5 s for each sync: ``python tests/support faults.slow_disk SECONDS run ...``.
+"""jbclog on a disk that takes 1.5 s for each sync:
+``python tests/support faults.slow_disk SECONDS run ...``.
 
-For SECONDS from the first commit on each commit and each sync waits so long, as the writer's thread would wait in fsync:
-without holding up any other thread by itself. Nothing of this is in the product: what it calls is patched.
+For SECONDS from the first commit on each commit and each sync waits so long, as the writer's thread
+would wait in fsync: without holding up any other thread by itself. Nothing of this is in the
+product: what it calls is patched.
 """
 
 from __future__ import annotations

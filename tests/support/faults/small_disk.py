@@ -13,10 +13,15 @@ import pytest
 
 @contextmanager
 def small_disk(place: Path, size: str) -> Iterator[Path]:
-    """Mount one of `size` (``3m``) at `place` while a `with` lasts; the test is skipped where that cannot be."""
+    """Mount one of `size` (``3m``) at `place` while a `with` lasts; the test is skipped where that
+    cannot be.
+    """
     place.mkdir()
     command = ["mount", "-t", "tmpfs", "-o", f"size={size}", "jbclog-test", str(place)]
-    if os.geteuid() != 0 or subprocess.run(command, capture_output=True, check=False).returncode != 0:
+    if (
+        os.geteuid() != 0
+        or subprocess.run(command, capture_output=True, check=False).returncode != 0
+    ):
         pytest.skip("needs root, to mount a small file system")
     try:
         yield place

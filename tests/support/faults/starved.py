@@ -1,4 +1,6 @@
-"""Runs whose recorder or guard is refused memory at a chosen request, while their tools are hot (`failing_alloc.c`)."""
+"""Runs whose recorder or guard is refused memory at a chosen request, while their tools are hot
+(`failing_alloc.c`).
+"""
 
 from __future__ import annotations
 
@@ -34,8 +36,8 @@ SOON_S = 30.0  # the run's end, and the guard's, on a busy machine
 DURATION_S = 5.0
 NO_THREAD = "cannot allocate memory for thread-local data: ABORT"
 ACCOUNT = re.compile(r"were due|are accounted for")
-"""What does not hold of a station whose session broke in the middle of a reading: the record says that it broke, and `check` what
-is missing."""
+"""What does not hold of a station whose session broke in the middle of a reading: the record says
+that it broke, and `check` what is missing."""
 
 
 class Page:
@@ -43,7 +45,9 @@ class Page:
 
     def __init__(self, folder: Path, pid: int) -> None:
         path = folder / str(pid)
-        assert until(lambda: path.exists() and path.stat().st_size == 32), f"process {pid} is not watched"
+        assert until(lambda: path.exists() and path.stat().st_size == 32), (
+            f"process {pid} is not watched"
+        )
         with path.open("r+b") as file:
             self._page = mmap.mmap(file.fileno(), 32)
 
@@ -63,7 +67,9 @@ class Page:
 
 @dataclass
 class Starving:
-    """One run of `line` below `home` in which `who` is refused request `nth` and the next, `many` in all."""
+    """One run of `line` below `home` in which `who` is refused request `nth` and the next, `many`
+    in all.
+    """
 
     line: ServedLine
     home: Path
@@ -75,7 +81,8 @@ class Starving:
     said: str = ""
     asked: int = 0
     refused: int = 0
-    safe_s: float = 0.0  # from the first moment at which memory could be refused until no tool was hot
+    # from the first moment at which memory could be refused until no tool was hot
+    safe_s: float = 0.0
 
     @property
     def out(self) -> Path:
@@ -93,7 +100,10 @@ class Starving:
         for port in self.line.tools():
             port.order(STANDING, False)
         with self._running() as run:
-            if not until(lambda: self.line.at_work() == TOOLS or run.poll() is not None, 60) or run.poll() is not None:
+            if (
+                not until(lambda: self.line.at_work() == TOOLS or run.poll() is not None, 60)
+                or run.poll() is not None
+            ):
                 return [f"it did not start: {run.communicate(timeout=60)[1]}"]
             guard = guard_that_is_there(run.pid)
             page = Page(self.home, run.pid if self.who == RECORDER else guard)
@@ -107,7 +117,14 @@ class Starving:
             self.asked, self.refused = page.asked - before, page.refused
             run.kill()
             self.said, self.code = run.communicate(timeout=SOON_S)[1], run.returncode
-        wrong = [] if safe else [f"hot {SOON_S:g} s later: {self.line.at_work()} tools, feeder {self.line.motor('ale-1')}"]
+        wrong = (
+            []
+            if safe
+            else [
+                f"hot {SOON_S:g} s later: {self.line.at_work()} tools, feeder"
+                f" {self.line.motor('ale-1')}"
+            ]
+        )
         wrong += [] if ended else ["it hung"]
         return [*wrong, *self._record(begin)]
 
@@ -124,10 +141,25 @@ class Starving:
             "FAILING_ALLOC_IN": WORD[self.who],
             "XDG_STATE_HOME": str(self.home / "state"),
         }
-        words = ["run", self.line.recipe, "--line", self.line.path, "--out", self.out, "--rate", "fit"]
+        words = [
+            "run",
+            self.line.recipe,
+            "--line",
+            self.line.path,
+            "--out",
+            self.out,
+            "--rate",
+            "fit",
+        ]
         words += ["-d", "1h" if self.who == TAKING_OVER else f"{DURATION_S:g}s"]
         command = [sys.executable, "-c", PROGRAM, *map(str, words)]
-        run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env={**os.environ, **more})
+        run = subprocess.Popen(
+            command,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, **more},
+        )
         try:
             yield run
         finally:
@@ -142,13 +174,19 @@ class Starving:
             recover(self.folder)
         except RecordError as error:
             return [f"not recovered: {error}"]
-        said = re.sub(r"^Exception ignored in.*?MemoryError: $", "", self.said, flags=re.S | re.M)  # which Python says by itself
-        said = re.sub(r"^<bound method \S+ of .*?^MemoryError$", "", said, flags=re.S | re.M)  # a beat that is done again soon
+        # which Python says by itself
+        said = re.sub(r"^Exception ignored in.*?MemoryError: $", "", self.said, flags=re.S | re.M)
+        # a beat that is done again soon
+        said = re.sub(r"^<bound method \S+ of .*?^MemoryError$", "", said, flags=re.S | re.M)
         code = -signal.SIGABRT if NO_THREAD in said else self.code or 0  # as the C library ends it
         found = violations(self.folder, heard_in(self.line.log, begin), ended=Ended(code, said))
         manifest = read_manifest(self.folder)
         broken = [facts.name for facts in manifest.stations if "internal error" in facts.reason]
-        wrong = [text for text in found if not any(name in text and ACCOUNT.search(text) for name in broken)]
+        wrong = [
+            text
+            for text in found
+            if not any(name in text and ACCOUNT.search(text) for name in broken)
+        ]
         if (self.folder / lease.NAME).exists():
             wrong.append("a lease is open")
         if self.code not in (0, 1, 3, 4, 5) and manifest.exit_status == "success":

@@ -1,7 +1,9 @@
-"""A fleet over years, simulated hour by hour, and what an audit would have read of it; the truth is kept beside.
+"""A fleet over years, simulated hour by hour, and what an audit would have read of it; the truth is
+kept beside.
 
-Two models that share no pattern: `SHIFTS` (tuned against) works in shifts with products that change, holidays and noise;
-`BATCHES` (never tuned against) is idle for days and then works through orders, around the clock or not at all.
+Two models that share no pattern: `SHIFTS` (tuned against) works in shifts with products that
+change, holidays and noise; `BATCHES` (never tuned against) is idle for days and then works through
+orders, around the clock or not at all.
 """
 
 from __future__ import annotations
@@ -20,7 +22,15 @@ from jbclog.maintenance.counter_totals.observed import Count, Fact, Identity, Ob
 Hours = NDArray[np.float64]
 BEGIN = datetime(2024, 1, 1, tzinfo=UTC)
 YEAR = 365 * 24
-SOLDERING = ("plugged_h", "no_tool_h", "sleep_h", "hibernation_h", "work_h", "sleep_cycles", "desolder_cycles")
+SOLDERING = (
+    "plugged_h",
+    "no_tool_h",
+    "sleep_h",
+    "hibernation_h",
+    "work_h",
+    "sleep_cycles",
+    "desolder_cycles",
+)
 COUNTERS = {
     "dde": SOLDERING,
     "ucr": SOLDERING,
@@ -34,12 +44,14 @@ def iso(hour: float) -> str:
     return (BEGIN + timedelta(hours=hour)).isoformat()
 
 
-# -- how a port is used, hour by hour -------------------------------------------------------------------------------------------
+# -- how a port is used, hour by hour --------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Used:
-    """Of each hour: the share that the station is on, of that the share that it works, and how fast it makes joints (an hour)."""
+    """Of each hour: the share that the station is on, of that the share that it works, and how fast
+    it makes joints (an hour).
+    """
 
     on: Hours
     work: Hours
@@ -47,7 +59,9 @@ class Used:
     mm: Hours
 
 
-def _steps(rng: np.random.Generator, hours: int, weeks: tuple[float, float], draw: Callable[[], float]) -> Hours:
+def _steps(
+    rng: np.random.Generator, hours: int, weeks: tuple[float, float], draw: Callable[[], float]
+) -> Hours:
     """A level that changes every few weeks: a product."""
     level = np.empty(hours)
     at = 0
@@ -59,16 +73,29 @@ def _steps(rng: np.random.Generator, hours: int, weeks: tuple[float, float], dra
 
 
 def shifts(rng: np.random.Generator, hours: int) -> Used:
-    """Shifts on weekdays, holidays in summer and at the end of the year, products that change, days that differ."""
+    """Shifts on weekdays, holidays in summer and at the end of the year, products that change, days
+    that differ.
+    """
     hour = np.arange(hours)
     day, of_day = hour // 24, hour % 24
     weekday, of_year = day % 7, day % 365  # 2024-01-01 is a Monday
     begin, length = {1: (6, 8), 2: (6, 16), 3: (0, 24)}[int(rng.choice([1, 1, 2, 3]))]
     weekend = rng.choice([0.0, 0.0, 0.3])
-    days = np.where(np.arange(hours // 24 + 2) % 7 < 5, 1.0, weekend) * (rng.random(hours // 24 + 2) > 0.02)
+    days = np.where(np.arange(hours // 24 + 2) % 7 < 5, 1.0, weekend) * (
+        rng.random(hours // 24 + 2) > 0.02
+    )
     summer = int(rng.integers(190, 230))
-    holiday = (of_year >= 358) | (of_year < 2) | ((of_year >= summer) & (of_year < summer + 14) & bool(rng.random() < 0.7))
-    on = ((of_day >= begin) & (of_day < begin + length)) * np.where(weekday < 5, 1.0, days[day] > 0) * (days[day] > 0) * ~holiday
+    holiday = (
+        (of_year >= 358)
+        | (of_year < 2)
+        | ((of_year >= summer) & (of_year < summer + 14) & bool(rng.random() < 0.7))
+    )
+    on = (
+        ((of_day >= begin) & (of_day < begin + length))
+        * np.where(weekday < 5, 1.0, days[day] > 0)
+        * (days[day] > 0)
+        * ~holiday
+    )
     share = _steps(rng, hours, (2, 10), lambda: float(np.clip(rng.normal(0.55, 0.15), 0.15, 0.95)))
     noise = rng.gamma(12, 1 / 12, hours // 24 + 2)[day]
     joints = _steps(rng, hours, (2, 10), lambda: float(rng.uniform(80, 350)))
@@ -77,7 +104,9 @@ def shifts(rng: np.random.Generator, hours: int) -> Used:
 
 
 def batches(rng: np.random.Generator, hours: int) -> Used:
-    """Orders that come when they come, last for days, and are worked through by day or by day and night."""
+    """Orders that come when they come, last for days, and are worked through by day or by day and
+    night.
+    """
     on, work, joints, mm = (np.zeros(hours) for _ in range(4))
     at = 0
     while at < hours:
@@ -85,7 +114,11 @@ def batches(rng: np.random.Generator, hours: int) -> Used:
         stop = min(hours, at + length)
         of_day = np.arange(at, stop) % 24
         on[at:stop] = 1.0 if rng.random() < 0.3 else (of_day >= 7) & (of_day < 18)
-        work[at:stop], joints[at:stop], mm[at:stop] = rng.uniform(0.3, 0.9), rng.uniform(50, 500), rng.uniform(3, 8)
+        work[at:stop], joints[at:stop], mm[at:stop] = (
+            rng.uniform(0.3, 0.9),
+            rng.uniform(50, 500),
+            rng.uniform(3, 8),
+        )
         at = stop + pause
     return Used(on, work, joints, mm)
 
@@ -113,15 +146,21 @@ def _grown(used: Used, rng: np.random.Generator) -> dict[str, Hours]:
         "dispensed_cycles": rng.poisson(work * used.joints),
     }
     each["dispensed_mm"] = np.round(each["dispensed_cycles"] * used.mm, 1)
-    return {name: np.concatenate([[0.0], np.cumsum(one)]) for name, one in each.items() if len(one) == hours}
+    return {
+        name: np.concatenate([[0.0], np.cumsum(one)])
+        for name, one in each.items()
+        if len(one) == hours
+    }
 
 
-# -- a station ------------------------------------------------------------------------------------------------------------------
+# -- a station -------------------------------------------------------------------------------------
 
 
 @dataclass
 class Unit:
-    """A box that stands on the bench from `hour` on: what each counter showed then is `offset` beyond what really was worked."""
+    """A box that stands on the bench from `hour` on: what each counter showed then is `offset`
+    beyond what really was worked.
+    """
 
     hour: float
     model: str
@@ -146,13 +185,17 @@ class SimStation:
         """What really was worked from the beginning to `hour`."""
         grown = self.grown[key]
         whole = int(hour)
-        value = float(grown[whole] + (grown[min(whole + 1, len(grown) - 1)] - grown[whole]) * (hour - whole))
+        value = float(
+            grown[whole] + (grown[min(whole + 1, len(grown) - 1)] - grown[whole]) * (hour - whole)
+        )
         return (
             value
             if key[1].endswith("_h")
-            else math.floor(value * 10 + 1e-6) / 10
-            if key[1] == "dispensed_mm"
-            else math.floor(value)
+            else (
+                math.floor(value * 10 + 1e-6) / 10
+                if key[1] == "dispensed_mm"
+                else math.floor(value)
+            )
         )
 
     def when(self, key: tuple[int, str], amount: float) -> float:
@@ -168,7 +211,10 @@ class SimStation:
 
     def shown(self, key: tuple[int, str], hour: float) -> float:
         """What the station shows."""
-        value, modulus = self.true(key, hour) + self.unit(hour).offset[key], MODULUS.get(key[1], 100_000)
+        value, modulus = (
+            self.true(key, hour) + self.unit(hour).offset[key],
+            MODULUS.get(key[1], 100_000),
+        )
         if key[1] == "dispensed_mm":
             return round(math.floor(value * 10 + 1e-6) / 10 % modulus, 1)
         return float(math.floor(value + 1e-9) % modulus)
@@ -210,7 +256,9 @@ class Fleet:
     # -- what happens to it
 
     def _stand(self, station: SimStation, rng: np.random.Generator) -> None:
-        station.units = [Unit(0.0, station.family.upper(), "100", self._used_before(station, rng, 0.0))]
+        station.units = [
+            Unit(0.0, station.family.upper(), "100", self._used_before(station, rng, 0.0))
+        ]
         for hour, what in self._happenings(rng):
             before = station.units[-1]
             if what == "reset":
@@ -227,15 +275,28 @@ class Fleet:
                 station.facts.append(Fact(said, said, "A. Rossi", "line", station.name, REPLACED))
 
     def _happenings(self, rng: np.random.Generator) -> list[tuple[float, str]]:
-        rates = {"reset": self.resets, "swap": self.swaps, "silent swap": self.silent_swaps, "update": self.updates}
+        rates = {
+            "reset": self.resets,
+            "swap": self.swaps,
+            "silent swap": self.silent_swaps,
+            "update": self.updates,
+        }
         hours = self.years * YEAR
-        return sorted((float(rng.uniform(0, hours)), what) for what, a in rates.items() for _ in range(rng.poisson(a * self.years)))
+        return sorted(
+            (float(rng.uniform(0, hours)), what)
+            for what, a in rates.items()
+            for _ in range(rng.poisson(a * self.years))
+        )
 
     def _from_zero(self, station: SimStation, hour: float) -> dict[tuple[int, str], float]:
         return {key: -station.true(key, hour) for key in station.grown}
 
-    def _used_before(self, station: SimStation, rng: np.random.Generator, hour: float) -> dict[tuple[int, str], float]:
-        """The counters of a box that comes from elsewhere: of a new one, of one that was used, of one about to roll over."""
+    def _used_before(
+        self, station: SimStation, rng: np.random.Generator, hour: float
+    ) -> dict[tuple[int, str], float]:
+        """The counters of a box that comes from elsewhere: of a new one, of one that was used, of
+        one about to roll over.
+        """
         age = 0.0 if rng.random() < 0.15 else rng.uniform(200, 20_000)
         near = rng.random() < self.near_top
         had = {}
@@ -244,7 +305,9 @@ class Fleet:
             top = MODULUS.get(key[1], 100_000)
             start = age * share if key[1].endswith("_h") else rng.uniform(0, top) * bool(age)
             showed = top - rng.uniform(5, 500) if near and rng.random() < 0.4 else start
-            had[key] = (showed if key[1].endswith("_h") else math.floor(showed)) - station.true(key, hour)
+            had[key] = (showed if key[1].endswith("_h") else math.floor(showed)) - station.true(
+                key, hour
+            )
         return had
 
     # -- how it is looked at
@@ -269,21 +332,47 @@ class Fleet:
     def _wrong_clocks(self, rng: np.random.Generator) -> list[tuple[float, float, float]]:
         """From, to, by how many hours: for an audit or some, back or on."""
         begins = rng.uniform(0, self.years * YEAR, rng.poisson(self.clocks * self.years))
-        return [(b, b + self.every_h * rng.integers(1, 4), float(rng.choice([-400, -30, -3, 3, 30, 4000]))) for b in begins]
+        return [
+            (
+                b,
+                b + self.every_h * rng.integers(1, 4),
+                float(rng.choice([-400, -30, -3, 3, 30, 4000])),
+            )
+            for b in begins
+        ]
 
-    def _observation(self, station: SimStation, at: float, clock: float, rng: np.random.Generator) -> Observation:
+    def _observation(
+        self, station: SimStation, at: float, clock: float, rng: np.random.Generator
+    ) -> Observation:
         unit = station.unit(at)
         counts = tuple(self._count(station, key, at, rng) for key in station.grown)
         who = Identity(station.family, unit.model, unit.software)
-        return Observation(iso(clock), iso(clock), "line", station.name, "loop://", True, identity=who, counts=counts)
+        return Observation(
+            iso(clock),
+            iso(clock),
+            "line",
+            station.name,
+            "loop://",
+            True,
+            identity=who,
+            counts=counts,
+        )
 
-    def _count(self, station: SimStation, key: tuple[int, str], at: float, rng: np.random.Generator) -> Count:
+    def _count(
+        self, station: SimStation, key: tuple[int, str], at: float, rng: np.random.Generator
+    ) -> Count:
         value, luck = station.shown(key, at), rng.random()
         unit = {"h": "h", "mm": "mm"}.get(key[1].rpartition("_")[2], "count")
         if luck < self.unread:
             return Count(*key, unit, None, Standing.UNREAD, why="timeout")
         if luck < self.unread + self.moving:
-            return Count(*key, unit, None, Standing.MOVING, tuple(station.shown(key, at + late / 600) for late in range(3)))
+            return Count(
+                *key,
+                unit,
+                None,
+                Standing.MOVING,
+                tuple(station.shown(key, at + late / 600) for late in range(3)),
+            )
         if (
             luck < self.unread + self.moving + self.misread and unit == "h"
         ):  # a wrong digit that counts of events may hide for a day

@@ -1,4 +1,6 @@
-"""How right the audit is of a simulated fleet: its odometers against the truth, its due ranges against when it was really due."""
+"""How right the audit is of a simulated fleet: its odometers against the truth, its due ranges
+against when it was really due.
+"""
 
 from __future__ import annotations
 
@@ -38,7 +40,7 @@ def history_of(station: SimStation, looks: int | None = None) -> History:
     return History("line", station.name, station.seen[:looks], station.facts)
 
 
-# -- the odometer ---------------------------------------------------------------------------------------------------------------
+# -- the odometer ----------------------------------------------------------------------------------
 
 
 @dataclass
@@ -52,9 +54,11 @@ class OdometerScore:
     def __str__(self) -> str:
         known, flagged = self.steps["known"], self.steps["flagged"]
         return (
-            f"{known + flagged} differences: {known} known, {self.steps['wrong']} of them wrong; {flagged} flagged, "
-            f"{self.steps['outside']} of them outside their bounds; {self.sums['known']} sums known, {self.sums['wrong']} of them "
-            f"wrong or wider than two readings; {self.sums['flagged']} flagged, {self.sums['outside']} outside their bounds"
+            f"{known + flagged} differences: {known} known, {self.steps['wrong']} of them wrong;"
+            f" {flagged} flagged, {self.steps['outside']} of them outside their bounds;"
+            f" {self.sums['known']} sums known, {self.sums['wrong']} of them wrong or wider than"
+            f" two readings; {self.sums['flagged']} flagged, {self.sums['outside']} outside their"
+            " bounds"
         )
 
 
@@ -79,7 +83,8 @@ def _differences(score: OdometerScore, station: SimStation, trace: Trace) -> Non
     for place, one in enumerate(trace.differences):
         truth = _truth(station, trace, place, place + 1)
         is_in = one.delta.low - NEAR <= truth <= one.delta.high + NEAR
-        is_narrow = not one.is_known or one.delta.width <= 2 * trace.step + 30 + NEAR  # of one that moved while it was read
+        # of one that moved while it was read
+        is_narrow = not one.is_known or one.delta.width <= 2 * trace.step + 30 + NEAR
         score.steps["known" if one.is_known else "flagged"] += 1
         if not is_in or not is_narrow:
             score.steps["wrong" if one.is_known else "outside"] += 1
@@ -89,7 +94,9 @@ def _differences(score: OdometerScore, station: SimStation, trace: Trace) -> Non
 
 def _sum(score: OdometerScore, station: SimStation, trace: Trace) -> None:
     odometer, last = trace.counter_total, len(trace.points) - 1
-    is_in = odometer.total.low - NEAR <= _truth(station, trace, 0, last) <= odometer.total.high + NEAR
+    is_in = (
+        odometer.total.low - NEAR <= _truth(station, trace, 0, last) <= odometer.total.high + NEAR
+    )
     score.sums["known" if odometer.is_known else "flagged"] += 1
     moved = sum(trace.points[place].shown.width for place in (0, last))
     is_narrow = not odometer.is_known or odometer.total.width <= 2 * trace.step + moved + NEAR
@@ -97,13 +104,14 @@ def _sum(score: OdometerScore, station: SimStation, trace: Trace) -> None:
         score.sums["wrong" if odometer.is_known else "outside"] += 1
 
 
-# -- due ranges -----------------------------------------------------------------------------------------------------------------
+# -- due ranges ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Foretold:
-    """One forecast: when it is really due, the range that is told (hours; infinite beyond the horizon), that of a constant pace,
-    and what the constants of the first release told (`FORMER`)."""
+    """One forecast: when it is really due, the range that is told (hours; infinite beyond the
+    horizon), that of a constant pace, and what the constants of the first release told
+    (`FORMER`)."""
 
     due: float
     low: float
@@ -118,7 +126,9 @@ class Foretold:
 
 @dataclass
 class DueScore:
-    """The forecasts of a fleet. Harmful is what is due before P10: the part is worn while the page says that there is time."""
+    """The forecasts of a fleet. Harmful is what is due before P10: the part is worn while the page
+    says that there is time.
+    """
 
     all: list[Foretold] = field(default_factory=list)
 
@@ -145,14 +155,17 @@ class DueScore:
             f"{name} {100 * np.mean([low <= due <= high for due, low, high in told]):.1f} % "
             f"at {np.median([(high - low) / 24 for _, low, high in told]):.1f} days"
             for name, told in (
-                ("the first release's constants held", [(one.due, *one.former) for one in self.all]),
+                (
+                    "the first release's constants held",
+                    [(one.due, *one.former) for one in self.all],
+                ),
                 ("a constant pace", [(one.due, *one.constant) for one in self.all]),
             )
         )
         return (
-            f"{len(self.all)} forecasts: P10 to P90 held {100 * self.held:.1f} % at a median width of {self.width_days:.1f} days; "
-            f"{100 * self.before:.1f} % were due before P10, {100 * self.after:.1f} % after P90; "
-            f"{others}"
+            f"{len(self.all)} forecasts: P10 to P90 held {100 * self.held:.1f} % at a median width"
+            f" of {self.width_days:.1f} days; {100 * self.before:.1f} % were due before P10,"
+            f" {100 * self.after:.1f} % after P90; {others}"
         )
 
 
@@ -172,21 +185,35 @@ class Watched(Protocol):
 def due_score(fleet: Fleet, seed: int, stations: int, looks_each: int = 8) -> DueScore:
     """At looks spread over the stations' time, each with only what the ledger had by then."""
     fleet = replace(fleet, truth_years=TRUTH_YEARS, clocks=0.0)
-    return due_score_of((fleet.station(seed, number) for number in range(stations)), BEGIN, seed, looks_each)
+    return due_score_of(
+        (fleet.station(seed, number) for number in range(stations)), BEGIN, seed, looks_each
+    )
 
 
-def due_score_of(stations: Iterable[Watched], begin: datetime, seed: int, looks_each: int = 8) -> DueScore:
+def due_score_of(
+    stations: Iterable[Watched], begin: datetime, seed: int, looks_each: int = 8
+) -> DueScore:
     """The same of any stations, whose hours count from `begin` on."""
     score = DueScore()
     for number, station in enumerate(stations):
         rng = np.random.default_rng([seed, number, 7])
-        lives = {key: math.exp(rng.uniform(*np.log(LIVES[key[1]]))) for key in station.grown if key[1] in LIVES}
-        for look in sorted(rng.choice(range(3, len(station.seen)), min(looks_each, len(station.seen) - 3), replace=False)):
+        lives = {
+            key: math.exp(rng.uniform(*np.log(LIVES[key[1]])))
+            for key in station.grown
+            if key[1] in LIVES
+        }
+        for look in sorted(
+            rng.choice(
+                range(3, len(station.seen)), min(looks_each, len(station.seen) - 3), replace=False
+            )
+        ):
             score.all += _forecasts(station, int(look), lives, begin, seed)
     return score
 
 
-def _forecasts(station: Watched, look: int, lives: dict[tuple[int, str], float], zero: datetime, seed: int) -> Iterator[Foretold]:
+def _forecasts(
+    station: Watched, look: int, lives: dict[tuple[int, str], float], zero: datetime, seed: int
+) -> Iterator[Foretold]:
     now = station.moments[look]
     history = History("line", station.name, station.seen[: look + 1], station.facts)
     for key, trace in traces_of(history).now.items():
@@ -199,15 +226,21 @@ def _forecasts(station: Watched, look: int, lives: dict[tuple[int, str], float],
             yield from _forecast(trace, lives[key], (done, now, due), zero, now - begin)
 
 
-def _last_done(station: Watched, key: tuple[int, str], life: float, begin: float, now: float, seed: int) -> float:
+def _last_done(
+    station: Watched, key: tuple[int, str], life: float, begin: float, now: float, seed: int
+) -> float:
     """When the task was done last: each time when 60 to 100 % of its life was used."""
     rng, done = np.random.default_rng([seed, key[0], len(key[1])]), begin
-    while (after := station.when(key, station.true(key, done) + life * rng.uniform(0.6, 1.0))) <= now:
+    while (
+        after := station.when(key, station.true(key, done) + life * rng.uniform(0.6, 1.0))
+    ) <= now:
         done = after
     return done
 
 
-def _forecast(trace: Trace, life: float, at: tuple[float, float, float], zero: datetime, watched: float) -> Iterator[Foretold]:
+def _forecast(
+    trace: Trace, life: float, at: tuple[float, float, float], zero: datetime, watched: float
+) -> Iterator[Foretold]:
     done, now, due = at
     used = used_since(trace, (zero + timedelta(hours=done)).isoformat())
     found = foresee([trace], life, used)

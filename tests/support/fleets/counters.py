@@ -1,4 +1,6 @@
-"""Counters' differences and looks at stations, made without a ledger: what a test says was read is what was read."""
+"""Counters' differences and looks at stations, made without a ledger: what a test says was read is
+what was read.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,18 @@ def between(
     plain = DifferenceKind.NORMAL if grown else DifferenceKind.ZERO
     found = delta or Interval(max(grown - fine, 0.0), grown + fine)
     times = ago(before[0]), ago(after[0])
-    return Difference(port, counter, *times, before[1], after[1], kind or plain, rule, text, found, found.width <= 2)
+    return Difference(
+        port,
+        counter,
+        *times,
+        before[1],
+        after[1],
+        kind or plain,
+        rule,
+        text,
+        found,
+        found.width <= 2,
+    )
 
 
 def look(

@@ -1,9 +1,12 @@
-"""Stations over years, day by day, whose units are exchanged without a word; what looks read of them, and the truth beside.
+"""Stations over years, day by day, whose units are exchanged without a word; what looks read of
+them, and the truth beside.
 
-Written apart from `audit_fleet.py`, with other habits. Two models: `workshop` (what the rules were worked out against) has one or
-two shifts, short Fridays, shutdowns in summer and winter, a season, short time; `contract` (never looked into before it was
-counted) has lines that run day and night for a customer, stop for a lunar new year, double or halve their demand, stand in store
-for months. A unit that comes can show anything: nothing, a little, what its twin shows, a life's work, nearly its last number.
+Written apart from `audit_fleet.py`, with other habits. Two models: `workshop` (what the rules were
+worked out against) has one or two shifts, short Fridays, shutdowns in summer and winter, a season,
+short time; `contract` (never looked into before it was counted) has lines that run day and night
+for a customer, stop for a lunar new year, double or halve their demand, stand in store for months.
+A unit that comes can show anything: nothing, a little, what its twin shows, a life's work, nearly
+its last number.
 """
 
 from __future__ import annotations
@@ -31,22 +34,35 @@ FAMILIES: Final = {
     "ale": (1, (*HOURS, "sleep_cycles", "dispensed_cycles", "dispensed_mm")),
     "jtse": (1, ("on_h", "work_h", "tool_cycles", "suction_cycles")),
 }
-LAST: Final = {"dispensed_mm": 16**5 / 10 - 0.1}  # the greatest number that is shown; 99 999 of all others
+# the greatest number that is shown; 99 999 of all others
+LAST: Final = {"dispensed_mm": 16**5 / 10 - 0.1}
 STEP: Final = {"dispensed_mm": 0.1}
-LIVES: Final = {"new": 0.0, "tested": 10.0, "little": 500.0, "used": 30_000.0, "twin": 20_000.0, "mixed": 400.0, "late": 99_900.0}
-"""Hours that a unit has behind it at most when it comes. "mixed": its board had few hours, and counts of any number."""
+LIVES: Final = {
+    "new": 0.0,
+    "tested": 10.0,
+    "little": 500.0,
+    "used": 30_000.0,
+    "twin": 20_000.0,
+    "mixed": 400.0,
+    "late": 99_900.0,
+}
+"""Hours that a unit has behind it at most when it comes. "mixed": its board had few hours, and
+counts of any number.
+"""
 
 
 def iso(hour: float) -> str:
     return (BEGIN + timedelta(hours=hour)).isoformat()
 
 
-# -- what is worked at a place, day by day ---------------------------------------------------------------------------------------
+# -- what is worked at a place, day by day ---------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Days:
-    """Of each day: the hour at which the station is switched on, for how long, and how much there is to do (1 is usual)."""
+    """Of each day: the hour at which the station is switched on, for how long, and how much there
+    is to do (1 is usual).
+    """
 
     on_at: Numbers
     hours: Numbers
@@ -60,36 +76,60 @@ def workshop(rng: np.random.Generator, days: int) -> Days:
     day = np.arange(days)
     weekday, of_year = day % 7, (day + 36) % 365
     shift = float(rng.choice([8.0, 8.5, 10.0, 16.0]))
-    hours = np.where(weekday < 4, shift, np.where(weekday == 4, shift * float(rng.choice([0.6, 1.0])), 0.0))
-    hours = np.where((weekday == 5) & (rng.random(days) < float(rng.choice([0.0, 0.0, 0.3]))), 5.0, hours)
+    hours = np.where(
+        weekday < 4, shift, np.where(weekday == 4, shift * float(rng.choice([0.6, 1.0])), 0.0)
+    )
+    hours = np.where(
+        (weekday == 5) & (rng.random(days) < float(rng.choice([0.0, 0.0, 0.3]))), 5.0, hours
+    )
     summer, weeks = int(rng.integers(195, 225)), int(rng.choice([0, 2, 3, 4]))
     shut = (of_year >= 357) | (of_year < 6) | ((of_year >= summer) & (of_year < summer + 7 * weeks))
     shut |= rng.random(days) < 0.025
-    season = 1 + float(rng.uniform(0, 0.5)) * np.sin(2 * math.pi * (of_year - float(rng.uniform(0, 365))) / 365)
-    return Days(np.full(days, 6.0), np.where(shut, 0.0, hours), season * _spells(rng, days, (30, 150), lambda: _job(rng)))
+    season = 1 + float(rng.uniform(0, 0.5)) * np.sin(
+        2 * math.pi * (of_year - float(rng.uniform(0, 365))) / 365
+    )
+    return Days(
+        np.full(days, 6.0),
+        np.where(shut, 0.0, hours),
+        season * _spells(rng, days, (30, 150), lambda: _job(rng)),
+    )
 
 
 def _job(rng: np.random.Generator) -> float:
     """How much there is to do for some weeks; one in eight times it is short time."""
-    return float(rng.uniform(0.2, 0.5)) if rng.random() < 0.125 else float(np.clip(rng.normal(1, 0.2), 0.4, 1.6))
+    return (
+        float(rng.uniform(0.2, 0.5))
+        if rng.random() < 0.125
+        else float(np.clip(rng.normal(1, 0.2), 0.4, 1.6))
+    )
 
 
 def contract(rng: np.random.Generator, days: int) -> Days:
     day = np.arange(days)
     around = bool(rng.random() < 0.4)
     rest = np.isin(day % 7, rng.choice(7, int(rng.choice([1, 2])), replace=False)) & ~around
-    hours = np.where(rest, 0.0, _spells(rng, days, (60, 200), lambda: float(rng.choice([24.0] if around else [9.0, 11.0, 18.0]))))
+    hours = np.where(
+        rest,
+        0.0,
+        _spells(
+            rng, days, (60, 200), lambda: float(rng.choice([24.0] if around else [9.0, 11.0, 18.0]))
+        ),
+    )
     new_year = int(rng.integers(20, 50))
     for year in range(days // 365 + 1):
         begin = year * 365 + new_year + int(rng.integers(-12, 12))
         hours[max(begin, 0) : begin + int(rng.integers(7, 18))] = 0
     hours[_stops(rng, days, 0.4, (30, 120))] = 0  # in store
     hours[_stops(rng, days, 3.0, (1, 5))] = 0  # no material
-    load = np.exp(np.cumsum(rng.normal(0, 0.1, days // 14 + 1)) * 0.7)[day // 14] * rng.lognormal(0, 0.25, days)
+    load = np.exp(np.cumsum(rng.normal(0, 0.1, days // 14 + 1)) * 0.7)[day // 14] * rng.lognormal(
+        0, 0.25, days
+    )
     return Days(np.where(hours > 20, 0.0, 5.5), hours, load / np.median(load))
 
 
-def _spells(rng: np.random.Generator, days: int, lasts: tuple[int, int], draw: Callable[[], float]) -> Numbers:
+def _spells(
+    rng: np.random.Generator, days: int, lasts: tuple[int, int], draw: Callable[[], float]
+) -> Numbers:
     level, at = np.empty(days), 0
     while at < days:
         length = int(rng.integers(*lasts))
@@ -98,7 +138,9 @@ def _spells(rng: np.random.Generator, days: int, lasts: tuple[int, int], draw: C
     return level
 
 
-def _stops(rng: np.random.Generator, days: int, a_year: float, lasts: tuple[int, int]) -> NDArray[np.bool_]:
+def _stops(
+    rng: np.random.Generator, days: int, a_year: float, lasts: tuple[int, int]
+) -> NDArray[np.bool_]:
     stopped = np.zeros(days, bool)
     for begin in rng.integers(0, days, rng.poisson(a_year * days / 365)):
         stopped[begin : begin + int(rng.integers(*lasts))] = True
@@ -106,7 +148,9 @@ def _stops(rng: np.random.Generator, days: int, a_year: float, lasts: tuple[int,
 
 
 def _grown(days: Days, rng: np.random.Generator, is_used: bool) -> dict[str, Numbers]:
-    """What each counter really grows to, at the moments of `_moments`: up to each switching on and off."""
+    """What each counter really grows to, at the moments of `_moments`: up to each switching on and
+    off.
+    """
     count = len(days.hours)
     share = float(rng.beta(3, 3)) * is_used
     work = days.hours * np.clip(share * days.load * rng.gamma(20, 1 / 20, count), 0, 0.98)
@@ -122,26 +166,35 @@ def _grown(days: Days, rng: np.random.Generator, is_used: bool) -> dict[str, Num
         "sleep_h": rest * asleep,
         "hibernation_h": rest * (1 - out - asleep) * 0.9,
         "sleep_cycles": np.floor(days.hours * float(rng.uniform(1, 20)) * is_used),
-        "desolder_cycles": np.floor(work * np.where(rng.random(count) < 0.2, rng.uniform(0, 300), 2.0)),
+        "desolder_cycles": np.floor(
+            work * np.where(rng.random(count) < 0.2, rng.uniform(0, 300), 2.0)
+        ),
         "tool_cycles": np.floor(work * float(rng.uniform(2, 40))),
         "suction_cycles": np.floor(work * float(rng.uniform(5, 300))),
         "dispensed_cycles": np.floor(work * joints),
     }
     each["dispensed_mm"] = np.round(each["dispensed_cycles"] * mm, 1)
-    return {name: np.repeat(np.concatenate([[0.0], np.cumsum(one)]), 2)[:-1] for name, one in each.items()}
+    return {
+        name: np.repeat(np.concatenate([[0.0], np.cumsum(one)]), 2)[:-1]
+        for name, one in each.items()
+    }
 
 
 def _moments(days: Days) -> Numbers:
     begin = np.arange(len(days.hours)) * 24 + days.on_at
-    return np.concatenate([[0.0], np.stack([begin, begin + np.maximum(days.hours, 1e-3)], axis=1).ravel()])
+    return np.concatenate(
+        [[0.0], np.stack([begin, begin + np.maximum(days.hours, 1e-3)], axis=1).ravel()]
+    )
 
 
-# -- a place and its units -------------------------------------------------------------------------------------------------------
+# -- a place and its units -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Stood:
-    """What stands at the place from `hour` on: what its counters show is `offset` beyond what was worked at the place."""
+    """What stands at the place from `hour` on: what its counters show is `offset` beyond what was
+    worked at the place.
+    """
 
     hour: float
     unit: int
@@ -153,7 +206,9 @@ class Stood:
 
 @dataclass
 class Place:
-    """One station with its truth. `moments` are the hours of the looks at it, `exchanges` those at which another unit came."""
+    """One station with its truth. `moments` are the hours of the looks at it, `exchanges` those at
+    which another unit came.
+    """
 
     name: str
     family: str
@@ -198,7 +253,7 @@ def _shown(key: Key, value: float, stops: bool) -> float:
     return min(whole, last) if stops else round(whole % (last + step), 1)
 
 
-# -- what happens to it ----------------------------------------------------------------------------------------------------------
+# -- what happens to it ----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -249,7 +304,12 @@ class _Life:
 
     def _happenings(self) -> list[tuple[float, str]]:
         asked = self.places
-        rates = {"exchange": asked.exchanges, "loan": asked.loans, "reset": asked.resets, "update": asked.updates}
+        rates = {
+            "exchange": asked.exchanges,
+            "loan": asked.loans,
+            "reset": asked.resets,
+            "update": asked.updates,
+        }
         found = [
             (float(self.rng.uniform(48, asked.years * 365 * 24)), what)
             for what, rate in rates.items()
@@ -268,9 +328,16 @@ class _Life:
         if hour <= there.hour:
             return
         model = there.model + "2" if self.rng.random() < 0.05 else there.model
-        software = str(int(self.rng.integers(7001, 7006))) if self.rng.random() < 0.15 else there.software
+        software = (
+            str(int(self.rng.integers(7001, 7006))) if self.rng.random() < 0.15 else there.software
+        )
         self._stand(
-            hour, unit=self.units, model=model, software=software, stops=self._stops(), offset=self._brought(hour, of=there.offset)
+            hour,
+            unit=self.units,
+            model=model,
+            software=software,
+            stops=self._stops(),
+            offset=self._brought(hour, of=there.offset),
         )
         self.units += 1
         self.place.exchanges.append(hour)
@@ -279,16 +346,23 @@ class _Life:
 
     def _loan(self, hour: float) -> None:
         there = self.place.stood[-1]
-        back = hour + float(self.rng.choice([60.0, 200.0, 500.0, 1500.0]) * self.rng.uniform(0.5, 1.5))
+        back = hour + float(
+            self.rng.choice([60.0, 200.0, 500.0, 1500.0]) * self.rng.uniform(0.5, 1.5)
+        )
         if hour <= there.hour or back >= self.places.years * 365 * 24:
             return
-        self._stand(hour, unit=self.units, stops=self._stops(), offset=self._brought(hour, of=there.offset))
+        self._stand(
+            hour, unit=self.units, stops=self._stops(), offset=self._brought(hour, of=there.offset)
+        )
         self.units += 1
-        elsewhere = float(self.rng.choice([0.0, 0.0, 0.2])) * (back - hour)  # of it may be put to work meanwhile
+        # of it may be put to work meanwhile
+        elsewhere = float(self.rng.choice([0.0, 0.0, 0.2])) * (back - hour)
         offset = {}
         for key, by in there.offset.items():
             more = elsewhere * (0.5 if key[1].endswith("_h") else 3.0)
-            offset[key] = self.place.true(key, hour) + by + math.floor(more) - self.place.true(key, back)
+            offset[key] = (
+                self.place.true(key, hour) + by + math.floor(more) - self.place.true(key, back)
+            )
         self._stand(back, unit=there.unit, stops=there.stops, offset=offset)
         self.place.exchanges += [hour, back]
 
@@ -310,13 +384,23 @@ class _Life:
         return bool(self.rng.random() < 0.3)
 
     def _brought(self, hour: float, of: dict[Key, float] | None = None) -> dict[Key, float]:
-        """What a unit shows when it comes, beyond what was worked here. `of` is that of the one that it takes the place of."""
+        """What a unit shows when it comes, beyond what was worked here. `of` is that of the one
+        that it takes the place of.
+        """
         kind = str(
-            self.rng.choice(["new", "tested", "little", "used", "twin", "mixed", "late"], p=[0.1, 0.1, 0.2, 0.3, 0.1, 0.1, 0.1])
+            self.rng.choice(
+                ["new", "tested", "little", "used", "twin", "mixed", "late"],
+                p=[0.1, 0.1, 0.2, 0.3, 0.1, 0.1, 0.1],
+            )
         )
-        life = {"tested": 10.0, "little": 500.0, "used": 30_000.0, "mixed": 400.0, "late": 99_900.0, "twin": 20_000.0}.get(
-            kind, 0.0
-        )
+        life = {
+            "tested": 10.0,
+            "little": 500.0,
+            "used": 30_000.0,
+            "mixed": 400.0,
+            "late": 99_900.0,
+            "twin": 20_000.0,
+        }.get(kind, 0.0)
         age = float(self.rng.uniform(0.02, 1)) * life
         brought = {}
         for port in {port for port, _ in self.place.grown}:
@@ -324,8 +408,13 @@ class _Life:
             for key in (key for key in self.place.grown if key[0] == port):
                 had = self._had(key, kind, age, share)
                 if kind == "twin" and of is not None:
-                    had = max(0.0, (self.place.true(key, hour) + of[key]) * float(self.rng.normal(1, 0.02)))
-                brought[key] = (had if key[1].endswith("_h") else _floor(had, STEP.get(key[1], 1.0))) - self.place.true(key, hour)
+                    had = max(
+                        0.0,
+                        (self.place.true(key, hour) + of[key]) * float(self.rng.normal(1, 0.02)),
+                    )
+                brought[key] = (
+                    had if key[1].endswith("_h") else _floor(had, STEP.get(key[1], 1.0))
+                ) - self.place.true(key, hour)
         return brought
 
     def _had(self, key: Key, kind: str, age: float, share: float) -> float:
@@ -344,10 +433,16 @@ class _Life:
 
 
 def _plain(there: Stood) -> dict[str, object]:
-    return {"unit": there.unit, "model": there.model, "software": there.software, "stops": there.stops, "offset": there.offset}
+    return {
+        "unit": there.unit,
+        "model": there.model,
+        "software": there.software,
+        "stops": there.stops,
+        "offset": there.offset,
+    }
 
 
-# -- how it is looked at ---------------------------------------------------------------------------------------------------------
+# -- how it is looked at ---------------------------------------------------------------------------
 
 
 def _look(places: Places, place: Place, rng: np.random.Generator) -> None:
@@ -374,12 +469,18 @@ def _observed(places: Places, place: Place, hour: float, rng: np.random.Generato
     there = place.stands(hour)
     keys = list(place.grown)
     answered = int(rng.integers(1, len(keys))) if rng.random() < places.cut_short else len(keys)
-    counts = tuple(_count(places, place, key, hour, rng, number < answered) for number, key in enumerate(keys))
+    counts = tuple(
+        _count(places, place, key, hour, rng, number < answered) for number, key in enumerate(keys)
+    )
     who = Identity(place.family, there.model, there.software)
-    return Observation(iso(hour), iso(hour), "line", place.name, "loop://", True, identity=who, counts=counts)
+    return Observation(
+        iso(hour), iso(hour), "line", place.name, "loop://", True, identity=who, counts=counts
+    )
 
 
-def _count(places: Places, place: Place, key: Key, hour: float, rng: np.random.Generator, answers: bool) -> Count:
+def _count(
+    places: Places, place: Place, key: Key, hour: float, rng: np.random.Generator, answers: bool
+) -> Count:
     unit, luck = key[1].rpartition("_")[2], float(rng.random())
     unit = unit if unit in ("h", "mm") else "count"
     if not answers or luck < places.unread:

@@ -1,19 +1,23 @@
-"""Whether the bounds of the odometer hold over exchanges that nobody told of, and which of these any reading could reveal.
+"""Whether the bounds of the odometer hold over exchanges that nobody told of, and which of these
+any reading could reveal.
 
-An exchange can be revealed unless the readings on its two sides are what one unit could have shown that just went on. That is
-so where every counter that was read on both sides
+An exchange can be revealed unless the readings on its two sides are what one unit could have shown
+that just went on. That is so where every counter that was read on both sides
 
-- of hours: grew by no more hours than went by (a clock may differ by 1 %, whole hours by one), over its last number if need be;
-- of events: grew by no more than its fastest plausible pace, in the hours that its own counter of hours grew (`FASTEST`: what
-  the odometer supposes and says), over its last number as often as that allows,
+- of hours: grew by no more hours than went by (a clock may differ by 1 %, whole hours by one), over
+  its last number if need be;
+- of events: grew by no more than its fastest plausible pace, in the hours that its own counter of
+  hours grew (`FASTEST`: what the odometer supposes and says), over its last number as often as that
+  allows,
 
-and neither another model nor a person tells. A counter that was not read at every look between tells of an exchange only where
-the others tell of nothing at those looks that explains it.
+and neither another model nor a person tells. A counter that was not read at every look between
+tells of an exchange only where the others tell of nothing at those looks that explains it.
 
-Where it is not so, the exchange is revealed, and every bound over it must hold. These are hidden, too: a loan that comes and goes
-between two looks, of which there is no reading; a unit on loan of which one counter alone does not fit at the one look that saw
-it, which is like a wrong digit, which the odometer leaves out and tells; an exchange between two looks between which the counters
-were reset as well, as somebody told, where that explains what is read.
+Where it is not so, the exchange is revealed, and every bound over it must hold. These are hidden,
+too: a loan that comes and goes between two looks, of which there is no reading; a unit on loan of
+which one counter alone does not fit at the one look that saw it, which is like a wrong digit, which
+the odometer leaves out and tells; an exchange between two looks between which the counters were
+reset as well, as somebody told, where that explains what is read.
 """
 
 from __future__ import annotations
@@ -49,7 +53,9 @@ Shown = tuple[float, float]
 
 @dataclass
 class ExchangeScore:
-    """`exchanges` by what can be known of them; `bounds` by what they lie over; `wrong` are those that must hold and do not."""
+    """`exchanges` by what can be known of them; `bounds` by what they lie over; `wrong` are those
+    that must hold and do not.
+    """
 
     exchanges: Counter[str] = field(default_factory=Counter)
     bounds: Counter[str] = field(default_factory=Counter)
@@ -59,11 +65,13 @@ class ExchangeScore:
         told, bounds = self.exchanges, self.bounds
         known = 100 * bounds["known"] / max(1, bounds["plain"])
         return (
-            f"{told.total()} exchanges: {told['announced']} announced, {told['revealed']} revealed by readings, {told['hidden']} "
-            f"that no reading reveals, {told['unseen']} before the first look or after the last; {bounds['exchange']} bounds over "
-            f"revealed ones, {bounds['hidden']} over hidden ones, of which and of their sums {bounds['hidden wrong']} do not hold, "
-            f"{bounds['plain']} over none, of which {known:.1f} % known; {bounds['sums']} sums over none that is hidden; "
-            f"{len(self.wrong)} wrong, {bounds['too high']} of them too high from below"
+            f"{told.total()} exchanges: {told['announced']} announced, {told['revealed']} revealed"
+            f" by readings, {told['hidden']} that no reading reveals, {told['unseen']} before the"
+            f" first look or after the last; {bounds['exchange']} bounds over revealed ones,"
+            f" {bounds['hidden']} over hidden ones, of which and of their sums"
+            f" {bounds['hidden wrong']} do not hold, {bounds['plain']} over none, of which"
+            f" {known:.1f} % known; {bounds['sums']} sums over none that is hidden;"
+            f" {len(self.wrong)} wrong, {bounds['too high']} of them too high from below"
         )
 
 
@@ -81,7 +89,7 @@ def exchange_score(places: Places, seed: int, count: int) -> ExchangeScore:
     return score
 
 
-# -- what readings tell of an exchange -------------------------------------------------------------------------------------------
+# -- what readings tell of an exchange -------------------------------------------------------------
 
 
 def standing(place: Place, hour: float) -> str:
@@ -90,7 +98,9 @@ def standing(place: Place, hour: float) -> str:
     if not 0 < after < len(place.moments):
         return "unseen"
     begin, end = place.moments[after - 1], place.moments[after]
-    said = any(fact.task == REPLACED and begin < _hour(place, fact.time) <= end for fact in place.facts)
+    said = any(
+        fact.task == REPLACED and begin < _hour(place, fact.time) <= end for fact in place.facts
+    )
     if said or place.stands(begin).model != place.stands(end).model:
         return "announced"
     odd = [key for key in place.grown if _contradicts(place, key, after)]
@@ -102,10 +112,18 @@ def standing(place: Place, hour: float) -> str:
 
 
 def _was_told_reset(place: Place, after: int) -> bool:
-    """Whether somebody told of a reset before the look `after`, since which all that is shown can have been counted."""
+    """Whether somebody told of a reset before the look `after`, since which all that is shown can
+    have been counted.
+    """
     begin, end = place.moments[after - 1], place.moments[after]
-    told = any(fact.task == RESET and begin < _hour(place, fact.time) <= end for fact in place.facts)
-    return told and all(_can_be_since(key, shown[0], end - begin) for key in place.grown if (shown := _read(place, key, after)))
+    told = any(
+        fact.task == RESET and begin < _hour(place, fact.time) <= end for fact in place.facts
+    )
+    return told and all(
+        _can_be_since(key, shown[0], end - begin)
+        for key in place.grown
+        if (shown := _read(place, key, after))
+    )
 
 
 def _can_be_since(key: Key, shown: float, hours: float) -> bool:
@@ -113,12 +131,16 @@ def _can_be_since(key: Key, shown: float, hours: float) -> bool:
 
 
 def _contradicts(place: Place, key: Key, after: int) -> bool:
-    """Whether the last reading before the look `after`, and the first from it on, are not of one unit that went on."""
+    """Whether the last reading before the look `after`, and the first from it on, are not of one
+    unit that went on.
+    """
     found = _around(place, key, after)
     if found is None:
         return False
     begin, end, (low, high), (new_low, new_high) = found
-    if end - begin > 1 and any(_is_odd(place, look) for look in range(begin + 1, end + 1) if look != after):
+    if end - begin > 1 and any(
+        _is_odd(place, look) for look in range(begin + 1, end + 1) if look != after
+    ):
         return False
     lasted = (place.moments[end] - place.moments[begin]) * DRIFT
     step, modulus = STEP.get(key[1], 1.0), LAST.get(key[1], 99_999.0) + STEP.get(key[1], 1.0)
@@ -126,7 +148,9 @@ def _contradicts(place: Place, key: Key, after: int) -> bool:
         most = lasted + step
     else:
         rate, hours = FASTEST[key[1]]
-        most = rate * min(lasted, _hours_grown(place, (key[0], hours), begin, end, lasted)) + (STEP.get(key[1], 0.0))
+        most = rate * min(lasted, _hours_grown(place, (key[0], hours), begin, end, lasted)) + (
+            STEP.get(key[1], 0.0)
+        )
     least, greatest = new_low - high, new_high - low
     turns = max(0, math.ceil(-greatest / modulus - 1e-9))
     return least + turns * modulus > most
@@ -140,15 +164,32 @@ def _is_odd(place: Place, after: int) -> bool:
 
 def _hours_grown(place: Place, key: Key, begin: int, end: int, lasted: float) -> float:
     before, after = _read(place, key, begin), _read(place, key, end)
-    if before is None or after is None or not before[0] <= after[1] < LAST_HOUR:  # where it may stand still, it tells nothing
+    # where it may stand still, it tells nothing
+    if before is None or after is None or not before[0] <= after[1] < LAST_HOUR:
         return lasted
     return after[1] - before[0] + 1.0
 
 
 def _around(place: Place, key: Key, after: int) -> tuple[int, int, Shown, Shown] | None:
-    before = next(((look, one) for look in range(after - 1, -1, -1) if (one := _read(place, key, look)) is not None), None)
-    behind = next(((look, one) for look in range(after, len(place.seen)) if (one := _read(place, key, look)) is not None), None)
-    return None if before is None or behind is None else (before[0], behind[0], before[1], behind[1])
+    before = next(
+        (
+            (look, one)
+            for look in range(after - 1, -1, -1)
+            if (one := _read(place, key, look)) is not None
+        ),
+        None,
+    )
+    behind = next(
+        (
+            (look, one)
+            for look in range(after, len(place.seen))
+            if (one := _read(place, key, look)) is not None
+        ),
+        None,
+    )
+    return (
+        None if before is None or behind is None else (before[0], behind[0], before[1], behind[1])
+    )
 
 
 def _read(place: Place, key: Key, look: int) -> Shown | None:
@@ -163,18 +204,25 @@ def _counts(place: Place, look: int) -> dict[Key, Count]:
 
 
 def _is_for_once(place: Place, key: Key, hour: float) -> bool:
-    """Whether a unit was read once only, and the one before it stood there again at the next look that read this counter."""
+    """Whether a unit was read once only, and the one before it stood there again at the next look
+    that read this counter.
+    """
     looks = [look for look in range(len(place.seen)) if _read(place, key, look) is not None]
     units = [place.stands(place.moments[look]).unit for look in looks]
-    at = next((number for number, look in enumerate(looks) if place.moments[look] >= hour), len(looks))
-    return any(0 < one < len(units) - 1 and units[one - 1] == units[one + 1] != units[one] for one in (at, at - 1))
+    at = next(
+        (number for number, look in enumerate(looks) if place.moments[look] >= hour), len(looks)
+    )
+    return any(
+        0 < one < len(units) - 1 and units[one - 1] == units[one + 1] != units[one]
+        for one in (at, at - 1)
+    )
 
 
 def _hour(place: Place, time: str) -> float:
     return (seconds(time) - seconds(place.seen[0].time)) / 3600 + place.moments[0]
 
 
-# -- bounds ----------------------------------------------------------------------------------------------------------------------
+# -- bounds ----------------------------------------------------------------------------------------
 
 
 def _score(score: ExchangeScore, place: Place, trace: Trace, revealed: dict[float, str]) -> None:
@@ -196,7 +244,9 @@ def _over(revealed: dict[float, str], begin: float, end: float) -> str:
 
 
 def _half_told(place: Place) -> dict[float, str]:
-    """Of two resets between two looks of which one was told and the other was not, the other is hidden."""
+    """Of two resets between two looks of which one was told and the other was not, the other is
+    hidden.
+    """
     found = {}
     for begin, end in pairwise(place.moments):
         resets = [(hour, told) for hour, told in place.resets if begin < hour <= end]
@@ -211,7 +261,9 @@ def _sums(count: int) -> Iterator[tuple[int, int]]:
         yield from ((0, count - 1), (count // 2, count - 1))
 
 
-def _hold(score: ExchangeScore, place: Place, trace: Trace, at: tuple[int, int], over: str, what: str) -> None:
+def _hold(
+    score: ExchangeScore, place: Place, trace: Trace, at: tuple[int, int], over: str, what: str
+) -> None:
     begin, end = (trace.points[number] for number in at)
     key = trace.port, trace.counter
     # of a counter that moved while it was read, what was worked from one of its readings to another

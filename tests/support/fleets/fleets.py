@@ -1,4 +1,6 @@
-"""Values of a fleet's audit, made without a ledger: what the page is drawn from, in every condition that it has to show."""
+"""Values of a fleet's audit, made without a ledger: what the page is drawn from, in every condition
+that it has to show.
+"""
 
 from __future__ import annotations
 
@@ -33,38 +35,80 @@ def on(days: float) -> str:
     return (NOW + timedelta(days=days)).date().isoformat()
 
 
-def task(at: int, percent: float, *, doubt: float = 0.5, pace: float = 0.4, audits: int = 9) -> TaskState:
-    """The task of that number, used up to so much, with a due range from a pace in per cent a day."""
+def task(
+    at: int, percent: float, *, doubt: float = 0.5, pace: float = 0.4, audits: int = 9
+) -> TaskState:
+    """The task of that number, used up to so much, with a due range from a pace in per cent a
+    day.
+    """
     name, title, port, counter, unit, life = LIVES[at % len(LIVES)]
     used = Interval(max(percent - doubt, 0) * life / 100, (percent + doubt) * life / 100)
     states = {120: State.OVERDUE, 100: State.DUE, 80: State.SOON}
     state = next((state for limit, state in states.items() if percent >= limit), State.FINE)
     days = (100 - percent) / pace
-    due = None if audits < 4 or days < 0 else Due(on(days * 0.85), on(days), on(days * 1.2) if days < 400 else None)
+    due = (
+        None
+        if audits < 4 or days < 0
+        else Due(on(days * 0.85), on(days), on(days * 1.2) if days < 400 else None)
+    )
     why = "" if due else f"not enough data: {audits} of 4 audits" if audits < 4 else ""
-    found = TaskState(name, title, port, counter, unit, life, used, used.per(life / 100), state, ago(120), at % 2 == 0)
+    found = TaskState(
+        name,
+        title,
+        port,
+        counter,
+        unit,
+        life,
+        used,
+        used.per(life / 100),
+        state,
+        ago(120),
+        at % 2 == 0,
+    )
     return replace(found, due=due, why=why, part="T-0231" if counter == "work_h" else "")
 
 
 def unknown_task(at: int) -> TaskState:
     found = task(at, 50)
     return replace(
-        found, used=Interval(120, inf), percent=Interval(30, inf), state=State.UNKNOWN, due=None, why="a reset lost hours"
+        found,
+        used=Interval(120, inf),
+        percent=Interval(30, inf),
+        state=State.UNKNOWN,
+        due=None,
+        why="a reset lost hours",
     )
 
 
 def station(
-    name: str, seed: int, *, hours: float = 5.0, tasks: tuple[TaskState, ...] | None = None, audits: int = 60
+    name: str,
+    seed: int,
+    *,
+    hours: float = 5.0,
+    tasks: tuple[TaskState, ...] | None = None,
+    audits: int = 60,
 ) -> StationAudit:
     """A station of some years, read every week, that works about so many hours a day."""
     chance = random.Random(seed)
     past = Past(_series(chance, hours, audits), (), ago(0), 130)
     weeks = weeks_of([past.traces[1, "work_h"]], ago(0))
     chosen = (
-        tasks if tasks is not None else tuple(task(at, chance.uniform(5, 78), pace=chance.uniform(0.1, 0.9)) for at in range(6))
+        tasks
+        if tasks is not None
+        else tuple(
+            task(at, chance.uniform(5, 78), pace=chance.uniform(0.1, 0.9)) for at in range(6)
+        )
     )
     meters = tuple(
-        Meter(port, counter, UNITS.get(counter[-3:], "h"), _read(one.differences[-1]), one.counter_total, one.differences[-1], None)
+        Meter(
+            port,
+            counter,
+            UNITS.get(counter[-3:], "h"),
+            _read(one.differences[-1]),
+            one.counter_total,
+            one.differences[-1],
+            None,
+        )
         for (port, counter), one in past.traces.items()
     )
     url, model = f"/dev/serial/by-id/usb-{name}", ("ALE", "DDE", "DME")[seed % 3]
@@ -106,7 +150,9 @@ def _series(chance: random.Random, hours: float, audits: int) -> dict[tuple[int,
         "dispensed_mm": [4.9 * one for one in feeds],
     }
     read = {name: [float(int(one)) for one in column] for name, column in columns.items()}
-    return {(1, name): went(name, list(zip(days, column, strict=True))) for name, column in read.items()}
+    return {
+        (1, name): went(name, list(zip(days, column, strict=True))) for name, column in read.items()
+    }
 
 
 def _read(last: Difference) -> Count:
@@ -114,17 +160,33 @@ def _read(last: Difference) -> Count:
 
 
 def fleet(*stations: StationAudit, **more: object) -> FleetAudit:
-    whole = FleetAudit("bench-3", NOW.isoformat(), "counters.jsonl", "8f14e45fceea167a" * 4, stations)
+    whole = FleetAudit(
+        "bench-3", NOW.isoformat(), "counters.jsonl", "8f14e45fceea167a" * 4, stations
+    )
     return replace(whole, **more)  # type: ignore[arg-type]
 
 
 @cache
 def three() -> FleetAudit:
     """A line where something is to be done."""
-    first = station("ale-1", 0, hours=5, tasks=(task(0, 131), task(4, 88, pace=0.7), task(2, 34), task(5, 61)))
+    first = station(
+        "ale-1", 0, hours=5, tasks=(task(0, 131), task(4, 88, pace=0.7), task(2, 34), task(5, 61))
+    )
     second = station("dde-1", 1, hours=3, tasks=(task(0, 84, pace=0.5), task(1, 22), task(3, 71)))
     third = station("dde-2", 2, hours=2, tasks=(task(0, 41), task(5, 20)))
-    facts = (Fact(ago(120), ago(120), "M. Weber", "bench-3", "dde-1", "tip-change", 1, "T-0231", "worn at the edge"),)
+    facts = (
+        Fact(
+            ago(120),
+            ago(120),
+            "M. Weber",
+            "bench-3",
+            "dde-1",
+            "tip-change",
+            1,
+            "T-0231",
+            "worn at the edge",
+        ),
+    )
     return fleet(first, second, third, facts=facts)
 
 
@@ -171,12 +233,28 @@ def trouble() -> FleetAudit:
         station(f"line3-{name}", seed, hours=1 + seed)
         for seed, name in enumerate(("ale", "dde-a", "dde-b", "dde-c", "dme", "hde", "nae", "jtse"))
     ]
-    made[0] = _marked(replace(made[0], tasks=(task(0, 142), task(4, 121), task(1, 104), task(3, 96, pace=0.2), task(2, 83))), over)
+    made[0] = _marked(
+        replace(
+            made[0],
+            tasks=(task(0, 142), task(4, 121), task(1, 104), task(3, 96, pace=0.2), task(2, 83)),
+        ),
+        over,
+    )
     made[1] = _marked(
-        replace(made[1], tasks=(unknown_task(0), task(1, 30)), notes=("port 1: work_h moved while it was read: 12, 13, 14",)), reset
+        replace(
+            made[1],
+            tasks=(unknown_task(0), task(1, 30)),
+            notes=("port 1: work_h moved while it was read: 12, 13, 14",),
+        ),
+        reset,
     )
     made[2] = replace(
-        made[2], seen=False, why="did not answer within 2 s", last_seen=ago(41), tasks=(task(0, 91, pace=0.3),), errors=None
+        made[2],
+        seen=False,
+        why="did not answer within 2 s",
+        last_seen=ago(41),
+        tasks=(task(0, 91, pace=0.3),),
+        errors=None,
     )
     made[3] = replace(
         made[3],
@@ -192,10 +270,17 @@ def trouble() -> FleetAudit:
         errors=None,
     )
     made[4] = _marked(
-        replace(made[4], tasks=(task(0, 113, doubt=9),), errors=Errors("ok", {1: "ok", 2: "short circuit"}, {"port.error": 3})),
+        replace(
+            made[4],
+            tasks=(task(0, 113, doubt=9),),
+            errors=Errors("ok", {1: "ok", 2: "short circuit"}, {"port.error": 3}),
+        ),
         wild,
     )
-    drift = (Drift("1.sleep_delay", "off", "5", FLEET, 6, 7), Drift("software", "0203457", "0203456", BEFORE))
+    drift = (
+        Drift("1.sleep_delay", "off", "5", FLEET, 6, 7),
+        Drift("software", "0203457", "0203456", BEFORE),
+    )
     made[5] = _marked(replace(made[5], drifts=drift, tasks=(task(0, 79.9), task(5, 100))), lost)
     made[6] = replace(made[6], drifts=drift[:1], tasks=())
     wrong = ("line 41 is no observation or fact, or was changed",)
@@ -204,9 +289,15 @@ def trouble() -> FleetAudit:
 
 def _marked(one: StationAudit, mark: Difference) -> StationAudit:
     meters = tuple(
-        replace(meter, last=mark, counter_total=replace(meter.counter_total, marks=(mark,), is_known=mark.is_known))
-        if meter.counter == mark.counter
-        else meter
+        (
+            replace(
+                meter,
+                last=mark,
+                counter_total=replace(meter.counter_total, marks=(mark,), is_known=mark.is_known),
+            )
+            if meter.counter == mark.counter
+            else meter
+        )
         for meter in one.meters
     )
     return replace(one, meters=meters)
@@ -216,11 +307,25 @@ def _marked(one: StationAudit, mark: Difference) -> StationAudit:
 def hundred() -> FleetAudit:
     """A hall."""
     chance = random.Random(7)
-    made = [station(f"hall-{number:03}", number, hours=chance.uniform(0.5, 8), audits=20) for number in range(1, 101)]
+    made = [
+        station(f"hall-{number:03}", number, hours=chance.uniform(0.5, 8), audits=20)
+        for number in range(1, 101)
+    ]
     for at in range(0, 100, 9):
-        made[at] = replace(made[at], tasks=(task(at, chance.uniform(80, 135), pace=chance.uniform(0.2, 0.8)), *made[at].tasks[1:]))
+        made[at] = replace(
+            made[at],
+            tasks=(
+                task(at, chance.uniform(80, 135), pace=chance.uniform(0.2, 0.8)),
+                *made[at].tasks[1:],
+            ),
+        )
     for at in range(4, 100, 30):
-        made[at] = replace(made[at], seen=False, why="did not answer within 2 s", last_seen=ago(chance.randrange(3, 90)))
+        made[at] = replace(
+            made[at],
+            seen=False,
+            why="did not answer within 2 s",
+            last_seen=ago(chance.randrange(3, 90)),
+        )
     return fleet(*made)
 
 
@@ -231,7 +336,9 @@ def first_ever() -> FleetAudit:
         replace(station(name, 0, audits=2), audits=1, weeks=(), use=use_of(Past({}, (), ago(0))))
         for name in ("ale-1", "dde-1", "dde-2")
     ]
-    return fleet(*(replace(one, tasks=(task(0, 0.5, audits=1), task(3, 0, audits=1))) for one in made))
+    return fleet(
+        *(replace(one, tasks=(task(0, 0.5, audits=1), task(3, 0, audits=1))) for one in made)
+    )
 
 
 @cache
@@ -240,4 +347,10 @@ def empty() -> FleetAudit:
     return fleet(ledger_head="")
 
 
-ALL = {"three": three, "trouble": trouble, "hundred": hundred, "first_ever": first_ever, "empty": empty}
+ALL = {
+    "three": three,
+    "trouble": trouble,
+    "hundred": hundred,
+    "first_ever": first_ever,
+    "empty": empty,
+}

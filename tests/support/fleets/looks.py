@@ -1,4 +1,6 @@
-"""Histories of a station that are made by hand: what its counters showed at each look, and how many hours after the first."""
+"""Histories of a station that are made by hand: what its counters showed at each look, and how many
+hours after the first.
+"""
 
 from __future__ import annotations
 
@@ -28,13 +30,17 @@ def count(port: int, name: str, shown: Shown) -> Count:
     return Count(port, name, unit_of(name), shown)
 
 
-def seen(hour: float, shown: Mapping[str, Shown], who: Identity = WHO, port: int = 1) -> Observation:
+def seen(
+    hour: float, shown: Mapping[str, Shown], who: Identity = WHO, port: int = 1
+) -> Observation:
     """A look; counters of other ports as ``2.work_h``."""
     counts = []
     for name, value in shown.items():
         other, dot, rest = name.partition(".")
         counts.append(count(int(other), rest, value) if dot else count(port, name, value))
-    return Observation(at(hour), at(hour), "line", "dde-1", "loop://", True, identity=who, counts=tuple(counts))
+    return Observation(
+        at(hour), at(hour), "line", "dde-1", "loop://", True, identity=who, counts=tuple(counts)
+    )
 
 
 def told(hour: float, task: str, port: int | None = None, part: str = "") -> Fact:

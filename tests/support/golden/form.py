@@ -42,7 +42,9 @@ class Golden(NamedTuple):
 
     @property
     def addressed(self) -> bytes:
-        """The same between the factory addresses; the answer's source is the station (docs/reference/contradictions.md, B-6)."""
+        """The same between the factory addresses; the answer's source is the station
+        (docs/reference/contradictions.md, B-6).
+        """
         pair = ROBOT + STATION if self.text[0] in "RW" else STATION + ROBOT
         return with_check_byte(self.bare[:1] + pair + self.bare[1:-1])
 
@@ -69,7 +71,9 @@ class Listed(NamedTuple):
 
 
 def with_check_byte(covered: bytes) -> bytes:
-    """ "The logic function XOR for the whole frame, excluding the BCC" (manual 002, "Frame Fields"); not the product's."""
+    """ "The logic function XOR for the whole frame, excluding the BCC" (manual 002, "Frame
+    Fields"); not the product's.
+    """
     check = 0
     for byte in covered:
         check ^= byte
@@ -77,7 +81,9 @@ def with_check_byte(covered: bytes) -> bytes:
 
 
 def framed(text: str, addresses: str = "") -> bytes:
-    """Any text as a frame, by the manuals' rule; `addresses` are the four digits of source and target."""
+    """Any text as a frame, by the manuals' rule; `addresses` are the four digits of source and
+    target.
+    """
     return with_check_byte(b"\x02" + (addresses + text).encode("ascii") + b"\x03")
 
 
@@ -97,6 +103,8 @@ def wire_of(frame: Told) -> bytes:
 
 
 def summed(text: str) -> bytes:
-    """Any text as a frame of the OMEGA (manual 003, 11.2): behind ETX the sum of its characters, the last two digits of it."""
+    """Any text as a frame of the OMEGA (manual 003, 11.2): behind ETX the sum of its characters,
+    the last two digits of it.
+    """
     content = text.encode("ascii")
     return b"\x02" + content + b"\x03" + b"%02X" % (sum(content) % 256)

@@ -1,7 +1,8 @@
-"""Manual 000, "Robot Communication Protocol, Programmer's Guide", older soldering stations: every example.
+"""Manual 000, "Robot Communication Protocol, Programmer's Guide", older soldering stations: every
+example.
 
-The text shows no page ends; a page is the one that the manual's index (on 2) gives for the section, as in `CONTENTS`. There
-"4.9.35" is called 4.8.35, which it must have been meant to be.
+The text shows no page ends; a page is the one that the manual's index (on 2) gives for the section,
+as in `CONTENTS`. There "4.9.35" is called 4.8.35, which it must have been meant to be.
 """
 
 from support.golden.form import OFF, Field, Golden, Listed
@@ -31,8 +32,24 @@ FRAMES = [
     Golden("000 4.8.5", 10, '"RPE3"', b"\x02RPE3\x03\x75", "port_error", 3),
     Golden("000 4.8.6", 10, '"RPS3"', b"\x02RPS3\x03\x63", "status", 3),
     Golden("000 4.8.7", 10, '"APS3"', b"\x02APS3\x03\x70", "status", 3),
-    Golden("000 4.8.7", 10, "00000 – 00001", b"\x02WPS300000\x03\x56", "status", 3, value=(0, 0, 0, 0, 0)),
-    Golden("000 4.8.7", 10, "00000 – 00001", b"\x02WPS300001\x03\x57", "status", 3, value=(0, 0, 0, 0, 1)),
+    Golden(
+        "000 4.8.7",
+        10,
+        "00000 – 00001",
+        b"\x02WPS300000\x03\x56",
+        "status",
+        3,
+        value=(0, 0, 0, 0, 0),
+    ),
+    Golden(
+        "000 4.8.7",
+        10,
+        "00000 – 00001",
+        b"\x02WPS300001\x03\x57",
+        "status",
+        3,
+        value=(0, 0, 0, 0, 1),
+    ),
     Golden("000 4.8.8", 10, '"RCT3"', b"\x02RCT3\x03\x77", "tool", 3),
     Golden("000 4.8.9", 11, '"RED3"', b"\x02RED3\x03\x61", "time_to_sleep", 3),
     Golden("000 4.8.10", 11, '"RA32"', b"\x02RA32\x03\x13", "adjust", 3, 2),
@@ -40,14 +57,48 @@ FRAMES = [
     Golden("000 4.8.12", 11, '"RS32"', b"\x02RS32\x03\x01", "sleep_temperature", 3, 2),
     Golden("000 4.8.13", 11, '"AS32"', b"\x02AS32\x03\x12", "sleep_temperature", 3, 2),
     Golden("000 4.8.14", 11, '"RD32"', b"\x02RD32\x03\x16", "sleep_delay", 3, 2),
-    Golden("000 4.8.14", 11, 'If received "99999"', b"\x02AD3299999\x03\x3c", "sleep_delay", 3, 2, value=OFF),
+    Golden(
+        "000 4.8.14",
+        11,
+        'If received "99999"',
+        b"\x02AD3299999\x03\x3c",
+        "sleep_delay",
+        3,
+        2,
+        value=OFF,
+    ),
     Golden("000 4.8.15", 11, '"AD32"', b"\x02AD32\x03\x05", "sleep_delay", 3, 2),
-    Golden("000 4.8.15", 11, 'To disable the sleep mode, send "99999"', b"\x02WD3299999\x03\x2a", "sleep_delay", 3, 2, value=OFF),
+    Golden(
+        "000 4.8.15",
+        11,
+        'To disable the sleep mode, send "99999"',
+        b"\x02WD3299999\x03\x2a",
+        "sleep_delay",
+        3,
+        2,
+        value=OFF,
+    ),
     Golden("000 4.8.16", 11, '"RH32"', b"\x02RH32\x03\x1a", "hibernation_delay", 3, 2),
-    Golden("000 4.8.16", 11, 'If received "99999"', b"\x02AH3299999\x03\x30", "hibernation_delay", 3, 2, value=OFF),
+    Golden(
+        "000 4.8.16",
+        11,
+        'If received "99999"',
+        b"\x02AH3299999\x03\x30",
+        "hibernation_delay",
+        3,
+        2,
+        value=OFF,
+    ),
     Golden("000 4.8.17", 12, '"AH32"', b"\x02AH32\x03\x09", "hibernation_delay", 3, 2),
     Golden(
-        "000 4.8.17", 12, 'To disable the sleep mode, send "99999"', b"\x02WH3299999\x03\x26", "hibernation_delay", 3, 2, value=OFF
+        "000 4.8.17",
+        12,
+        'To disable the sleep mode, send "99999"',
+        b"\x02WH3299999\x03\x26",
+        "hibernation_delay",
+        3,
+        2,
+        value=OFF,
     ),
     Golden("000 4.8.18", 12, '"RQT3"', b"\x02RQT3\x03\x65", "transistor_temperature", 3),
     Golden("000 4.8.19", 12, '"RHA3"', b"\x02RHA3\x03\x69", "alarm_high_limit", 3),
@@ -71,7 +122,15 @@ FRAMES = [
     Golden("000 4.8.26", 13, '"00.00"', b"\x02WLD300.00\x03\x43", "alarm_low_delay", 3, value=0.0),
     Golden("000 4.8.26", 13, '"99999"', b"\x02WLD399999\x03\x54", "alarm_low_delay", 3, value=OFF),
     Golden("000 4.8.27", 13, '"RTA3"', b"\x02RTA3\x03\x75", "alarm_flags", 3),
-    Golden("000 4.8.27", 13, "'0' there is no alarm", b"\x02ATA300000\x03\x56", "alarm_flags", 3, value=(0, 0, 0, 0, 0)),
+    Golden(
+        "000 4.8.27",
+        13,
+        "'0' there is no alarm",
+        b"\x02ATA300000\x03\x56",
+        "alarm_flags",
+        3,
+        value=(0, 0, 0, 0, 0),
+    ),
     Golden(
         "000 4.8.27",
         13,
@@ -98,7 +157,9 @@ FRAMES = [
     Golden("000 4.8.41", 15, '"RCC3"', b"\x02RCC3\x03\x60", "sleep_cycles", 3),
     Golden("000 4.8.42", 15, '"RCD3"', b"\x02RCD3\x03\x67", "desolder_cycles", 3),
     Golden("000 4.8.28", 13, "(RSMN)", b"\x02RSMN\x03\x03", "model"),
-    Golden("000 4.8.28", 13, 'Blank spaces ... "DDR"', b"\x02ASMN  DDR\x03\x42", "model", value="DDR"),
+    Golden(
+        "000 4.8.28", 13, 'Blank spaces ... "DDR"', b"\x02ASMN  DDR\x03\x42", "model", value="DDR"
+    ),
     Golden("000 4.8.29", 13, "(RMAT)", b"\x02RMAT\x03\x0b", "maximum_temperature"),
     Golden("000 4.8.30", 14, '"AMAT"', b"\x02AMAT\x03\x18", "maximum_temperature"),
     Golden("000 4.8.31", 14, "(RMIT)", b"\x02RMIT\x03\x03", "minimum_temperature"),
@@ -115,7 +176,14 @@ FRAMES = [
         3,
         value=12345,
     ),
-    Golden("000 3.1", 5, '375 ... like "00375"', b"\x02WMAT00375\x03\x3f", "maximum_temperature", value=375),
+    Golden(
+        "000 3.1",
+        5,
+        '375 ... like "00375"',
+        b"\x02WMAT00375\x03\x3f",
+        "maximum_temperature",
+        value=375,
+    ),
     Golden(
         "000 3.1",
         5,
@@ -128,12 +196,53 @@ FRAMES = [
         written_otherwise=True,
     ),
     Golden("000 4.3", 7, "00004 No tool", b"\x02APE300004\x03\x52", "port_error", 3, value=4),
-    Golden("000 4.3", 7, "00009 Warning overload (MOS)", b"\x02APE300009\x03\x5f", "port_error", 3, value=9),
-    Golden("000 4.4", 8, "00007 Warning overload (TRAFO)", b"\x02ASER00007\x03\x33", "station_error", value=7),
-    Golden("000 4.6", 8, "00002 Sleep", b"\x02APS300002\x03\x42", "status", 3, value=(0, 0, 0, 0, 2)),
-    Golden("000 4.6", 8, "00003 Hibernation", b"\x02APS300003\x03\x43", "status", 3, value=(0, 0, 0, 0, 3)),
-    Golden("000 4.6", 8, "00010 Extractor ON", b"\x02APS300010\x03\x41", "status", 3, value=(0, 0, 0, 1, 0)),
-    Golden("000 4.6", 8, "00100 Desoldering ON", b"\x02APS300100\x03\x41", "status", 3, value=(0, 0, 1, 0, 0)),
+    Golden(
+        "000 4.3",
+        7,
+        "00009 Warning overload (MOS)",
+        b"\x02APE300009\x03\x5f",
+        "port_error",
+        3,
+        value=9,
+    ),
+    Golden(
+        "000 4.4",
+        8,
+        "00007 Warning overload (TRAFO)",
+        b"\x02ASER00007\x03\x33",
+        "station_error",
+        value=7,
+    ),
+    Golden(
+        "000 4.6", 8, "00002 Sleep", b"\x02APS300002\x03\x42", "status", 3, value=(0, 0, 0, 0, 2)
+    ),
+    Golden(
+        "000 4.6",
+        8,
+        "00003 Hibernation",
+        b"\x02APS300003\x03\x43",
+        "status",
+        3,
+        value=(0, 0, 0, 0, 3),
+    ),
+    Golden(
+        "000 4.6",
+        8,
+        "00010 Extractor ON",
+        b"\x02APS300010\x03\x41",
+        "status",
+        3,
+        value=(0, 0, 0, 1, 0),
+    ),
+    Golden(
+        "000 4.6",
+        8,
+        "00100 Desoldering ON",
+        b"\x02APS300100\x03\x41",
+        "status",
+        3,
+        value=(0, 0, 1, 0, 0),
+    ),
 ]
 
 FIELDS = [
@@ -211,7 +320,14 @@ LISTED = [
     Listed("000 4.4", 8, "00006 Not connected MCU Tools", b"00006", "station_error", 6),
     Listed("000 4.4", 8, "00007 Warning overload (TRAFO)", b"00007", "station_error", 7),
     Listed("000 4.6", 8, "00000 No stand", b"00000", "status", (0, 0, 0, 0, 0)),
-    Listed("000 4.6", 8, "00001 Stand, it still has not gone into sleep mode", b"00001", "status", (0, 0, 0, 0, 1)),
+    Listed(
+        "000 4.6",
+        8,
+        "00001 Stand, it still has not gone into sleep mode",
+        b"00001",
+        "status",
+        (0, 0, 0, 0, 1),
+    ),
     Listed("000 4.6", 8, "00002 Sleep", b"00002", "status", (0, 0, 0, 0, 2)),
     Listed("000 4.6", 8, "00003 Hibernation", b"00003", "status", (0, 0, 0, 0, 3)),
     Listed("000 4.6", 8, "00000 Extractor OFF", b"00000", "status", (0, 0, 0, 0, 0)),
@@ -219,7 +335,9 @@ LISTED = [
     Listed("000 4.6", 8, "00000 Desoldering OFF", b"00000", "status", (0, 0, 0, 0, 0)),
     Listed("000 4.6", 8, "00100 Desoldering ON", b"00100", "status", (0, 0, 1, 0, 0)),
     Listed("000 3", 4, '"-9999" to "99999"', b"-9999", "adjust", -9999),
-    Listed("000 3.1", 5, "the lowest number that can be transmitted is -0050", b"-0050", "adjust", -50),
+    Listed(
+        "000 3.1", 5, "the lowest number that can be transmitted is -0050", b"-0050", "adjust", -50
+    ),
 ]
 
 REFUSALS = [
@@ -231,4 +349,6 @@ REFUSALS = [
     ("000 4.5", 8, "00006 Station model error (station unknown)", b"00006"),
     ("000 4.5", 8, "99999 Undefined (error not defined)", b"99999"),
 ]
-"""The data of N frames. No frame of the kind is printed (docs/reference/contradictions.md, B-11)."""
+"""The data of N frames. No frame of the kind is printed (docs/reference/contradictions.md,
+B-11).
+"""

@@ -1,7 +1,8 @@
 """Manual 001, "Protocol Station – Robot", hot-air stations (JTSE): every example.
 
-The text shows where pages end and the number of one, 13, on which 4.9 begins: the others are counted from there. What
-stands of a section after its page has ended is on the next one. Codes are printed in curved quotation marks.
+The text shows where pages end and the number of one, 13, on which 4.9 begins: the others are
+counted from there. What stands of a section after its page has ended is on the next one. Codes are
+printed in curved quotation marks.
 """
 
 from support.golden.form import Field, Golden, Listed
@@ -23,7 +24,15 @@ CONTENTS: dict[int, tuple[str, ...]] = {
 """The sections and rows that begin on each page."""
 
 FRAMES = [
-    Golden("001 3.1", 8, "to send 12345, you first send `1´", b"\x02ATC112345\x03\x57", "tool_cycles", 1, value=12345),
+    Golden(
+        "001 3.1",
+        8,
+        "to send 12345, you first send `1´",
+        b"\x02ATC112345\x03\x57",
+        "tool_cycles",
+        1,
+        value=12345,
+    ),
     Golden(
         "001 3.1",
         8,
@@ -33,7 +42,16 @@ FRAMES = [
         1,
         value=375,
     ),
-    Golden("001 3.1", 8, "the lowest number that can be transmitted is -0050", b"\x02AA11-0050\x03\x29", "adjust", 1, 1, value=-50),
+    Golden(
+        "001 3.1",
+        8,
+        "the lowest number that can be transmitted is -0050",
+        b"\x02AA11-0050\x03\x29",
+        "adjust",
+        1,
+        1,
+        value=-50,
+    ),
     Golden("001 4.9.1", 13, "“RST1”", b"\x02RST1\x03\x65", "selected_air_temperature", 1),
     Golden("001 4.9.2", 13, "“AST1”", b"\x02AST1\x03\x76", "selected_air_temperature", 1),
     Golden("001 4.9.3", 13, "“RSF1”", b"\x02RSF1\x03\x77", "selected_air_flow", 1),
@@ -135,9 +153,18 @@ LISTED = [
     Listed("001 4.4", 11, "00005 Station model", b"00005", "station_error", 5),
     Listed("001 4.4", 11, "00006 Not connected MCU Tools", b"00006", "station_error", 6),
     Listed("001 4.6", 11, "XXXX0 Tool OFF", b"00000", "status", (0, 0, 0, 0, 0)),
-    Listed("001 4.6", 11, "XXXX1 Tool ON (Heater ON, Air pump ON)", b"00001", "status", (0, 0, 0, 0, 1)),
+    Listed(
+        "001 4.6", 11, "XXXX1 Tool ON (Heater ON, Air pump ON)", b"00001", "status", (0, 0, 0, 0, 1)
+    ),
     Listed("001 4.6", 11, "XXX0X Cooling OFF", b"00000", "status", (0, 0, 0, 0, 0)),
-    Listed("001 4.6", 11, "XXX1X Cooling ON (Heater OFF, Air pump ON)", b"00010", "status", (0, 0, 0, 1, 0)),
+    Listed(
+        "001 4.6",
+        11,
+        "XXX1X Cooling ON (Heater OFF, Air pump ON)",
+        b"00010",
+        "status",
+        (0, 0, 0, 1, 0),
+    ),
     Listed("001 4.6", 11, "XX0XX Suction OFF", b"00000", "status", (0, 0, 0, 0, 0)),
     Listed("001 4.6", 11, "XX1XX Suction ON", b"00100", "status", (0, 0, 1, 0, 0)),
     Listed("001 4.7", 11, "00000 Manual mode (Profiles OFF)", b"00000", "work_mode", "manual"),

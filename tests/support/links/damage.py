@@ -1,7 +1,8 @@
-"""What a bad wire does to the bytes of one frame, and whether the check byte shows it: an independent few lines of each protocol.
+"""What a bad wire does to the bytes of one frame, and whether the check byte shows it: an
+independent few lines of each protocol.
 
-An XOR does not see an even number of flips in one bit column, nor characters that changed places; a sum does not see the
-latter either. Nothing here is the product's.
+An XOR does not see an even number of flips in one bit column, nor characters that changed places; a
+sum does not see the latter either. Nothing here is the product's.
 """
 
 from __future__ import annotations
@@ -18,13 +19,23 @@ Damage = Callable[[bytes, Random], bytes]
 
 def jbc_holds(frame: bytes) -> bool:
     """Whether these bytes are one whole frame of JBC's with a good check byte."""
-    return len(frame) > 4 and frame[:1] == STX and frame[-2:-1] == ETX and reduce(xor, frame[:-1]) == frame[-1]
+    return (
+        len(frame) > 4
+        and frame[:1] == STX
+        and frame[-2:-1] == ETX
+        and reduce(xor, frame[:-1]) == frame[-1]
+    )
 
 
 def omega_holds(frame: bytes) -> bool:
     """Whether these bytes are one whole frame of OMEGA's with a good sum."""
     text = frame[1:-3]
-    return len(frame) > 4 and frame[:1] == STX and frame[-3:-2] == ETX and frame[-2:] == f"{sum(text) & 0xFF:02X}".encode()
+    return (
+        len(frame) > 4
+        and frame[:1] == STX
+        and frame[-3:-2] == ETX
+        and frame[-2:] == f"{sum(text) & 0xFF:02X}".encode()
+    )
 
 
 def _flipped(frame: bytes, places: list[int]) -> bytes:
@@ -39,17 +50,23 @@ def _bits(count: int) -> Damage:
 
 
 def _pair_in_a_column(frame: bytes, random: Random) -> bytes:
-    """The same bit of two characters, what an XOR cannot see; of two digits mostly, so that it means something."""
+    """The same bit of two characters, what an XOR cannot see; of two digits mostly, so that it
+    means something.
+    """
     column = random.randrange(4 if random.random() < 0.8 else 8)
     digits = [place for place in range(len(frame)) if frame[place : place + 1].isdigit()]
     among = digits if random.random() < 0.8 and len(digits) > 1 else list(range(len(frame)))
-    return _flipped(frame, [8 * (len(frame) - 1 - place) + column for place in random.sample(among, 2)])
+    return _flipped(
+        frame, [8 * (len(frame) - 1 - place) + column for place in random.sample(among, 2)]
+    )
 
 
 def _swapped(frame: bytes, random: Random) -> bytes:
     """Two adjacent characters of the data, the other way round."""
     place = random.randrange(max(len(frame) - 7, 0), len(frame) - 3)
-    return frame[:place] + frame[place + 1 : place + 2] + frame[place : place + 1] + frame[place + 2 :]
+    return (
+        frame[:place] + frame[place + 1 : place + 2] + frame[place : place + 1] + frame[place + 2 :]
+    )
 
 
 def _burst(frame: bytes, random: Random) -> bytes:

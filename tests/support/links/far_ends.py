@@ -1,4 +1,6 @@
-"""The far ends of links, for tests of ports: pseudo-terminals, TCP servers and an rfc2217 server, all real."""
+"""The far ends of links, for tests of ports: pseudo-terminals, TCP servers and an rfc2217 server,
+all real.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from serial import rfc2217
 
 
 class Terminal:
-    """A pseudo-terminal whose far end is held here; `unplug()` is what pulling the cable does to a USB adapter."""
+    """A pseudo-terminal whose far end is held here; `unplug()` is what pulling the cable does to a
+    USB adapter.
+    """
 
     def __init__(self) -> None:
         self.far, near = pty.openpty()
@@ -33,7 +37,8 @@ class Terminal:
         return os.read(self.far, 4096) if ready else b""
 
     def unplug(self) -> None:
-        far, self.far = self.far, -1  # first, as two threads may pull: who closes also wakes the one that waits
+        # first, as two threads may pull: who closes also wakes the one that waits
+        far, self.far = self.far, -1
         if far >= 0:
             os.close(far)
 
@@ -108,7 +113,8 @@ class Rfc2217Server:
         self.device.close()
 
     def _serve(self) -> None:
-        with contextlib.suppress(OSError, ValueError):  # ValueError: closed by `end` just before it is watched
+        # ValueError: closed by `end` just before it is watched
+        with contextlib.suppress(OSError, ValueError):
             self.client, _ = self._listening.accept()
             manager = rfc2217.PortManager(self.device, self)
             while True:

@@ -1,8 +1,10 @@
-"""Links between a run and its virtual stations that can be flooded: ``python tests/support links.flooders PLAN`` serves them.
+"""Links between a run and its virtual stations that can be flooded: ``python tests/support
+links.flooders PLAN`` serves them.
 
-PLAN is a JSON file: for each link ``near`` (a path for a pseudo-terminal, or empty for a TCP port), ``far`` (the virtual station's
-link), ``shape``, ``bytes_per_s`` (0: as many as are taken), ``piece`` (bytes handed over at once), and from which second to which
-behind the first question that has ``after`` in it. Answers pass all the while. The first line of stdout are the URLs.
+PLAN is a JSON file: for each link ``near`` (a path for a pseudo-terminal, or empty for a TCP port),
+``far`` (the virtual station's link), ``shape``, ``bytes_per_s`` (0: as many as are taken),
+``piece`` (bytes handed over at once), and from which second to which behind the first question that
+has ``after`` in it. Answers pass all the while. The first line of stdout are the URLs.
 """
 
 from __future__ import annotations
@@ -51,12 +53,19 @@ class Flooders:
         self.urls: list[str] = []
 
     def __enter__(self) -> Self:
-        self._process = subprocess.Popen(program("links.flooders", self._plan), stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self._process = subprocess.Popen(
+            program("links.flooders", self._plan), stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
         assert self._process.stdout is not None
         self.urls = json.loads(self._process.stdout.readline())
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         self._process.kill()
         self._process.communicate()
 
@@ -71,7 +80,8 @@ class Link:
         self.far = os.open(plan.far, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         tty.setraw(self.far)
         settings = termios.tcgetattr(self.far)
-        settings[4] = settings[5] = termios.B19200  # a virtual station hears who speaks at another rate, and not what
+        # a virtual station hears who speaks at another rate, and not what
+        settings[4] = settings[5] = termios.B19200
         termios.tcsetattr(self.far, termios.TCSANOW, settings)
         self.near: int | None = None
         self.server: socket.socket | None = None
@@ -92,7 +102,11 @@ class Link:
             self.url = f"socket://127.0.0.1:{self.server.getsockname()[1]}"
 
     def watched(self) -> list[int]:
-        return [one for one in (self.far, self.near, self.server and self.server.fileno()) if one is not None]
+        return [
+            one
+            for one in (self.far, self.near, self.server and self.server.fileno())
+            if one is not None
+        ]
 
     def on_readable(self, descriptor: int) -> None:
         if self.server is not None and descriptor == self.server.fileno():

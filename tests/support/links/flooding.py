@@ -1,4 +1,6 @@
-"""What a link may be flooded with, at any speed: here on the virtual driver, on real terminals and sockets in `flooders.py`."""
+"""What a link may be flooded with, at any speed: here on the virtual driver, on real terminals and
+sockets in `flooders.py`.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,14 @@ SHAPES: dict[str, list[bytes]] = {
     "another model's answers": [framed("ASMNNAE")],
     "refusals of Robot mode off": [framed("NTT100005"), framed("NSMN00005")],
     "all answers in turn": [
-        framed(text) for text in ("ASMNDDE", f"ATT1{FALSE_C:05d}", "APS100001", "APS200001", f"ATT2{FALSE_C:05d}")
+        framed(text)
+        for text in (
+            "ASMNDDE",
+            f"ATT1{FALSE_C:05d}",
+            "APS100001",
+            "APS200001",
+            f"ATT2{FALSE_C:05d}",
+        )
     ],
     "STX alone": [b"\x02" * 64],
     "noise": [Random(number).randbytes(61) for number in range(7)],
@@ -36,7 +45,14 @@ def pieces(shape: str, size: int) -> Iterator[bytes]:
 
 
 def flood(
-    run: VirtualRun, name: str, shape: str, bytes_per_s: float, begin_s: float, end_s: float, *, every_s: float = 0.01
+    run: VirtualRun,
+    name: str,
+    shape: str,
+    bytes_per_s: float,
+    begin_s: float,
+    end_s: float,
+    *,
+    every_s: float = 0.01,
 ) -> None:
     """Have a station's link flooded between these seconds of the run."""
     size = max(1, round(bytes_per_s * every_s))

@@ -1,7 +1,9 @@
-"""A wire on which each frame has the same small chance of each of nine accidents, at the same time and on all stations.
+"""A wire on which each frame has the same small chance of each of nine accidents, at the same time
+and on all stations.
 
-A share of 0.01 means: of a hundred questions one is lost, of another the answer is lost, another is flipped in one bit, and so on
-through `ACCIDENTS`: nine in a hundred. Nothing here knows what a session does.
+A share of 0.01 means: of a hundred questions one is lost, of another the answer is lost, another is
+flipped in one bit, and so on through `ACCIDENTS`: nine in a hundred. Nothing here knows what a
+session does.
 """
 
 from __future__ import annotations
@@ -14,7 +16,17 @@ from random import Random
 from support.golden import framed
 from support.virtual.virtual_run import Tap
 
-ACCIDENTS = ("lost_there", "lost_back", "flipped", "late", "refused_n1", "doubled", "cut", "behind_noise", "other_address")
+ACCIDENTS = (
+    "lost_there",
+    "lost_back",
+    "flipped",
+    "late",
+    "refused_n1",
+    "doubled",
+    "cut",
+    "behind_noise",
+    "other_address",
+)
 LATE_S = 1.5  # an answer that is late comes so much later at the most
 N1 = "00001"
 
@@ -61,7 +73,9 @@ class LossyWire:
         return [(at + by_s, answer) for at, answer in self.tap.receive(data, now)]
 
     def _refused_n1(self, data: bytes, now: float) -> Replies:
-        """The station says that the check byte was wrong: mostly nothing was done, but its answer may be lost to another."""
+        """The station says that the check byte was wrong: mostly nothing was done, but its answer
+        may be lost to another.
+        """
         addresses, text = _parts(data)
         if self.random.random() < 0.5:
             self.tap.receive(data, now)
@@ -79,7 +93,10 @@ class LossyWire:
         """What was left of the question, or of the answer."""
         if self.random.random() < 0.5:
             return self.tap.receive(data[: self.random.randrange(1, len(data))], now)
-        return [(at, answer[: self.random.randrange(1, len(answer))]) for at, answer in self.tap.receive(data, now)]
+        return [
+            (at, answer[: self.random.randrange(1, len(answer))])
+            for at, answer in self.tap.receive(data, now)
+        ]
 
     def _behind_noise(self, data: bytes, now: float) -> Replies:
         noise = self.random.randbytes(self.random.randint(1, 40))
@@ -90,7 +107,11 @@ class LossyWire:
     def _other_address(self, data: bytes, now: float) -> Replies:
         """Another station's answer to the same question, in place of this one's or before it."""
         replies = list(self.tap.receive(data, now))
-        foreign = [(at - 0.002, framed(_raised(_parts(answer)[1]), "0200")) for at, answer in replies if len(answer) > 6]
+        foreign = [
+            (at - 0.002, framed(_raised(_parts(answer)[1]), "0200"))
+            for at, answer in replies
+            if len(answer) > 6
+        ]
         return foreign if self.random.random() < 0.5 else [*foreign, *replies]
 
     def _one_bit(self, frame: bytes) -> bytes:
@@ -107,4 +128,6 @@ def _parts(frame: bytes) -> tuple[str, str]:
 def _raised(text: str) -> str:
     """An answer with another number in it."""
     data = text[-5:]
-    return f"{text[:-5]}{(int(data) + 7) % 100_000:05d}" if data.isdigit() and data.isascii() else text
+    return (
+        f"{text[:-5]}{(int(data) + 7) % 100_000:05d}" if data.isdigit() and data.isascii() else text
+    )

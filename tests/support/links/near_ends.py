@@ -1,4 +1,6 @@
-"""Ports for tests of drivers, that answer at once: real descriptors, or none, and no device behind them."""
+"""Ports for tests of drivers, that answer at once: real descriptors, or none, and no device behind
+them.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,13 @@ Reply = Callable[[bytes], bytes]
 
 
 class PairPort:
-    """One end of a pair of sockets. What is written is answered by `reply` at once; `far` is the other end."""
+    """One end of a pair of sockets. What is written is answered by `reply` at once; `far` is the
+    other end.
+    """
 
-    def __init__(self, reply: Reply = lambda question: question[::-1], *, close_s: float = 0.0) -> None:
+    def __init__(
+        self, reply: Reply = lambda question: question[::-1], *, close_s: float = 0.0
+    ) -> None:
         self.near, self.far = socket.socketpair()
         self.near.setblocking(False)
         self.written: list[bytes] = []

@@ -1,9 +1,12 @@
-"""A wire that a random tape disturbs in every way that a wire can be, in both directions, and that keeps its own books.
+"""A wire that a random tape disturbs in every way that a wire can be, in both directions, and that
+keeps its own books.
 
-It lies between a session and the tap of a virtual station. `books` has every question as it left the session, what the station
-had to say to it, and the bytes that the session was given for it. `forged` are the whole answers that the wire let come although
-the station did not say them then, or not so, and that no check byte shows: no receiver can tell them, so they may be recorded,
-and nothing else that is wrong may (docs/reference/faults.md, I4). `misled` are questions that it turned into other whole ones.
+It lies between a session and the tap of a virtual station. `books` has every question as it left
+the session, what the station had to say to it, and the bytes that the session was given for it.
+`forged` are the whole answers that the wire let come although the station did not say them then, or
+not so, and that no check byte shows: no receiver can tell them, so they may be recorded, and
+nothing else that is wrong may (docs/reference/faults.md, I4). `misled` are questions that it turned
+into other whole ones.
 """
 
 from __future__ import annotations
@@ -34,7 +37,8 @@ OF_ANY_PROTOCOL = (
     *ON_QUESTIONS,
 )
 ALL_KINDS = (*KINDS, *DAMAGES, *ON_QUESTIONS)
-FAIR, ROUGH = (0.0, 0.0, 0.0005, 0.003), (0.01, 0.05, 0.2, 0.5)  # the share of questions that are disturbed
+# the share of questions that are disturbed
+FAIR, ROUGH = (0.0, 0.0, 0.0005, 0.003), (0.01, 0.05, 0.2, 0.5)
 PATIENCE_S = (0.0, 0.005, 0.02, 0.0999, 0.1001, 0.11, 0.399, 0.401)
 LONGEST_S = 20.0  # that an answer, or a copy of it, is on its way
 
@@ -62,15 +66,24 @@ class Tape:
 
     def _deed(self) -> Deed:
         random = self.random
-        by_s = [random.choice(PATIENCE_S), random.uniform(0, 0.3), random.uniform(0, 3), random.uniform(0, LONGEST_S)]
-        return Deed(random.choice(self.now), random.choice(by_s), random.random(), random.random() < 0.3)
+        by_s = [
+            random.choice(PATIENCE_S),
+            random.uniform(0, 0.3),
+            random.uniform(0, 3),
+            random.uniform(0, LONGEST_S),
+        ]
+        return Deed(
+            random.choice(self.now), random.choice(by_s), random.random(), random.random() < 0.3
+        )
 
 
 @dataclass(slots=True)
 class Exchange:
-    """A question as it left the session; the station's answer to it (None: it heard none, or another); what came then.
+    """A question as it left the session; the station's answer to it (None: it heard none, or
+    another); what came then.
 
-    `beside` is what else the station said then: the answer to a question whose end it heard only now.
+    `beside` is what else the station said then: the answer to a question whose end it heard only
+    now.
     """
 
     at: float
@@ -83,7 +96,9 @@ class Exchange:
 
 @dataclass(frozen=True, slots=True)
 class Forgery:
-    """A whole answer that is not what the station says at that moment: its text, and when it came."""
+    """A whole answer that is not what the station says at that moment: its text, and when it
+    came.
+    """
 
     text: str
     at: float
@@ -122,7 +137,11 @@ class NoisyWire(Injector):
 
     def _given(self, one: Exchange, heard: IoResult) -> None:
         one.given.append((heard.now, heard.data))
-        one.is_plain = len(one.given) == 1 and self._holds(heard.data) and self.text_of(heard.data) == one.truth
+        one.is_plain = (
+            len(one.given) == 1
+            and self._holds(heard.data)
+            and self.text_of(heard.data) == one.truth
+        )
 
     def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
         self.books[-1].at = now
@@ -133,12 +152,18 @@ class NoisyWire(Injector):
         return super().receive(data, now)
 
     def _heard_by(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
-        """What the station says to these bytes. It may be two things: a refusal of what was left of an earlier question, too."""
+        """What the station says to these bytes. It may be two things: a refusal of what was left of
+        an earlier question, too.
+        """
         before = len(self._tap.heard)
         came = self._tap.receive(data, now)
         said = [self.text_of(answer) for _, answer in came if self._holds(answer)]
-        clean = self._tap.heard[-1].clean if len(self._tap.heard) > before and len(came) < 2 else None
-        self.books[-1].truth = clean or next((text for text in said if text[:1] != "N"), next(iter(said), None))
+        clean = (
+            self._tap.heard[-1].clean if len(self._tap.heard) > before and len(came) < 2 else None
+        )
+        self.books[-1].truth = clean or next(
+            (text for text in said if text[:1] != "N"), next(iter(said), None)
+        )
         self.books[-1].beside = tuple(said)
         return came
 
@@ -151,12 +176,15 @@ class NoisyWire(Injector):
         came = list(self.receive_clean(heard, now)) if heard else []
         if heard != data and self._holds(heard):
             self.misled.append(self.text_of(heard))
-            self.books[-1].truth, self.books[-1].beside = None, ()  # whatever it says, it was not asked that
+            # whatever it says, it was not asked that
+            self.books[-1].truth, self.books[-1].beside = None, ()
             for at, answer in came:
                 self._forge(at, answer)
         return came
 
-    def _do(self, deed: Deed, data: bytes, at: float, answer: bytes, before: bytes) -> list[tuple[float, bytes]]:
+    def _do(
+        self, deed: Deed, data: bytes, at: float, answer: bytes, before: bytes
+    ) -> list[tuple[float, bytes]]:
         damage = DAMAGES.get(deed.kind)
         if damage is None:
             return super()._do(deed, data, at, answer, before)

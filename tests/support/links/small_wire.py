@@ -1,4 +1,6 @@
-"""A small wire of a few blocks whose questions and answers tell their numbers: what belongs together can be told by looking."""
+"""A small wire of a few blocks whose questions and answers tell their numbers: what belongs
+together can be told by looking.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,9 @@ from jbclog.core.capture_rows import CaptureRow, LinkRow, ResultRow
 from jbclog.record.capture import Head, wire_path
 from jbclog.record.capture_recorder import WireRecorder
 
-HEAD = Head("dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0, jbclog="0.1.0")
+HEAD = Head(
+    "dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0, jbclog="0.1.0"
+)
 BLOCKS = 6
 
 
@@ -34,7 +38,10 @@ def pieces() -> Iterator[list[CaptureRow]]:
     yield [LinkRow(8123.51, "opened", text="/dev/ttyUSB0")]
     for number in range(BLOCKS - 3):
         yield list(rows_of(range(2 * number, 2 * number + 2)))
-    yield [ResultRow(8200.0, "broke", "listen", text='the "port"\tis\ngone…'), ResultRow(8201.0, "done", "wait")]
+    yield [
+        ResultRow(8200.0, "broke", "listen", text='the "port"\tis\ngone…'),
+        ResultRow(8201.0, "done", "wait"),
+    ]
 
 
 ROWS = [row for piece in pieces() for row in piece]

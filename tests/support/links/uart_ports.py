@@ -1,8 +1,8 @@
 """Ports with a line format and real bits between both ends, in memory, on a clock that jumps.
 
-``Cable(far_end, line)`` is a far end that speaks at `line`. What passes is what a receiver makes of the sender's bits
-(`jbclog.sim.links`), so a client at another rate or parity hears and says garbage; ``access_to({url: cable})`` is what
-`jbclog.app.discovery` opens ports with.
+``Cable(far_end, line)`` is a far end that speaks at `line`. What passes is what a receiver makes of
+the sender's bits (`jbclog.sim.links`), so a client at another rate or parity hears and says
+garbage; ``access_to({url: cable})`` is what `jbclog.app.discovery` opens ports with.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ class Cable:
     `speaks` is what it says unasked: period in seconds and bytes.
     """
 
-    def __init__(self, far: FarEnd, line: LineFormat | None, speaks: tuple[float, bytes] | None = None) -> None:
+    def __init__(
+        self, far: FarEnd, line: LineFormat | None, speaks: tuple[float, bytes] | None = None
+    ) -> None:
         self.far = far
         self.line = line
         self.speaks = speaks
@@ -68,7 +70,9 @@ class UartPort:
     def read_now(self) -> bytes:
         self._check()
         now = self._clock.monotonic()
-        due = b"".join(data for at, data in sorted(self._all(now), key=lambda one: one[0]) if at <= now)
+        due = b"".join(
+            data for at, data in sorted(self._all(now), key=lambda one: one[0]) if at <= now
+        )
         self._cable.coming = [one for one in self._cable.coming if one[0] > now]
         self._opened = now
         return heard(due, self._cable.line or self._line, self._line, keeps_errors=True)
@@ -90,7 +94,10 @@ class UartPort:
             return self._cable.coming
         period, data = self._cable.speaks
         first = int(self._opened / period) + 1
-        return [*self._cable.coming, *((turn * period, data) for turn in range(first, int(until / period) + 1))]
+        return [
+            *self._cable.coming,
+            *((turn * period, data) for turn in range(first, int(until / period) + 1)),
+        ]
 
     def _check(self) -> None:
         if self._cable.breaks_at is not None and self._clock.monotonic() >= self._cable.breaks_at:
@@ -106,19 +113,28 @@ def access_to(cables: dict[str, Cable], clock: VirtualClock | None = None) -> Po
             raise PortMissing(f"{url}: no such port; check that it is plugged in")
         return UartPort(url, cables[url], line, clock)
 
-    return PortAccess(open_port, lambda seconds: clock.advance_to(clock.monotonic() + seconds), clock)
+    return PortAccess(
+        open_port, lambda seconds: clock.advance_to(clock.monotonic() + seconds), clock
+    )
 
 
-def station_cable(family: str, keys: str = "", sim: str = "", clock: VirtualClock | None = None) -> Cable:
+def station_cable(
+    family: str, keys: str = "", sim: str = "", clock: VirtualClock | None = None
+) -> Cable:
     """The cable to a virtual station that a line file would describe so."""
-    text = f'[line]\nname = "x"\n[[station]]\nname = "s"\nurl = "s"\nfamily = "{family}"\n{keys}\n[station.sim]\n{sim}\n'
+    text = (
+        '[line]\nname = "x"\n[[station]]\nname = "s"\nurl = "s"\nfamily ='
+        f' "{family}"\n{keys}\n[station.sim]\n{sim}\n'
+    )
     (spec,) = parse_line(text, Path("line.toml")).stations
     now = (clock or VirtualClock()).monotonic()
     return Cable(virtual_station(spec, now=now), spec.line_format)
 
 
 def says(cable: Cable, code: str, *data: str, last: bool = False) -> None:
-    """Let the virtual JBC station at a cable answer a question with these data fields first; see `said.let_say`."""
+    """Let the virtual JBC station at a cable answer a question with these data fields first; see
+    `said.let_say`.
+    """
     let_say(cable.far.device, code, *data, last=last)  # type: ignore[attr-defined]  # the virtual station's own
 
 

@@ -1,6 +1,8 @@
-"""The record of a run on a noisy wire held against the wire's own books: nothing from nowhere, nothing wrong but what was forged.
+"""The record of a run on a noisy wire held against the wire's own books: nothing from nowhere,
+nothing wrong but what was forged.
 
-What an answer means is told here by hand, from the manuals. A reading is named by tick, port and the first column that it fills.
+What an answer means is told here by hand, from the manuals. A reading is named by tick, port and
+the first column that it fills.
 """
 
 from __future__ import annotations
@@ -39,7 +41,8 @@ SOLDERING: dict[str, tuple[str, Meaning]] = {
     "tool": ("CT{port}", int),
     "port_error": ("PE{port}", int),
     "station_error": ("SER", int),
-    "alarm_high": ("TA{port}", lambda data: data[4] != "0"),  # any other digit is set (docs/reference/contradictions.md, B-24)
+    # any other digit is set (docs/reference/contradictions.md, B-24)
+    "alarm_high": ("TA{port}", lambda data: data[4] != "0"),
     "alarm_low": ("TA{port}", lambda data: data[3] != "0"),
     "transformer_c": ("TT", int),
     "transistor_c": ("QT{port}", int),
@@ -59,7 +62,13 @@ OMEGA: dict[str, tuple[str, Meaning]] = {
     "in_range": ("F", lambda data: data == "0"),
 }
 PROBE = "SER"  # of what stands in a row, what a client asks for no row's sake; on OMEGA everything
-SHARED = {"cooling": "status", "desoldering": "status", "motor": "status", "alarm_low": "alarm_high", "clogged": "solder_shortage"}
+SHARED = {
+    "cooling": "status",
+    "desoldering": "status",
+    "motor": "status",
+    "alarm_low": "alarm_high",
+    "clogged": "solder_shortage",
+}
 
 
 def meanings(family: str) -> Mapping[str, tuple[str, Meaning]]:
@@ -68,8 +77,8 @@ def meanings(family: str) -> Mapping[str, tuple[str, Meaning]]:
 
 @dataclass
 class Verdict:
-    """What a run's rows show. `recorded` are wrong values that the wire forged; `set_aside` forgeries that came and are in no row
-    as values; `lies` all that must not be.
+    """What a run's rows show. `recorded` are wrong values that the wire forged; `set_aside`
+    forgeries that came and are in no row as values; `lies` all that must not be.
     """
 
     readings: int = 0
@@ -102,7 +111,10 @@ class _Judge:
             late, scan = row[COLUMN["late_us"]], row[COLUMN["scan_us"]]
             if isinstance(late, int) and isinstance(scan, int) and period_s is not None:
                 begin = self.run.t0 + int(str(row[COLUMN["tick"]])) * period_s + late / 1e6
-                first, end = bisect_left(self.moments, begin - 1e-4), bisect_right(self.moments, begin + scan / 1e6)
+                first, end = (
+                    bisect_left(self.moments, begin - 1e-4),
+                    bisect_right(self.moments, begin + scan / 1e6),
+                )
                 self._row(row, self.books[first:end])
         total = sum(len(moments) for moments in self.forged.values())
         self.verdict.set_aside = total - len(self.verdict.recorded)
@@ -116,25 +128,58 @@ class _Judge:
             value = row[COLUMN[column]]
             if value is not None:
                 code = code.format(port=row[COLUMN["port"]])
-                self._value(row, column, value, by_code.get(code if self.is_omega else f"R{code}", []), meaning, code)
+                self._value(
+                    row,
+                    column,
+                    value,
+                    by_code.get(code if self.is_omega else f"R{code}", []),
+                    meaning,
+                    code,
+                )
 
-    def _value(self, row: SampleRow, column: str, value: object, asked: Sequence[Exchange], meaning: Meaning, code: str) -> None:
+    def _value(
+        self,
+        row: SampleRow,
+        column: str,
+        value: object,
+        asked: Sequence[Exchange],
+        meaning: Meaning,
+        code: str,
+    ) -> None:
         self.verdict.readings += 1
-        if len(asked) == 1 and asked[0].is_plain and meaning(str(self._data(str(asked[0].truth), code))) == value:
+        if (
+            len(asked) == 1
+            and asked[0].is_plain
+            and meaning(str(self._data(str(asked[0].truth), code))) == value
+        ):
             return
         truths = {text for one in asked for text in (one.truth, *one.beside) if text}
         means = {meaning(data) for text in truths if (data := self._data(text, code)) is not None}
-        words = [words for one in asked if (words := [word for word in self._answers(one, code) if meaning(word[0]) is not None])]
-        place = (int(str(row[COLUMN["tick"]])), int(str(row[COLUMN["port"]])), SHARED.get(column, column))
+        words = [
+            words
+            for one in asked
+            if (
+                words := [word for word in self._answers(one, code) if meaning(word[0]) is not None]
+            )
+        ]
+        place = (
+            int(str(row[COLUMN["tick"]])),
+            int(str(row[COLUMN["port"]])),
+            SHARED.get(column, column),
+        )
         told = [word for found in words for word in found if meaning(word[0]) == value]
         if value not in means:
             self.verdict.recorded.add(place)
         if not told:
             self._lies(place, f"{column} = {value!r} was not even told; the station said {truths}")
         elif value not in means and not any(self._is_forged(data, code, now) for data, now in told):
-            self._lies(place, f"{column} = {value!r}, the station said {truths}, and nothing was forged")
-        is_probe = (self.is_omega or code == PROBE) and value in means  # asked later, to see whether anybody is there
-        if words and meaning(words[-1][0][0]) not in means and not is_probe:  # the first answer to the last question
+            self._lies(
+                place, f"{column} = {value!r}, the station said {truths}, and nothing was forged"
+            )
+        # asked later, to see whether anybody is there
+        is_probe = (self.is_omega or code == PROBE) and value in means
+        # the first answer to the last question
+        if words and meaning(words[-1][0][0]) not in means and not is_probe:
             self.verdict.due_to_be.add(place)
 
     def _lies(self, place: Reading, text: str) -> None:
@@ -142,7 +187,10 @@ class _Judge:
 
     def _answers(self, one: Exchange, code: str) -> Iterator[tuple[str, float]]:
         """The data of every whole answer to this question in what came, with the moment."""
-        stream, now = b"".join(data for _, data in one.given), one.given[-1][0] if one.given else 0.0
+        stream, now = (
+            b"".join(data for _, data in one.given),
+            (one.given[-1][0] if one.given else 0.0),
+        )
         for match in _frames(code, self.is_omega, self.addressed).finditer(stream):
             frame = match[1]
             if omega_holds(frame) if self.is_omega else jbc_holds(frame):
@@ -154,12 +202,16 @@ class _Judge:
 
     def _is_forged(self, data: str, code: str, now: float) -> bool:
         text = (code.lower() if self.is_omega else f"A{code}") + data
-        return any(at <= now + 1e-6 and now - at < LONGEST_S + 5 for at in self.forged.get(text, ()))
+        return any(
+            at <= now + 1e-6 and now - at < LONGEST_S + 5 for at in self.forged.get(text, ())
+        )
 
 
 @lru_cache(512)
 def _frames(code: str, is_omega: bool, addressed: bool) -> re.Pattern[bytes]:
-    """A whole answer, wherever it begins: its addresses in either order, if there are any, its code, five digits."""
+    """A whole answer, wherever it begins: its addresses in either order, if there are any, its
+    code, five digits.
+    """
     if is_omega:
         return re.compile(rb"(?=(\x02%s(\d)\x03..))" % code.lower().encode(), re.DOTALL)
     addresses = b"(?:0100|0001)" if addressed else b""

@@ -1,8 +1,10 @@
-"""What holds of every run whatever happened to it: I1 to I9 of docs/reference/faults.md, as sentences about what fails.
+"""What holds of every run whatever happened to it: I1 to I9 of docs/reference/faults.md, as
+sentences about what fails.
 
-`violations` looks at a run's folder and at what the stations themselves noted of their wires (`station_log.heard_in`, or the
-`heard` of a `Tap`); `violations_of` at a run on a virtual clock that was kept in memory. Nothing here is counted or read with the
-code that made the record, but for the one question that is put to it: whether `check` agrees (I8).
+`violations` looks at a run's folder and at what the stations themselves noted of their wires
+(`station_log.heard_in`, or the `heard` of a `Tap`); `violations_of` at a run on a virtual clock
+that was kept in memory. Nothing here is counted or read with the code that made the record, but for
+the one question that is put to it: whether `check` agrees (I8).
 """
 
 from __future__ import annotations
@@ -17,7 +19,14 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, SampleRow, StationFacts
+from jbclog.core.rows import (
+    COLUMN,
+    SAMPLE_COLUMNS,
+    SIGNAL_COLUMNS,
+    SIGNAL_OF_COLUMN,
+    SampleRow,
+    StationFacts,
+)
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from support.oracles.account import reasons_in, wrong_rows
@@ -37,7 +46,9 @@ APART_US = 2000  # between a row's time in UTC and its place on the monotonic gr
 
 @dataclass(frozen=True)
 class Ended:
-    """How the program ended: its exit code (negative: by that signal) and all that it said on stderr."""
+    """How the program ended: its exit code (negative: by that signal) and all that it said on
+    stderr.
+    """
 
     code: int
     said: str
@@ -45,7 +56,9 @@ class Ended:
 
 @dataclass(frozen=True)
 class Kept:
-    """What a record has: rows of samples, counters as (station, port, name, reason or None), events as (time, kind, text)."""
+    """What a record has: rows of samples, counters as (station, port, name, reason or None), events
+    as (time, kind, text).
+    """
 
     samples: list[SampleRow]
     counters: list[tuple[str, str, str, str | None]]
@@ -62,19 +75,29 @@ class Kept:
 
 
 def violations(
-    folder: Path, wires: Wires, *, ended: Ended | None = None, died_at: float | None = None, as_sent: bool = False
+    folder: Path,
+    wires: Wires,
+    *,
+    ended: Ended | None = None,
+    died_at: float | None = None,
+    as_sent: bool = False,
 ) -> list[str]:
     """All that does not hold of the sealed run in `folder`.
 
-    `wires` are only of this run's time. `died_at` is when its recorder was killed (monotonic seconds), where it was. `as_sent`:
-    what a fault made of an answer counts as said (I4 allows it where the injector counts it itself).
+    `wires` are only of this run's time. `died_at` is when its recorder was killed (monotonic
+    seconds), where it was. `as_sent`: what a fault made of an answer counts as said (I4 allows it
+    where the injector counts it itself).
     """
     found = [f"I8: {finding}" for finding in check(folder)]
     if any("cannot be read" in text or "has no part" in text for text in found):
         return found
     manifest, kept = read_manifest(folder), kept_in(folder)
     found += _common(kept, wires, as_sent)
-    recipes = {one.name: (folder / "recipes" / Path(one.recipe).name).read_text("utf-8") for one in manifest.stations if one.recipe}
+    recipes = {
+        one.name: (folder / "recipes" / Path(one.recipe).name).read_text("utf-8")
+        for one in manifest.stations
+        if one.recipe
+    }
     found += _unlisted(kept.facts, wires, recipes)
     found += _ledger(manifest, kept)
     found += _losses(manifest, kept, wires, died_at)
@@ -85,7 +108,10 @@ def violations(
 def violations_of(run: VirtualRun, *, as_sent: bool = False) -> list[str]:
     """The same of a run in memory, as far as there is no folder to look at."""
     facts = [context.facts for context in run.contexts.values()]
-    counters = [(one.station, str(one.port), one.counter, _reason(one.value, one.raw)) for one in run.memory.counters]
+    counters = [
+        (one.station, str(one.port), one.counter, _reason(one.value, one.raw))
+        for one in run.memory.counters
+    ]
     events = [(event.time, event.kind, event.text) for event in run.memory.events]
     kept = Kept(run.memory.samples, counters, events, facts, run.t0, run.utc_s(run.t0))
     wires = {name: tap.heard for name, tap in run.taps.items()}
@@ -99,10 +125,22 @@ def kept_in(folder: Path) -> Kept:
     rows = _columns(folder, "samples", SAMPLE_COLUMNS)
     counters = [
         (str(station), str(port), str(name), _reason(value, str(raw)))
-        for station, port, name, value, raw in _columns(folder, "counters", ("station", "port", "counter", "value", "raw"))
+        for station, port, name, value, raw in _columns(
+            folder, "counters", ("station", "port", "counter", "value", "raw")
+        )
     ]
-    events = [(int(str(time)), str(kind), str(text)) for time, kind, text in _columns(folder, "events", ("time", "kind", "text"))]
-    return Kept([list(row) for row in rows], counters, events, manifest.stations, manifest.t0_mono or 0.0, manifest.t0_utc or 0.0)
+    events = [
+        (int(str(time)), str(kind), str(text))
+        for time, kind, text in _columns(folder, "events", ("time", "kind", "text"))
+    ]
+    return Kept(
+        [list(row) for row in rows],
+        counters,
+        events,
+        manifest.stations,
+        manifest.t0_mono or 0.0,
+        manifest.t0_utc or 0.0,
+    )
 
 
 def _whole(row: SampleRow, column: str) -> int:
@@ -115,13 +153,15 @@ def _reason(value: object, raw: str) -> str | None:
 
 def _columns(folder: Path, table: str, names: Sequence[str]) -> Iterator[tuple[object, ...]]:
     """The rows of a table; times as whole microseconds."""
-    for path in sorted((folder / table).glob("part-*.parquet"), key=lambda path: int(path.stem.partition("-")[2])):
+    for path in sorted(
+        (folder / table).glob("part-*.parquet"), key=lambda path: int(path.stem.partition("-")[2])
+    ):
         rows = pq.read_table(path)
         columns = [rows[name].cast("int64") if name == "time" else rows[name] for name in names]
         yield from zip(*(column.to_pylist() for column in columns), strict=True)
 
 
-# -- I1, I4, I5, I7: of rows and wires alone ------------------------------------------------------------------------------------
+# -- I1, I4, I5, I7: of rows and wires alone -------------------------------------------------------
 
 
 def _common(kept: Kept, wires: Wires, as_sent: bool) -> Iterator[str]:
@@ -129,21 +169,28 @@ def _common(kept: Kept, wires: Wires, as_sent: bool) -> Iterator[str]:
         rows, heard = kept.of(facts.name), wires.get(facts.name, ())
         yield from (f"I1: {facts.name}: {text}" for text in _values_with_reasons(rows))
         if facts.period_s is not None and facts.family != "omega":
-            wrong = wrong_rows(rows, heard, kept.t0, facts.period_s, as_sent=as_sent, is_air=facts.family == "jtse")
+            wrong = wrong_rows(
+                rows, heard, kept.t0, facts.period_s, as_sent=as_sent, is_air=facts.family == "jtse"
+            )
             yield from (f"I4: {facts.name}: {text}" for text in wrong)
         yield from (f"I5: {facts.name}: {text}" for text in _times(kept, facts, rows))
     yield from (f"I4: rows of {name}, which is no station of the run" for name in _strangers(kept))
 
 
 def _strangers(kept: Kept) -> set[str]:
-    return {str(row[COLUMN["station"]]) for row in kept.samples} - {facts.name for facts in kept.facts}
+    return {str(row[COLUMN["station"]]) for row in kept.samples} - {
+        facts.name for facts in kept.facts
+    }
 
 
 def _values_with_reasons(rows: Iterable[SampleRow]) -> Iterator[str]:
     for row in rows:
         for column in reasons_in(row):
             if row[COLUMN[column]] is not None:
-                yield f"tick {row[COLUMN['tick']]}: {column} has a value and a reason why there is none"
+                yield (
+                    f"tick {row[COLUMN['tick']]}: {column} has a value and a reason why there is"
+                    " none"
+                )
 
 
 def _times(kept: Kept, facts: StationFacts, rows: list[SampleRow]) -> Iterator[str]:
@@ -151,38 +198,66 @@ def _times(kept: Kept, facts: StationFacts, rows: list[SampleRow]) -> Iterator[s
     for port in sorted({_whole(row, "port") for row in rows}):
         mine = [row for row in rows if row[COLUMN["port"]] == port]
         ticks = [_whole(row, "tick") for row in mine]
-        yield from (f"port {port}: tick {two} after tick {one}" for one, two in pairwise(ticks) if two <= one)
+        yield from (
+            f"port {port}: tick {two} after tick {one}"
+            for one, two in pairwise(ticks)
+            if two <= one
+        )
         if kept.has("clock.step"):
             continue
         answered = [_whole(row, "time") for row in mine if row[COLUMN["temperature_c"]] is not None]
-        yield from (f"port {port}: {two} after {one} in UTC microseconds" for one, two in pairwise(answered) if two < one)
+        yield from (
+            f"port {port}: {two} after {one} in UTC microseconds"
+            for one, two in pairwise(answered)
+            if two < one
+        )
         if facts.period_s is not None and not kept.has("host.suspended"):
-            yield from (f"port {port}: {text}" for text in _off_the_grid(kept, facts.period_s, mine))
+            yield from (
+                f"port {port}: {text}" for text in _off_the_grid(kept, facts.period_s, mine)
+            )
 
 
 def _off_the_grid(kept: Kept, period_s: float, rows: list[SampleRow]) -> Iterator[str]:
     for row in rows:
         late, scan = row[COLUMN["late_us"]], row[COLUMN["scan_us"]]
-        if isinstance(late, int) and isinstance(scan, int) and row[COLUMN["temperature_c"]] is not None:
+        if (
+            isinstance(late, int)
+            and isinstance(scan, int)
+            and row[COLUMN["temperature_c"]] is not None
+        ):
             begin = (kept.t0_utc + _whole(row, "tick") * period_s) * 1e6 + late
             after = _whole(row, "time") - begin
             if not -APART_US <= after <= scan + APART_US:
-                yield f"tick {row[COLUMN['tick']]} is answered {after / 1e6:.6f} s after its question"
+                yield (
+                    f"tick {row[COLUMN['tick']]} is answered {after / 1e6:.6f} s after its question"
+                )
 
 
-def _unlisted(stations: Iterable[StationFacts], wires: Wires, recipes: Mapping[str, str]) -> Iterator[str]:
-    """Whatever was written is the recipe's or a safe state; OMEGA's D is looked at by tests that allow it."""
+def _unlisted(
+    stations: Iterable[StationFacts], wires: Wires, recipes: Mapping[str, str]
+) -> Iterator[str]:
+    """Whatever was written is the recipe's or a safe state; OMEGA's D is looked at by tests that
+    allow it.
+    """
     for facts in stations:
-        heard = [one for one in wires.get(facts.name, ()) if facts.family != "omega" or one.text[:1] != "D"]
-        for text in strange_writes(heard, facts.family, recipes.get(facts.name, ""), facts.ports or None):
+        heard = [
+            one
+            for one in wires.get(facts.name, ())
+            if facts.family != "omega" or one.text[:1] != "D"
+        ]
+        for text in strange_writes(
+            heard, facts.family, recipes.get(facts.name, ""), facts.ports or None
+        ):
             yield f"I7: {facts.name}: {text} was written"
 
 
-# -- I2: the account ------------------------------------------------------------------------------------------------------------
+# -- I2: the account -------------------------------------------------------------------------------
 
 
 def counted(kept: Kept) -> dict[tuple[str, str, str], Counter[str]]:
-    """For each station, port and signal: how often it came (``ok``), and how often each reason stands in its place."""
+    """For each station, port and signal: how often it came (``ok``), and how often each reason
+    stands in its place.
+    """
     found: dict[tuple[str, str, str], Counter[str]] = {}
     for row in kept.samples:
         place, reasons = (str(row[COLUMN["station"]]), str(row[COLUMN["port"]])), reasons_in(row)
@@ -191,12 +266,16 @@ def counted(kept: Kept) -> dict[tuple[str, str, str], Counter[str]]:
             if SIGNAL_OF_COLUMN[column] == column and word is not None:
                 found.setdefault((*place, column), Counter())[word] += 1
     for station, port, name, reason in kept.counters:
-        found.setdefault((station, "station" if port == "None" else port, name), Counter())[reason or "ok"] += 1
+        found.setdefault((station, "station" if port == "None" else port, name), Counter())[
+            reason or "ok"
+        ] += 1
     return found
 
 
 def _due(kept: Kept, *, whole: bool = True) -> Iterator[str]:
-    """Every tick has its row, and every reading that the session counted as due a value or a reason."""
+    """Every tick has its row, and every reading that the session counted as due a value or a
+    reason.
+    """
     rows = counted(kept)
     for facts in kept.facts:
         yield from (f"I2: {facts.name}: {text}" for text in _missing_ticks(kept, facts))
@@ -205,7 +284,10 @@ def _due(kept: Kept, *, whole: bool = True) -> Iterator[str]:
                 if signal not in facts.watched.get(port, {}):
                     found = sum(rows.get((facts.name, port, signal), Counter()).values())
                     if found < due or (found > due and signal in SIGNAL_COLUMNS):
-                        yield f"I2: {facts.name}: {signal} of port {port}: {due} were due, {found} are accounted for"
+                        yield (
+                            f"I2: {facts.name}: {signal} of port {port}: {due} were due, {found}"
+                            " are accounted for"
+                        )
 
 
 def _missing_ticks(kept: Kept, facts: StationFacts) -> Iterator[str]:
@@ -214,12 +296,19 @@ def _missing_ticks(kept: Kept, facts: StationFacts) -> Iterator[str]:
     for port in sorted({_whole(row, "port") for row in rows}):
         ticks = [_whole(row, "tick") for row in rows if row[COLUMN["port"]] == port]
         missing = ticks[-1] - ticks[0] + 1 - len(ticks)
-        if missing != facts.skipped and not (missing < facts.skipped and facts.outcome == "running"):
-            yield f"{missing} ticks of port {port} have no row, {facts.skipped} are known to be skipped"
+        if missing != facts.skipped and not (
+            missing < facts.skipped and facts.outcome == "running"
+        ):
+            yield (
+                f"{missing} ticks of port {port} have no row, {facts.skipped} are known to be"
+                " skipped"
+            )
 
 
 def _ledger(manifest: Manifest, kept: Kept) -> Iterator[str]:
-    """The manifest's ledger against the rows; what was lost for a reason that has no seconds cannot be counted."""
+    """The manifest's ledger against the rows; what was lost for a reason that has no seconds cannot
+    be counted.
+    """
     rows, gone = counted(kept), {facts.name: facts.skipped for facts in kept.facts}
     for station, ports in manifest.ledger.items():
         for port, signals in ports.items():
@@ -228,14 +317,20 @@ def _ledger(manifest: Manifest, kept: Kept) -> Iterator[str]:
                 if sum(words.values()) != account["due"]:
                     yield f"I2: {station} port {port}: {signal}: {account} does not add up"
                 found = dict(rows.get((station, port, signal), Counter()))
-                skipped = words.pop("skipped", 0) - found.pop("skipped", 0)  # rows say so too, of what came too late
-                if (signal in SIGNAL_COLUMNS or found) and (found != words or skipped not in (0, gone.get(station, 0))):
-                    yield f"I2: {station} port {port}: {signal}: the ledger has {account}, the rows {found}"
+                # rows say so too, of what came too late
+                skipped = words.pop("skipped", 0) - found.pop("skipped", 0)
+                if (signal in SIGNAL_COLUMNS or found) and (
+                    found != words or skipped not in (0, gone.get(station, 0))
+                ):
+                    yield (
+                        f"I2: {station} port {port}: {signal}: the ledger has {account}, the rows"
+                        f" {found}"
+                    )
     if manifest.lost is None or manifest.lost.seconds_at_most is not None:
         yield from _due(kept, whole=manifest.lost is None)
 
 
-# -- I3: what a kill may take ---------------------------------------------------------------------------------------------------
+# -- I3: what a kill may take ----------------------------------------------------------------------
 
 
 def _losses(manifest: Manifest, kept: Kept, wires: Wires, died_at: float | None) -> Iterator[str]:
@@ -243,33 +338,52 @@ def _losses(manifest: Manifest, kept: Kept, wires: Wires, died_at: float | None)
     if died_at is None:
         return
     if manifest.exit_status not in ("lost", None) and manifest.lost is None:
-        return  # the kill came after the record was closed; its own account has been held against it
+        # the kill came after the record was closed; its own account has been held against it
+        return
     if manifest.lost is None or manifest.exit_status != "lost":
-        yield f"I3: the recorder was killed, the manifest says {manifest.exit_status} and {manifest.lost}"
+        yield (
+            f"I3: the recorder was killed, the manifest says {manifest.exit_status} and"
+            f" {manifest.lost}"
+        )
     elif manifest.lost.seconds_at_most is not None:
         for facts in kept.facts:
-            yield from _lost_rows(kept, facts, wires.get(facts.name, ()), died_at - manifest.lost.seconds_at_most)
+            yield from _lost_rows(
+                kept, facts, wires.get(facts.name, ()), died_at - manifest.lost.seconds_at_most
+            )
 
 
-def _lost_rows(kept: Kept, facts: StationFacts, heard: Sequence[Heard], safe_until: float) -> Iterator[str]:
-    """Temperatures that were told while the run sampled, before `safe_until`, later than the last row of their port."""
+def _lost_rows(
+    kept: Kept, facts: StationFacts, heard: Sequence[Heard], safe_until: float
+) -> Iterator[str]:
+    """Temperatures that were told while the run sampled, before `safe_until`, later than the last
+    row of their port.
+    """
     if facts.period_s is None:
         return
     for port in facts.ports:
         ticks = [_whole(row, "tick") for row in kept.of(facts.name) if row[COLUMN["port"]] == port]
         recorded = kept.t0 + (ticks[-1] + 1) * facts.period_s if ticks else None
         asked = [one.at for one in heard if one.text == f"RTT{port}" and one.sent is not None]
-        late = [at for at in asked if recorded is not None and recorded < at < safe_until - facts.period_s]
+        late = [
+            at
+            for at in asked
+            if recorded is not None and recorded < at < safe_until - facts.period_s
+        ]
         if late:
             more = safe_until - late[0]
-            yield f"I3: {facts.name} port {port}: {len(late)} readings are lost, up to {more:.3f} s more than admitted"
+            yield (
+                f"I3: {facts.name} port {port}: {len(late)} readings are lost, up to {more:.3f} s"
+                " more than admitted"
+            )
 
 
-# -- I7 and safety: what is left hot --------------------------------------------------------------------------------------------
+# -- I7 and safety: what is left hot ---------------------------------------------------------------
 
 
 def _made_safe(manifest: Manifest, wires: Wires) -> Iterator[str]:
-    """The last that was ordered of every tool that the run wrote to is to stand, or the record says that it is not known."""
+    """The last that was ordered of every tool that the run wrote to is to stand, or the record says
+    that it is not known.
+    """
     for facts in manifest.stations:
         orders: dict[str, str] = {}
         for one in wires.get(facts.name, ()):
@@ -279,10 +393,13 @@ def _made_safe(manifest: Manifest, wires: Wires) -> Iterator[str]:
             if facts.family in ("jtse", "omega") or (status == STAND):
                 continue
             if not any(f"port {port}:" in text for text in facts.unsafe):
-                yield f"unsafe: {facts.name} port {port} was last told {status}, and the record does not say so: {facts.unsafe}"
+                yield (
+                    f"unsafe: {facts.name} port {port} was last told {status}, and the record does"
+                    f" not say so: {facts.unsafe}"
+                )
 
 
-# -- I9: how it ended -----------------------------------------------------------------------------------------------------------
+# -- I9: how it ended ------------------------------------------------------------------------------
 
 
 def _said(ended: Ended, manifest: Manifest) -> Iterator[str]:
@@ -297,6 +414,10 @@ def _said(ended: Ended, manifest: Manifest) -> Iterator[str]:
 
 
 def lateness(kept: Kept, station: str, percent: float = 99.0) -> float:
-    """The lateness in seconds that `percent` of a station's ticks do not exceed (I6 compares two runs of one seed)."""
-    late = sorted(_whole(row, "late_us") for row in kept.of(station) if row[COLUMN["late_us"]] is not None)
+    """The lateness in seconds that `percent` of a station's ticks do not exceed (I6 compares two
+    runs of one seed).
+    """
+    late = sorted(
+        _whole(row, "late_us") for row in kept.of(station) if row[COLUMN["late_us"]] is not None
+    )
     return late[min(int(len(late) * percent / 100), len(late) - 1)] / 1e6 if late else 0.0

@@ -1,7 +1,9 @@
-"""What may stand on the wire behind a W, by the manuals' letters and the recipe's text: none of the program's tables.
+"""What may stand on the wire behind a W, by the manuals' letters and the recipe's text: none of the
+program's tables.
 
-``strange_writes`` gives what a run sent although neither its recipe nor a safe state asked for it. The codes are those of
-manuals 002 (soldering, feeder), 001 (hot air) and 003 (OMEGA's D); a value is compared as it stands on the wire.
+``strange_writes`` gives what a run sent although neither its recipe nor a safe state asked for it.
+The codes are those of manuals 002 (soldering, feeder), 001 (hot air) and 003 (OMEGA's D); a value
+is compared as it stands on the wire.
 """
 
 from __future__ import annotations
@@ -68,15 +70,38 @@ STATES = {
 STATES_002 = {"working": "00000", "stand": "00001", "extractor": "00010"}
 SAFE = {"jtse": ("cooling", "off"), "omega": ()}
 OMEGA_FIELDS = (
-    *("rise_s", "feed1_mm", "feed1_mm_s", "reverse1_mm", "reverse1_mm_s", "preheat_s", "feed2_mm", "feed2_mm_s"),
-    *("reverse2_mm", "reverse2_mm_s", "heating_s", "feed3_mm", "feed3_mm_s", "reverse3_mm", "reverse3_mm_s"),
+    *(
+        "rise_s",
+        "feed1_mm",
+        "feed1_mm_s",
+        "reverse1_mm",
+        "reverse1_mm_s",
+        "preheat_s",
+        "feed2_mm",
+        "feed2_mm_s",
+    ),
+    *(
+        "reverse2_mm",
+        "reverse2_mm_s",
+        "heating_s",
+        "feed3_mm",
+        "feed3_mm_s",
+        "reverse3_mm",
+        "reverse3_mm_s",
+    ),
 )
 
 
 def strange_writes(
-    heard: Sequence[Heard], family: str, recipe: str, ports: Collection[int] | None = None, *, omega_may_write: bool = False
+    heard: Sequence[Heard],
+    family: str,
+    recipe: str,
+    ports: Collection[int] | None = None,
+    *,
+    omega_may_write: bool = False,
 ) -> list[str]:
-    """What of this station's questions writes something that the recipe does not ask for and no safe state is.
+    """What of this station's questions writes something that the recipe does not ask for and no
+    safe state is.
 
     `ports`: those that the line names, None for all.
     """
@@ -86,7 +111,11 @@ def strange_writes(
         return [one.text for one in heard if one.text[:1] in "DHI" and one.text not in allowed]
     fastest = {one.sent[4:] for one in heard if one.text == "RMAF" and one.sent}
     writes = [one.text for one in heard if one.is_write]
-    return [text for text in writes if not (_is_at(text, ports) and any(_allows(text, family, table, fastest)))]
+    return [
+        text
+        for text in writes
+        if not (_is_at(text, ports) and any(_allows(text, family, table, fastest)))
+    ]
 
 
 def _is_at(text: str, ports: Collection[int] | None) -> bool:
@@ -100,14 +129,25 @@ def _allows(text: str, family: str, recipe: Table, fastest: Iterable[str]) -> It
     for pattern, (path, as_sent) in SETTINGS.get(family, SOLDERING).items():
         found = re.fullmatch(rf"W{pattern}([-.\d]{{5}})", text)
         value = None if found is None else asked(recipe, path, found[1])
-        yield found is not None and value is not None and found[2] == (OFF if value == "off" else as_sent(value))
+        yield (
+            found is not None
+            and value is not None
+            and found[2] == (OFF if value == "off" else as_sent(value))
+        )
     flow = re.fullmatch(r"WSF1(\d{5})", text)
     if flow and family == "jtse":
         share = asked(recipe, "air.flow_permille", "1")
-        yield share is not None and int(flow[1]) in {round(int(cast(int, share)) * int(most) / 1000) for most in fastest}
+        yield share is not None and int(flow[1]) in {
+            round(int(cast(int, share)) * int(most) / 1000) for most in fastest
+        }
     status = re.fullmatch(r"WPS\d(\d{5})", text)
-    names = (*SAFE.get(family, ("stand", str(asked(recipe, "run.safe_state", "")))), str(asked(recipe, "run.status", "")))
-    yield status is not None and status[1] in {STATES.get(family, STATES_002).get(name) for name in names}
+    names = (
+        *SAFE.get(family, ("stand", str(asked(recipe, "run.safe_state", "")))),
+        str(asked(recipe, "run.status", "")),
+    )
+    yield status is not None and status[1] in {
+        STATES.get(family, STATES_002).get(name) for name in names
+    }
 
 
 def asked(recipe: Table, path: str, port: str) -> object:
@@ -124,7 +164,9 @@ def _at(recipe: Table, path: str) -> object:
 
 
 def _condition(recipe: Table) -> str:
-    """OMEGA's D with its record (docs/reference/protocol.md): the number, the mode, fifteen fields in tenths, all hexadecimal."""
+    """OMEGA's D with its record (docs/reference/protocol.md): the number, the mode, fifteen fields
+    in tenths, all hexadecimal.
+    """
     told = cast(Mapping[str, float], recipe["omega"])
     tenths = "".join(f"{round(told[name] * 10):03X}" for name in OMEGA_FIELDS)
     return f"D{int(told['condition']):04X}{int(told['mode'])}{tenths}"

@@ -1,9 +1,11 @@
-"""Virtual stations that are written from the manuals alone, by somebody who had not seen those of `jbclog.sim`, nor the sessions.
+"""Virtual stations that are written from the manuals alone, by somebody who had not seen those of
+`jbclog.sim`, nor the sessions.
 
-`station` makes one of each family of manuals 000, 001 and 002, each with habits of its own where the manuals are silent. A `Cable`
-carries frames to one and back, has each of nine kinds of accident with probability `p`, and keeps a list of all
-that was asked, heard, done and said. It is a peer of the virtual clock (`receive`, `is_unplugged`); `Served` serves cables on real
-pseudo-terminals and TCP ports instead, in a thread.
+`station` makes one of each family of manuals 000, 001 and 002, each with habits of its own where
+the manuals are silent. A `Cable` carries frames to one and back, has each of nine kinds of accident
+with probability `p`, and keeps a list of all that was asked, heard, done and said. It is a peer of
+the virtual clock (`receive`, `is_unplugged`); `Served` serves cables on real pseudo-terminals and
+TCP ports instead, in a thread.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ STX, ETX = 2, 3
 ROOM_C = 22.0
 OFF = "99999"
 
-# -- frames (002, Data Link Layer) --------------------------------------------------------------------------------------------
+# -- frames (002, Data Link Layer) -----------------------------------------------------------------
 
 
 def framed(text: str) -> bytes:
@@ -48,7 +50,7 @@ def delay(seconds: float | None) -> str:
     return OFF if seconds is None else f"{seconds:05.2f}"
 
 
-# -- stations -----------------------------------------------------------------------------------------------------------------
+# -- stations --------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -56,7 +58,8 @@ class Habits:
     """What the manuals do not say."""
 
     address: int | None = 1
-    host_first: bool = False  # the answer's address fields are those of the question, not turned round
+    # the answer's address fields are those of the question, not turned round
+    host_first: bool = False
     transformer_pad: str = ""  # between TT and the digits of the answer to R-TT
     transformer_wants_pad: bool = False  # R-TT without a third character is a format error
     refusal: str = "{code}{error}"  # text of an N frame after the letter
@@ -65,7 +68,8 @@ class Habits:
     fastest_s: float = 0.0005
     usual_s: float = 0.003
     slowest_s: float = 0.020
-    limits: str = "printed"  # "printed": of its own manual; "002": those of 002, though not its own; "none"
+    # "printed": of its own manual; "002": those of 002, though not its own; "none"
+    limits: str = "printed"
     not_counting: str = "00000"  # answer to R-ED when nothing is counted down
     alarm_unset: str = "00000"
     extractor_cools: bool = True
@@ -90,7 +94,10 @@ class Port:
         self.temperature = ROOM_C
         self.power = 0.0
         self.since = 0.0  # when it was told its status
-        self.counters = {name: rng.randrange(10, 9000) for name in ("CP", "CN", "CS", "CH", "CW", "CC", "CD", "DC")}
+        self.counters = {
+            name: rng.randrange(10, 9000)
+            for name in ("CP", "CN", "CS", "CH", "CW", "CC", "CD", "DC")
+        }
         self.length = rng.randrange(0, 0xFFFFF)
         self._looked: float | None = None
         self._rng = rng
@@ -131,7 +138,11 @@ class Port:
                 self.power = 1000.0
             else:
                 self.temperature += away * min(step / 25.0, 1.0)
-                self.power = 0.0 if away < -2 else max(self.temperature - ROOM_C, 0) * 0.45 + self._rng.uniform(0, 15)
+                self.power = (
+                    0.0
+                    if away < -2
+                    else max(self.temperature - ROOM_C, 0) * 0.45 + self._rng.uniform(0, 15)
+                )
             self._watch(began)
         self._looked = now
 
@@ -161,7 +172,9 @@ Taken = int
 
 
 class Station(ABC):
-    """What a station answers to a question, and how long it takes. `stored` is its state by the code of the reading."""
+    """What a station answers to a question, and how long it takes. `stored` is its state by the
+    code of the reading.
+    """
 
     def __init__(self, family: str, name: str, rng: random.Random, habits: Habits) -> None:
         self.family = family
@@ -173,7 +186,7 @@ class Station(ABC):
         self.ports: dict[int, Port] = {}
         self.station_error = 0
 
-    # -- reading and writing: by family -----------------------------------------------------------------------------------------
+    # -- reading and writing: by family ------------------------------------------------------------
 
     @abstractmethod
     def read(self, code: str, now: float) -> str | None:
@@ -208,10 +221,21 @@ SOLDERING_WRITES = ("ST", "PS", "HA", "LA", "HD", "LD")
 class Soldering(Station):
     """Manuals 000 and 002."""
 
-    def __init__(self, family: str, name: str, rng: random.Random, habits: Habits, tools: Sequence[int]) -> None:
+    def __init__(
+        self, family: str, name: str, rng: random.Random, habits: Habits, tools: Sequence[int]
+    ) -> None:
         super().__init__(family, name, rng, habits)
-        self.ports = {at: Port(tool, rng, habits.extractor_cools) for at, tool in enumerate(tools, start=1)}
-        self.feeder = {"MOD": "00000", "LEN": "00100", "SPD": "00080", "DIA": "00080", "BCK": "00005", "WCD": "00000"}
+        self.ports = {
+            at: Port(tool, rng, habits.extractor_cools) for at, tool in enumerate(tools, start=1)
+        }
+        self.feeder = {
+            "MOD": "00000",
+            "LEN": "00100",
+            "SPD": "00080",
+            "DIA": "00080",
+            "BCK": "00005",
+            "WCD": "00000",
+        }
         self.feeding = False
 
     def _place(self, code: str) -> tuple[Port, int] | None:
@@ -293,14 +317,23 @@ class Soldering(Station):
             return True
         if self._place(code) is not None:
             return True
-        return len(code) == 3 and code[:2] in SOLDERING_WRITES and code[2].isdigit() and int(code[2]) in self.ports
+        return (
+            len(code) == 3
+            and code[:2] in SOLDERING_WRITES
+            and code[2].isdigit()
+            and int(code[2]) in self.ports
+        )
 
     def write(self, code: str, data: str, now: float) -> Taken:
         if code in ("STR", "STP"):
             self.feeding = code == "STR"
             return 0
         if code in self.feeder and self.family == "ale":
-            if not data.isdigit() or (code == "MOD" and int(data) > 3) or (code == "WCD" and int(data) > 1):
+            if (
+                not data.isdigit()
+                or (code == "MOD" and int(data) > 3)
+                or (code == "WCD" and int(data) > 1)
+            ):
                 return 3
             self.feeder[code] = data
             return 0
@@ -319,7 +352,9 @@ class Soldering(Station):
 
     @property
     def _limits(self) -> bool:
-        return self.habits.limits == "002" or (self.habits.limits == "printed" and self.family != "soldering")
+        return self.habits.limits == "002" or (
+            self.habits.limits == "printed" and self.family != "soldering"
+        )
 
     def _write_tool(self, letter: str, port: Port, tool: int, data: str) -> Taken:
         if letter == "A":
@@ -351,7 +386,9 @@ class Soldering(Station):
         if not data.isdigit():
             return 3
         if two == "PS":
-            if data not in (("00000", "00001") if self.family == "soldering" else ("00000", "00001", "00010")):
+            if data not in (
+                ("00000", "00001") if self.family == "soldering" else ("00000", "00001", "00010")
+            ):
                 return 3
             port.order(now, int(data[4]), int(data[3]), port.suction)
             return 0
@@ -367,7 +404,18 @@ class Soldering(Station):
         return 0
 
 
-AIR_SETTINGS = {"ST1": 200, "SF1": 300, "SE1": 150, "WM1": 0, "MAT": 450, "MIT": 100, "MAF": 1000, "MIF": 50, "MAE": 400, "MIE": 25}
+AIR_SETTINGS = {
+    "ST1": 200,
+    "SF1": 300,
+    "SE1": 150,
+    "WM1": 0,
+    "MAT": 450,
+    "MIT": 100,
+    "MAF": 1000,
+    "MIF": 50,
+    "MAE": 400,
+    "MIE": 25,
+}
 AIR_LIMITS = {"ST1": ("MIT", "MAT"), "SF1": ("MIF", "MAF"), "SE1": ("MIE", "MAE")}
 
 
@@ -431,7 +479,11 @@ class HotAir(Station):
         if not data.isdigit():
             return 3
         if code == "PS1":
-            if data[:2] != "00" or not set(data[2:]) <= {"0", "1"} or (not self.habits.combined_status and data.count("1") > 1):
+            if (
+                data[:2] != "00"
+                or not set(data[2:]) <= {"0", "1"}
+                or (not self.habits.combined_status and data.count("1") > 1)
+            ):
                 return 3
             self.suction, self.cooling, self.is_on = (int(one) for one in data[2:])
             return 0
@@ -445,13 +497,25 @@ class HotAir(Station):
         return 0
 
 
-# -- the wire -----------------------------------------------------------------------------------------------------------------
+# -- the wire --------------------------------------------------------------------------------------
 
-KINDS = ("lost there", "lost back", "flipped", "late", "N 1", "doubled", "cut", "noise", "other address")
+KINDS = (
+    "lost there",
+    "lost back",
+    "flipped",
+    "late",
+    "N 1",
+    "doubled",
+    "cut",
+    "noise",
+    "other address",
+)
 
 
 class Row(NamedTuple):
-    """One line of a cable's list. `what`: asked (bytes left the host), heard (the station took a frame), said (it answered)."""
+    """One line of a cable's list. `what`: asked (bytes left the host), heard (the station took a
+    frame), said (it answered).
+    """
 
     at: float
     what: str
@@ -473,9 +537,11 @@ class Cable:
     faults: dict[str, int] = field(default_factory=dict)
     silent_from: float | None = None
     silent_until: float = float("inf")
-    is_silent_to: Callable[[str], bool] = lambda _text: False  # of a question's letter, code and data
+    # of a question's letter, code and data
+    is_silent_to: Callable[[str], bool] = lambda _text: False
     refuses: Callable[[str], int] = lambda _text: 0
-    script: dict[int, str] = field(default_factory=dict)  # accidents by the question's number, from 0
+    # accidents by the question's number, from 0
+    script: dict[int, str] = field(default_factory=dict)
     _buffer: bytes = b""
     _byte_at: float = 0.0
     _busy_until: float = 0.0
@@ -494,7 +560,7 @@ class Cable:
                 coming += self._answered(frame, there, fault)
         return coming
 
-    # -- there ----------------------------------------------------------------------------------------------------------------
+    # -- there -------------------------------------------------------------------------------------
 
     def _fault(self) -> str:
         number = sum(row.what == "asked" for row in self.rows) if self.script else 0
@@ -529,7 +595,9 @@ class Cable:
         return bytes(self.rng.randrange(256) for _ in range(self.rng.randrange(1, 7)))
 
     def _frames(self, data: bytes, now: float) -> list[bytes]:
-        """Whole frames that the receiver makes of `data`: from STX to the byte after the first ETX. A pause begins anew."""
+        """Whole frames that the receiver makes of `data`: from STX to the byte after the first ETX.
+        A pause begins anew.
+        """
         if now - self._byte_at > 0.05:
             self._buffer = b""
         self._byte_at = now
@@ -546,7 +614,7 @@ class Cable:
             frames.append(self._buffer[: end + 2])
             self._buffer = self._buffer[end + 2 :]
 
-    # -- at the station -------------------------------------------------------------------------------------------------------
+    # -- at the station ----------------------------------------------------------------------------
 
     def _answered(self, frame: bytes, now: float, fault: str) -> list[tuple[float, bytes]]:
         begun = max(now, self._busy_until)
@@ -572,9 +640,9 @@ class Cable:
         back = framed(self._headed(host, answer))
         self.rows.append(Row(done, "said", back, fault))
         if answer[0] == "A" and text[0] == "R":
-            self.said.setdefault(text[1:].rstrip(" 0") if text.startswith("RTT") and len(text) < 5 else text[1:], []).append(
-                (done, answer[-5:])
-            )
+            self.said.setdefault(
+                text[1:].rstrip(" 0") if text.startswith("RTT") and len(text) < 5 else text[1:], []
+            ).append((done, answer[-5:]))
         arrived = done + len(back) * 10 / self.baudrate
         self._busy_until = arrived
         return self._on_the_way_back(back, answer, arrived, fault)
@@ -593,14 +661,18 @@ class Cable:
         letter, code, data = text[:1], text[1:4], text[4:]
         habits = self.station.habits
         if letter == "R":
-            if text.startswith("RTT") and (len(text) == 3 or not text[3].isdigit() or text[3] == "0"):
+            if text.startswith("RTT") and (
+                len(text) == 3 or not text[3].isdigit() or text[3] == "0"
+            ):
                 return self._transformer(text, now)
             if len(text) != 4:
                 return self._refusal(code, 2)
             if not habits.robot_mode:
                 return self._refusal(code, 5)
             value = None if self.refuses(text) else self.station.read(code, now)
-            return self._refusal(code, self.refuses(text) or 4) if value is None else f"A{code}{value}"
+            return (
+                self._refusal(code, self.refuses(text) or 4) if value is None else f"A{code}{value}"
+            )
         if letter == "W":
             error = self._write(code, data, now)
             self.written.append(Written(now, code, data, error))
@@ -625,9 +697,11 @@ class Cable:
             return 4
         return self.refuses(f"W{code}{data}") or self.station.write(code, data, now)
 
-    # -- back -----------------------------------------------------------------------------------------------------------------
+    # -- back --------------------------------------------------------------------------------------
 
-    def _on_the_way_back(self, back: bytes, answer: str, at: float, fault: str) -> list[tuple[float, bytes]]:
+    def _on_the_way_back(
+        self, back: bytes, answer: str, at: float, fault: str
+    ) -> list[tuple[float, bytes]]:
         if fault == "lost back":
             return []
         if fault == "flipped":
@@ -649,17 +723,34 @@ class Cable:
             return answer[:4] + number(self.rng.randrange(100, 400))
         return answer
 
-    # -- what is in it ---------------------------------------------------------------------------------------------------------
+    # -- what is in it -----------------------------------------------------------------------------
 
     def taken(self, start: str = "") -> list[Written]:
         """Writes that it carried out, in order."""
         return [one for one in self.written if one.error == 0 and one.code.startswith(start)]
 
 
-# -- the bench ----------------------------------------------------------------------------------------------------------------
+# -- the bench -------------------------------------------------------------------------------------
 
-TOOLS = {"dde": (2, 3), "nae": (1, 8), "dme": (2, 1, 4, 3), "hde": (2,), "ucr": (2,), "ale": (2,), "soldering": (2,)}
-NAMES = {"dde": "DDE", "nae": "NAE", "dme": "DME", "hde": "HDE", "ucr": "UCR245", "ale": "ALE", "soldering": "DDR", "jtse": "JTSE"}
+TOOLS = {
+    "dde": (2, 3),
+    "nae": (1, 8),
+    "dme": (2, 1, 4, 3),
+    "hde": (2,),
+    "ucr": (2,),
+    "ale": (2,),
+    "soldering": (2,),
+}
+NAMES = {
+    "dde": "DDE",
+    "nae": "NAE",
+    "dme": "DME",
+    "hde": "HDE",
+    "ucr": "UCR245",
+    "ale": "ALE",
+    "soldering": "DDR",
+    "jtse": "JTSE",
+}
 FAMILIES = ("dde", "nae", "dme", "hde", "ucr", "ale", "soldering", "jtse")
 OWN_HABITS = {
     "dde": Habits(keeping_s=0.3),
@@ -673,7 +764,13 @@ OWN_HABITS = {
 }
 
 
-def station(family: str, rng: random.Random, habits: Habits | None = None, name: str = "", tools: Sequence[int] = ()) -> Station:
+def station(
+    family: str,
+    rng: random.Random,
+    habits: Habits | None = None,
+    name: str = "",
+    tools: Sequence[int] = (),
+) -> Station:
     own = habits or Habits(**vars(OWN_HABITS[family]))
     if family == "jtse":
         return HotAir(name or NAMES[family], rng, own)
@@ -683,16 +780,25 @@ def station(family: str, rng: random.Random, habits: Habits | None = None, name:
     return made
 
 
-def cable(family: str, seed: int, p: float = 0.0, habits: Habits | None = None, name: str = "", tools: Sequence[int] = ()) -> Cable:
+def cable(
+    family: str,
+    seed: int,
+    p: float = 0.0,
+    habits: Habits | None = None,
+    name: str = "",
+    tools: Sequence[int] = (),
+) -> Cable:
     rng = random.Random(seed)
     return Cable(station(family, rng, habits, name, tools), rng, p)
 
 
-# -- on real ports --------------------------------------------------------------------------------------------------------------
+# -- on real ports ---------------------------------------------------------------------------------
 
 
 class Served:
-    """Cables on pseudo-terminals below `folder`, or on TCP ports of this machine, served by a thread until it is left."""
+    """Cables on pseudo-terminals below `folder`, or on TCP ports of this machine, served by a
+    thread until it is left.
+    """
 
     def __init__(self, cables: dict[str, Cable], folder: Path, *, tcp: bool = False) -> None:
         self.urls: dict[str, str] = {}
@@ -746,7 +852,8 @@ class Served:
                     self._hear(key.fd, key.data)
             while self._due and self._due[0][0] <= time.monotonic():
                 _, _, port, data = heapq.heappop(self._due)
-                with contextlib.suppress(OSError):  # the host is gone: its bytes fall on the floor, as on a wire
+                # the host is gone: its bytes fall on the floor, as on a wire
+                with contextlib.suppress(OSError):
                     os.write(port, data)
 
     def _accept(self, listening: socket.socket, one: Cable) -> None:
@@ -773,9 +880,17 @@ class Served:
             heapq.heappush(self._due, (at, self._order, port, answer))
 
 
-def line_file(urls: dict[str, str], families: dict[str, str], name: str = "outside", more: dict[str, str] | None = None) -> str:
+def line_file(
+    urls: dict[str, str],
+    families: dict[str, str],
+    name: str = "outside",
+    more: dict[str, str] | None = None,
+) -> str:
     """The text of a line file."""
     parts = [f'[line]\nname = "{name}"\n']
     for one, url in urls.items():
-        parts.append(f'[[station]]\nname = "{one}"\nurl = "{url}"\nfamily = "{families[one]}"\n{(more or {}).get(one, "")}\n')
+        parts.append(
+            f'[[station]]\nname = "{one}"\nurl = "{url}"\nfamily ='
+            f' "{families[one]}"\n{(more or {}).get(one, "")}\n'
+        )
     return "\n".join(parts)

@@ -1,4 +1,6 @@
-"""Runs of jbclog on the stations of `outside_bench`, on a virtual clock, and what of the record was not so at the stations."""
+"""Runs of jbclog on the stations of `outside_bench`, on a virtual clock, and what of the record was
+not so at the stations.
+"""
 
 from __future__ import annotations
 
@@ -71,7 +73,11 @@ class Outcome:
     @property
     def not_started(self) -> dict[str, str]:
         """The stations that did not come to sample, with the reason."""
-        return {name: context.facts.reason for name, context in self.contexts.items() if context.facts.first_tick is None}
+        return {
+            name: context.facts.reason
+            for name, context in self.contexts.items()
+            if context.facts.first_tick is None
+        }
 
     def asked(self, name: str) -> list[str]:
         """What the station took in, in order: letter, code, data."""
@@ -81,24 +87,33 @@ class Outcome:
 
 
 def virtual(
-    cables: dict[str, Cable], *, duration_s: float = 2.0, recipe: str = TIP, allow_missing: bool = False, keys: str = ""
+    cables: dict[str, Cable],
+    *,
+    duration_s: float = 2.0,
+    recipe: str = TIP,
+    allow_missing: bool = False,
+    keys: str = "",
 ) -> Outcome:
     """One run on `cables`; hot air gets `AIR`."""
     clock = VirtualClock()
     memory, driver = Memory(), VirtualDriver(clock, allow_missing=allow_missing)
     recipes = {False: parse_recipe(recipe), True: parse_recipe(AIR)}
     families = {name: one.station.family for name, one in cables.items()}
-    text = bench.line_file({name: name for name in cables}, families, more=dict.fromkeys(cables, keys))
+    text = bench.line_file(
+        {name: name for name in cables}, families, more=dict.fromkeys(cables, keys)
+    )
     contexts = {}
     for spec in parse_line(text, Path("line.toml")).stations:
         order = order_for(spec, recipes[spec.family == "jtse"], clock, duration_s, None)
-        contexts[spec.name] = SessionContext(replace(order, may_be_missing=allow_missing), memory, UtcOffset(clock))
+        contexts[spec.name] = SessionContext(
+            replace(order, may_be_missing=allow_missing), memory, UtcOffset(clock)
+        )
         driver.add(run_station(contexts[spec.name]), cables[spec.name], spec.name)
     driver.run()
     return Outcome(memory, cables, contexts, driver)
 
 
-# -- is the record true? --------------------------------------------------------------------------------------------------------
+# -- is the record true? ---------------------------------------------------------------------------
 
 SETTING_CODES = {
     "selected_temperature": "ST{port}",
@@ -131,12 +146,17 @@ SETTING_CODES = {
     "status": "PS{port}",
 }
 SCALES = {"feeder_length": 10, "feeder_speed": 10, "feeder_backward": 10, "feeder_diameter": 100}
-WORDS = {"feeder_mode": ["continuous", "discontinuous", "program", "reload"], "clog_detection": ["off", "on"]}
+WORDS = {
+    "feeder_mode": ["continuous", "discontinuous", "program", "reload"],
+    "clog_detection": ["off", "on"],
+}
 WORDS["work_mode"] = ["manual", "profile"]
 
 
 def as_recorded(setting: str, raw: str) -> str:
-    """The text of `settings` for what a station holds; the alarm's codes for "not set" are `off`, as is 99999."""
+    """The text of `settings` for what a station holds; the alarm's codes for "not set" are `off`,
+    as is 99999.
+    """
     if raw == bench.OFF or (setting.endswith("_limit") and raw == "00000"):
         return "off"
     if setting in WORDS:
@@ -175,7 +195,11 @@ def wrong_values(outcome: Outcome) -> Iterator[str]:
 
 
 def _wrong_setting(one: Cable, row: SettingRow, now: float) -> Iterator[str]:
-    if row.outcome not in ("confirmed", "unchanged", "read") or row.readback is None or row.setting not in SETTING_CODES:
+    if (
+        row.outcome not in ("confirmed", "unchanged", "read")
+        or row.readback is None
+        or row.setting not in SETTING_CODES
+    ):
         return
     tool = one.station.ports[row.port].tool if row.port in one.station.ports else 1
     code = SETTING_CODES[row.setting].format(port=row.port, tool=tool)
@@ -183,12 +207,18 @@ def _wrong_setting(one: Cable, row: SettingRow, now: float) -> Iterator[str]:
         return  # in per mille of what it may be: the sample's column is compared instead
     said = {as_recorded(row.setting, raw) for _, raw in one.said.get(code, [])}
     if row.readback not in said:
-        yield f"{row.station}: {row.setting} of port {row.port}: {row.readback} is recorded, and {sorted(said)} was said"
+        yield (
+            f"{row.station}: {row.setting} of port {row.port}: {row.readback} is recorded, and"
+            f" {sorted(said)} was said"
+        )
     if row.outcome == "read" or row.setting == "status":
         return
     held = one.station.stored(code, now)
     if held is None or not as_recorded(row.setting, held) == row.readback == row.requested:
-        yield f"{row.station}: {row.setting} of port {row.port} is {held}, {row.readback} is recorded, {row.requested} was asked"
+        yield (
+            f"{row.station}: {row.setting} of port {row.port} is {held}, {row.readback} is"
+            f" recorded, {row.requested} was asked"
+        )
 
 
 def _wrong_sample(one: Cable, sample: SampleRow) -> Iterator[str]:
@@ -197,7 +227,8 @@ def _wrong_sample(one: Cable, sample: SampleRow) -> Iterator[str]:
     time = sample[COLUMN["time"]]
     assert isinstance(time, int)
     at = time / 1e6 - shift
-    took = [sample[COLUMN[name]] for name in ("late_us", "scan_us")]  # its readings are of one scan after its due time
+    # its readings are of one scan after its due time
+    took = [sample[COLUMN[name]] for name in ("late_us", "scan_us")]
     around = MOMENT_S + sum(one for one in took if isinstance(one, int)) / 1e6
     for column, form in SIGNAL_CODES.items():
         value = sample[COLUMN[column]]
@@ -206,9 +237,14 @@ def _wrong_sample(one: Cable, sample: SampleRow) -> Iterator[str]:
         code = form.format(port=port)
         if one.station.family == "jtse" and column == "temperature_c":
             code = "AT1"
-        near = [raw for moment, raw in one.said.get(code, []) if at - around <= moment <= at + around]
+        near = [
+            raw for moment, raw in one.said.get(code, []) if at - around <= moment <= at + around
+        ]
         if not any(_same(one, column, value, raw) for raw in near):
-            yield f"{sample[COLUMN['station']]}: {column} of port {port} at {at:.3f}: {value} is recorded, and {near} was said"
+            yield (
+                f"{sample[COLUMN['station']]}: {column} of port {port} at {at:.3f}: {value} is"
+                f" recorded, and {near} was said"
+            )
 
 
 def _same(one: Cable, column: str, value: object, raw: str) -> bool:

@@ -1,7 +1,9 @@
-"""An OMEGA that knows no more than manual 003, 11 prints: A, which it answers with a. Written from that page alone.
+"""An OMEGA that knows no more than manual 003, 11 prints: A, which it answers with a. Written from
+that page alone.
 
-It reads byte by byte: STX, the main text, ETX, then two characters of SUM, whatever they are. So the end of a JBC frame, which has
-one character there, takes the STX of the next frame for its second, and that frame is lost.
+It reads byte by byte: STX, the main text, ETX, then two characters of SUM, whatever they are. So
+the end of a JBC frame, which has one character there, takes the STX of the next frame for its
+second, and that frame is lost.
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ CHARACTER_S = 10 / 9600
 
 
 class PageOmega:
-    """`answer` is the main text of its answers; `delay_s` is what it takes before one. `texts` is what it took as frames."""
+    """`answer` is the main text of its answers; `delay_s` is what it takes before one. `texts` is
+    what it took as frames.
+    """
 
     def __init__(self, answer: str = "a", delay_s: float = 0.02) -> None:
         self.answer = answer
@@ -37,7 +41,11 @@ class PageOmega:
         self.heard += data
         at = now + len(data) * CHARACTER_S + self.delay_s
         answer = self._framed()
-        return [Reply(at + len(answer) * CHARACTER_S, answer) for byte in data if self._takes(byte) and not self.is_gone]
+        return [
+            Reply(at + len(answer) * CHARACTER_S, answer)
+            for byte in data
+            if self._takes(byte) and not self.is_gone
+        ]
 
     def is_unplugged(self, now: float) -> bool:
         return False

@@ -1,4 +1,6 @@
-"""What holds of a run on two ports whatever happened to it: an account, few writes, and tools that are safe or told of."""
+"""What holds of a run on two ports whatever happened to it: an account, few writes, and tools that
+are safe or told of.
+"""
 
 from __future__ import annotations
 
@@ -38,13 +40,19 @@ def assert_sane(run: VirtualRun) -> None:
 
 
 def assert_writes_are_few(run: VirtualRun) -> None:
-    """Every write once; the safe state three times at most, and again for a new tool that would not cool.
+    """Every write once; the safe state three times at most, and again for a new tool that would not
+    cool.
 
     What the station says it did not understand was not done, and is sent again.
     """
     sent = Counter(one.text for one in run.writes if not is_not_understood(one))
     for text, times in sent.items():
-        assert text[1:4] in SETTINGS or text in ("WPS100000", "WPS200000", "WPS100001", "WPS200001"), text
+        assert text[1:4] in SETTINGS or text in (
+            "WPS100000",
+            "WPS200000",
+            "WPS100001",
+            "WPS200001",
+        ), text
         assert times <= (6 if text.endswith("00001") and text.startswith("WPS") else 1), text
 
 
@@ -54,11 +62,20 @@ def is_not_understood(write: Heard) -> bool:
 
 
 def assert_safe_or_told(run: VirtualRun) -> None:
-    """What was heated is standing, or the facts say which tool may be hot; nothing was put to work after it stood."""
+    """What was heated is standing, or the facts say which tool may be hot; nothing was put to work
+    after it stood.
+    """
     for port in (1, 2):
         orders = [write.value for write in run.station.log.written("status") if write.port == port]
         sent = [one.text for one in run.writes if one.text.startswith(f"WPS{port}")]
-        assert orders in ([], *([WORKING] * heated + [STAND] * stood for heated in (0, 1) for stood in range(7)))
-        if sent and not (orders and orders[-1] == STAND and run.facts.safe_state.get(port) == "verified"):
+        assert orders in (
+            [],
+            *([WORKING] * heated + [STAND] * stood for heated in (0, 1) for stood in range(7)),
+        )
+        if sent and not (
+            orders and orders[-1] == STAND and run.facts.safe_state.get(port) == "verified"
+        ):
             assert any(f"port {port}:" in text for text in run.facts.unsafe), (sent, run.facts)
-        assert (run.facts.safe_state.get(port) in ("failed", "sent")) == any(f"port {port}:" in text for text in run.facts.unsafe)
+        assert (run.facts.safe_state.get(port) in ("failed", "sent")) == any(
+            f"port {port}:" in text for text in run.facts.unsafe
+        )

@@ -1,4 +1,6 @@
-"""The pages that are made from the code, and nothing else: ``python tests/support pages`` writes them anew."""
+"""The pages that are made from the code, and nothing else: ``python tests/support pages`` writes
+them anew.
+"""
 
 from __future__ import annotations
 

@@ -22,10 +22,20 @@ def page() -> str:
     """The whole page."""
     rows = [(f"[{code(verb)}](#jbclog-{verb})", HELP[verb].splitlines()[0]) for verb in VERBS]
     sections = (f"## jbclog {verb}\n\n```text\n{help_of(verb)}\n```" for verb in VERBS)
-    return "\n\n".join([f"{MADE}\n\n# Commands\n{INTRODUCTION}\n{table(('command', 'what it does'), rows)}", *sections]) + "\n"
+    return (
+        "\n\n".join(
+            [
+                f"{MADE}\n\n# Commands\n{INTRODUCTION}\n{table(('command', 'what it does'), rows)}",
+                *sections,
+            ]
+        )
+        + "\n"
+    )
 
 
 def help_of(verb: str) -> str:
     """What a terminal of `WIDTH` columns shows."""
-    ended = CliRunner().invoke(app, [verb, "--help"], prog_name=get_command(app).name, terminal_width=WIDTH, color=False)
+    ended = CliRunner().invoke(
+        app, [verb, "--help"], prog_name=get_command(app).name, terminal_width=WIDTH, color=False
+    )
     return "\n".join(line.rstrip() for line in ended.stdout.strip().splitlines())

@@ -21,7 +21,12 @@ from support.pages.md_table import MADE, code, codes, table
 Model = type[BaseModel]
 FILES: Mapping[str, Mapping[str, Model]] = {
     "Recipe": {"": RecipeTables},
-    "Line file": {"": LineTables, "[station]": StationTable, "station.sim": SimSpec, "[station.sim.fault]": FaultSpec},
+    "Line file": {
+        "": LineTables,
+        "[station]": StationTable,
+        "station.sim": SimSpec,
+        "[station.sim.fault]": FaultSpec,
+    },
     "Jobs file": {"": BatchTables, "[job]": JobTable},
     "Tasks file": {"": TasksFile, "[task]": TaskTable},
 }
@@ -46,7 +51,11 @@ write where it can be read (exit code 3).
 def page() -> str:
     """The whole page."""
     sections = (f"## {title}\n\n{TABLES[title]}\n\n{_file(title)}" for title in FILES)
-    return f"{MADE}\n\n# Files and their keys\n{INTRODUCTION}\n" + "\n\n".join(sections) + f"\n\n{_faults()}\n"
+    return (
+        f"{MADE}\n\n# Files and their keys\n{INTRODUCTION}\n"
+        + "\n\n".join(sections)
+        + f"\n\n{_faults()}\n"
+    )
 
 
 def keys(title: str) -> Iterable[tuple[str, str, FieldInfo]]:
@@ -73,7 +82,9 @@ def _is_described_elsewhere(field: FieldInfo) -> bool:
 def _model_in(annotation: object) -> Model | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for inner in get_args(annotation) if (found := _model_in(inner)) is not None), None)
+    return next(
+        (found for inner in get_args(annotation) if (found := _model_in(inner)) is not None), None
+    )
 
 
 def _file(title: str) -> str:
@@ -82,7 +93,9 @@ def _file(title: str) -> str:
         meaning = MEANINGS[title][f"{name.strip('[]')}.{key}".lstrip(".")]
         rows.setdefault(name, []).append((code(key), meaning, allowed(field), default(field)))
     head = ("key", "meaning", "allowed", "default")
-    return "\n\n".join(f"### `{_heading(name)}`\n\n{table(head, found)}" for name, found in rows.items())
+    return "\n\n".join(
+        f"### `{_heading(name)}`\n\n{table(head, found)}" for name, found in rows.items()
+    )
 
 
 def _heading(name: str) -> str:
@@ -100,7 +113,13 @@ def allowed(field: FieldInfo) -> str:
 
 
 def _type(annotation: Any) -> str:
-    names = {str: "text", int: "whole number", float: "number", bool: "true or false", type(None): ""}
+    names = {
+        str: "text",
+        int: "whole number",
+        float: "number",
+        bool: "true or false",
+        type(None): "",
+    }
     if annotation in names:
         return names[annotation]
     if get_origin(annotation) is Literal:
@@ -115,7 +134,14 @@ def _type(annotation: Any) -> str:
     return " or ".join(inner)
 
 
-SIGNS: Mapping[str, str] = {"ge": "≥ ", "gt": "> ", "le": "≤ ", "lt": "< ", "min_length": "at least ", "max_length": "at most "}
+SIGNS: Mapping[str, str] = {
+    "ge": "≥ ",
+    "gt": "> ",
+    "le": "≤ ",
+    "lt": "< ",
+    "min_length": "at least ",
+    "max_length": "at most ",
+}
 
 
 def _bounds(metadata: list[Any]) -> str:
@@ -129,18 +155,30 @@ def _bounds(metadata: list[Any]) -> str:
 
 
 def default(field: FieldInfo) -> str:
-    """What holds where the key is missing; a dash where that is the station's, the family's or nothing."""
+    """What holds where the key is missing; a dash where that is the station's, the family's or
+    nothing.
+    """
     if field.is_required():
         return "required"
     value = field.get_default(call_default_factory=True)
     if value in (None, (), {}, "") or value is PydanticUndefined:
         return "–"
-    return code(str(value).lower() if isinstance(value, bool) else f'"{value}"' if isinstance(value, str) else f"{value:g}")
+    return code(
+        str(value).lower()
+        if isinstance(value, bool)
+        else f'"{value}"'
+        if isinstance(value, str)
+        else f"{value:g}"
+    )
 
 
 def _faults() -> str:
     rows = [
-        (code(kind), FAULTS[kind], codes(sorted(taken)) + (" and `for_s`, required" if kind in NEEDS_END else ""))
+        (
+            code(kind),
+            FAULTS[kind],
+            codes(sorted(taken)) + (" and `for_s`, required" if kind in NEEDS_END else ""),
+        )
         for kind, taken in KEYS_OF_FAULT.items()
     ]
     head = ("`kind`", "what happens", "keys besides `kind`, `at_s`, `for_s`")

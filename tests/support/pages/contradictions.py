@@ -1,4 +1,6 @@
-"""docs/reference/contradictions.md: what the manuals contradict, misprint or leave open, and what is made of it."""
+"""docs/reference/contradictions.md: what the manuals contradict, misprint or leave open, and what
+is made of it.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +22,24 @@ says so.
 def page() -> str:
     """The whole page."""
     rows = [_row(one) for one in DECISIONS.values()]
-    head = ("no.", "contradicted or left open", "how it is read", "why", "families", "quirk of a virtual station")
+    head = (
+        "no.",
+        "contradicted or left open",
+        "how it is read",
+        "why",
+        "families",
+        "quirk of a virtual station",
+    )
     return f"{MADE}\n\n# Contradictions of the manuals\n{INTRODUCTION}\n{table(head, rows)}\n"
 
 
 def _row(one: Decision) -> tuple[str, ...]:
     number = f"B-{one.number}" + (" (value doubtful)" if one.doubtful else "")
-    return number, one.title, one.reading, one.reason, codes(one.families) or "all of JBC", codes(one.quirks)
+    return (
+        number,
+        one.title,
+        one.reading,
+        one.reason,
+        codes(one.families) or "all of JBC",
+        codes(one.quirks),
+    )

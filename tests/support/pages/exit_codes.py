@@ -9,20 +9,34 @@ from support.pages.md_table import MADE, table
 
 MEANINGS: Mapping[Exit, str] = {
     Exit.FINE: "Fine.",
-    Exit.NOT_FINE: "It ended, and something is not fine. `run`, `batch`: a verdict other than ACCEPT or NOT JUDGED, an alarm, a "
-    "setting that changed, fewer units or joints than demanded. `audit`: something is due. `check`, `report --verify`, `doctor`: a "
-    "finding, or a report that cannot be compared. `alarms`: an alarm that nobody acknowledged. "
-    "`safe --wait`: a tool that is still warm.",
+    Exit.NOT_FINE: (
+        "It ended, and something is not fine. `run`, `batch`: a verdict other than ACCEPT or NOT"
+        " JUDGED, an alarm, a setting that changed, fewer units or joints than demanded. `audit`:"
+        " something is due. `check`, `report --verify`, `doctor`: a finding, or a report that"
+        " cannot be compared. `alarms`: an alarm that nobody acknowledged. `safe --wait`: a tool"
+        " that is still warm."
+    ),
     Exit.USAGE: "Wrong usage, recipe, line or jobs file. Nothing was sent.",
-    Exit.STATION: "A station did not answer at the start, is not in Robot mode, refused the recipe or cannot keep the rate; the "
-    "run then starts on none (with `--allow-missing`, only if none starts). Or a station was disconnected at the end, or another "
-    "run holds a port.",
-    Exit.RECORD: "The record is incomplete: crash, disk, hashes. `publish`: a run was refused, or the store cannot be "
-    "read or written.",
-    Exit.UNSAFE: "A tool could not be put in its safe state. The last lines name station, port and last temperature.",
-    Exit.INTERRUPTED: "SIGINT (Ctrl-C) before a stated end (duration, units or joints). Record closed, tools safe. Also "
-    "`watch` at Ctrl-C.",
-    Exit.TERMINATED: "The same by SIGTERM or SIGHUP; also `watch --web` and `publish --follow` at SIGTERM.",
+    Exit.STATION: (
+        "A station did not answer at the start, is not in Robot mode, refused the recipe or cannot"
+        " keep the rate; the run then starts on none (with `--allow-missing`, only if none starts)."
+        " Or a station was disconnected at the end, or another run holds a port."
+    ),
+    Exit.RECORD: (
+        "The record is incomplete: crash, disk, hashes. `publish`: a run was refused, or the store"
+        " cannot be read or written."
+    ),
+    Exit.UNSAFE: (
+        "A tool could not be put in its safe state. The last lines name station, port and last"
+        " temperature."
+    ),
+    Exit.INTERRUPTED: (
+        "SIGINT (Ctrl-C) before a stated end (duration, units or joints). Record closed, tools"
+        " safe. Also `watch` at Ctrl-C."
+    ),
+    Exit.TERMINATED: (
+        "The same by SIGTERM or SIGHUP; also `watch --web` and `publish --follow` at SIGTERM."
+    ),
 }
 
 RULES = """

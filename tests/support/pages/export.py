@@ -1,4 +1,6 @@
-"""docs/reference/export.md: what each format of `jbclog export` holds, from the tables by which it is written."""
+"""docs/reference/export.md: what each format of `jbclog export` holds, from the tables by which it
+is written.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,10 @@ ALARMS = {
     "station": "station",
     "port": "port",
     "side": "`high` or `low`",
-    "detector": "A: the station's flag, B: our samples with delay and deadband, C: every excursion of our samples",
+    "detector": (
+        "A: the station's flag, B: our samples with delay and deadband, C: every excursion of our"
+        " samples"
+    ),
     "state": "`active`, `cleared`, or `uncertain`: not read for too long",
     "onset_earliest": "it began after this",
     "onset": "and no later than this",
@@ -52,8 +57,10 @@ CHARACTERISTIC = {
     "K2009": "800: time, 250: temperature, 0: undefined",
     "K2022": f"{qdas.DECIMALS} decimal places",
     "K2110": "0, where nothing can be below it",
-    "K2111": "upper limit of `recovery_s`: `recovery_p95_s` of the recipe's `[acceptance]`. The recipe limits 95 of 100 joints; "
-    "K2900 says so",
+    "K2111": (
+        "upper limit of `recovery_s`: `recovery_p95_s` of the recipe's `[acceptance]`. The recipe"
+        " limits 95 of 100 joints; K2900 says so"
+    ),
     "K2120": "type of the lower limit: 2, natural; 0, none",
     "K2121": "type of the upper limit: 1, a limit; 0, none",
     "K2142": "unit, in ASCII",
@@ -61,8 +68,11 @@ CHARACTERISTIC = {
 }
 VALUE = {
     "K0001": f"value; `{qdas.MISSING}` in the place of one that is not known",
-    "K0002": f"{qdas.VALID}: valid; {qdas.NOT_EVALUATED}: shown and not evaluated, because it is not known whether it was a joint; "
-    f"{qdas.PLACEHOLDER}: a placeholder, because the value is not known",
+    "K0002": (
+        f"{qdas.VALID}: valid; {qdas.NOT_EVALUATED}: shown and not evaluated, because it is not"
+        f" known whether it was a joint; {qdas.PLACEHOLDER}: a placeholder, because the value is"
+        " not known"
+    ),
     "K0004": "start of the joint, UTC, in whole seconds",
     "K0014": "serial of the unit, where it is known: on a line of its own behind the joint's",
 }
@@ -127,8 +137,14 @@ def page() -> str:
     sections = [
         *("### Part", table(("field", "holds"), _fields(PART))),
         *("### Characteristics", table(("field", "holds"), _fields(CHARACTERISTIC))),
-        table(("K2001", "K2002", "K2142", "holds"), [_characteristic(one) for one in qdas.CHARACTERISTICS]),
-        "`heat_j` and `energy_j` stand only in files of stations whose line file has `rated_power_w`.",
+        table(
+            ("K2001", "K2002", "K2142", "holds"),
+            [_characteristic(one) for one in qdas.CHARACTERISTICS],
+        ),
+        (
+            "`heat_j` and `energy_j` stand only in files of stations whose line file has"
+            " `rated_power_w`."
+        ),
         *("### Values", table(("field", "holds"), _fields(VALUE))),
         "## Columns of alarms",
         table(("column", "holds", "unit", "type"), [_alarm(name) for name in ALARMS_SCHEMA.names]),
@@ -147,4 +163,9 @@ def _characteristic(one: qdas.Characteristic) -> tuple[str, str, str, str]:
 
 def _alarm(name: str) -> tuple[str, str, str, str]:
     field = ALARMS_SCHEMA.field(name)
-    return code(name), ALARMS[name], (field.metadata or {}).get(b"unit", b"").decode(), DATATYPES[field.type]
+    return (
+        code(name),
+        ALARMS[name],
+        (field.metadata or {}).get(b"unit", b"").decode(),
+        DATATYPES[field.type],
+    )

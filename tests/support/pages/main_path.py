@@ -1,4 +1,6 @@
-"""docs/pictures/main-path.svg: the seven files of the main path and the way back, and how they import each other."""
+"""docs/pictures/main-path.svg: the seven files of the main path and the way back, and how they
+import each other.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +32,9 @@ CHAINS = (("app.run.runner", "protocol.client.robot"), ("protocol.client.robot",
 WIDTH, HEIGHT, BOX, TALL, STEP, TOP = 760, 560, 270, 48, 76, 24
 LEFT, RIGHT = 70, 460
 STYLE = (
-    "text{font:13px sans-serif;fill:#222}.q{font-size:11px;fill:#555}rect{fill:#fff;stroke:#3b6ea5;stroke-width:1.5}"
-    "path{fill:none;stroke:#555;stroke-width:1.3;marker-end:url(#a)}.v{stroke-dasharray:5 4}.d{stroke:#a5673b;stroke-dasharray:2 3}"
+    "text{font:13px"
+    " sans-serif;fill:#222}.q{font-size:11px;fill:#555}rect{fill:#fff;stroke:#3b6ea5;stroke-width:1.5}path{fill:none;stroke:#555;stroke-width:1.3;marker-end:url(#a)}.v{stroke-dasharray:5"
+    " 4}.d{stroke:#a5673b;stroke-dasharray:2 3}"
 )
 
 
@@ -53,7 +56,9 @@ def files() -> list[Path]:
 
 
 def svg() -> str:
-    """The picture: solid for an import, dashed through the files that are named, dotted where files on disk are read."""
+    """The picture: solid for an import, dashed through the files that are named, dotted where files
+    on disk are read.
+    """
     graph = grimp.build_graph("jbclog", cache_dir=None)
     lines = [_box(name, box) for name, box in BOXES.items()]
     for importer in BOXES:
@@ -61,16 +66,18 @@ def svg() -> str:
         lines += [_arrow(importer, other) for other in BOXES if f"jbclog.{other}" in imported]
     for importer, other in CHAINS:
         chain = graph.find_shortest_chain(f"jbclog.{importer}", f"jbclog.{other}") or ()
-        between = ", ".join(f"{name.removeprefix('jbclog.').replace('.', '/')}.py" for name in chain[1:-1])
+        between = ", ".join(
+            f"{name.removeprefix('jbclog.').replace('.', '/')}.py" for name in chain[1:-1]
+        )
         lines.append(_arrow(importer, other, "v", f"through {between}"))
     lines.append(_arrow("analysis.run", "record.seal", "d", "reads the files that it left"))
     drawn = "\n".join(lines)
     return (
-        f'{MADE}\n<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img">'
-        f"<title>The main path</title><style>{STYLE}</style>"
-        '<defs><marker id="a" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto">'
-        '<path d="M0 0L8 4L0 8z" style="fill:#555;stroke:none;marker-end:none"/></marker></defs>\n'
-        f"{drawn}\n</svg>\n"
+        f'{MADE}\n<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}"'
+        f' role="img"><title>The main path</title><style>{STYLE}</style><defs><marker id="a"'
+        ' viewBox="0 0 8 8" refX="8" refY="4" markerWidth="8" markerHeight="8" orient="auto"><path'
+        ' d="M0 0L8 4L0 8z"'
+        f' style="fill:#555;stroke:none;marker-end:none"/></marker></defs>\n{drawn}\n</svg>\n'
     )
 
 

@@ -6,7 +6,16 @@ import re
 from collections.abc import Mapping
 
 from jbclog.core.rows import Goal, StationFacts, TipCheck
-from jbclog.record.manifest import LineFile, Lost, Manifest, Metadata, Previous, RecipeFile, SealedFile, Unit
+from jbclog.record.manifest import (
+    LineFile,
+    Lost,
+    Manifest,
+    Metadata,
+    Previous,
+    RecipeFile,
+    SealedFile,
+    Unit,
+)
 from support.pages.md_table import MADE, code, table
 
 OBJECTS: Mapping[str, type] = {
@@ -38,7 +47,9 @@ MEANINGS: Mapping[str, str] = {
     "manifest.json.exit_code": "[exit code](exit-codes.md) of the run",
     "manifest.json.verdict": "verdict",
     "manifest.json.rules": "version of the rules and methods that it is judged by",
-    "manifest.json.verdict_rules": "each rule of the verdict: name, station, port, limit, observed, unit, result, text",
+    "manifest.json.verdict_rules": (
+        "each rule of the verdict: name, station, port, limit, observed, unit, result, text"
+    ),
     "manifest.json.started": "start",
     "manifest.json.ended": "end",
     "manifest.json.t0_mono": "tick 0 on the recorder's monotonic clock, s",
@@ -86,7 +97,9 @@ MEANINGS: Mapping[str, str] = {
     "stations.format": "line format",
     "stations.ports": "ports that are recorded",
     "stations.tools": "tool of each port",
-    "stations.turnaround_us": "response time in µs: median, p99, n; `faster_by` where the link is faster than named",
+    "stations.turnaround_us": (
+        "response time in µs: median, p99, n; `faster_by` where the link is faster than named"
+    ),
     "stations.asked_rate": "Hz, `auto`, `fit` or `max`",
     "stations.rate_hz": "rate of the fast signals; null: without pause",
     "stations.period_s": "its period",
@@ -102,7 +115,9 @@ MEANINGS: Mapping[str, str] = {
     "stations.skipped_by_host": "rows marked `skipped` for which the host was too late",
     "stations.garbage_bytes": "bytes that belonged to no frame",
     "stations.strays": "frames that answered nothing, by kind",
-    "stations.anomalies": "forms other than recommended, by number of [contradictions](contradictions.md)",
+    "stations.anomalies": (
+        "forms other than recommended, by number of [contradictions](contradictions.md)"
+    ),
     "stations.doubted": "answers that were asked again before they were believed, by command",
     "stations.alarm_rules": "deadband, off-delay and time until uncertain of alarms from samples",
     "stations.alarms": "alarms that count",
@@ -152,7 +167,10 @@ MEANINGS: Mapping[str, str] = {
 
 def page() -> str:
     """The whole page."""
-    sections = (f"## {name}\n\n{table(('key', 'holds', 'type'), _rows(name, one))}" for name, one in OBJECTS.items())
+    sections = (
+        f"## {name}\n\n{table(('key', 'holds', 'type'), _rows(name, one))}"
+        for name, one in OBJECTS.items()
+    )
     return f"{MADE}\n\n# Manifest\n{INTRODUCTION}\n" + "\n\n".join(sections) + "\n"
 
 
@@ -164,11 +182,16 @@ def keys() -> set[str]:
 def types_of(one: type) -> dict[str, str]:
     """Key -> type, as the class declares them."""
     declared = [getattr(base, "__annotations__", {}) for base in reversed(one.__mro__)]
-    return {key: str(kind) for keys in declared for key, kind in keys.items() if not key.startswith("_")}
+    return {
+        key: str(kind) for keys in declared for key, kind in keys.items() if not key.startswith("_")
+    }
 
 
 def _rows(name: str, one: type) -> list[tuple[str, str, str]]:
-    return [(code(key), MEANINGS[f"{name}.{key}"], json_type(kind)) for key, kind in types_of(one).items()]
+    return [
+        (code(key), MEANINGS[f"{name}.{key}"], json_type(kind))
+        for key, kind in types_of(one).items()
+    ]
 
 
 def json_type(kind: str) -> str:
@@ -187,4 +210,8 @@ def json_type(kind: str) -> str:
     ):
         text = re.sub(rf"\b{python}\b", json, text)
     text = re.sub(r"\blist\[(.*)\]", r"list: \1", text)
-    return "object" if text.startswith("dict[") else text.replace("dict[text, object]", "object").replace(" | ", " or ")
+    return (
+        "object"
+        if text.startswith("dict[")
+        else text.replace("dict[text, object]", "object").replace(" | ", " or ")
+    )

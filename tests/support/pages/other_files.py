@@ -1,4 +1,6 @@
-"""docs/reference/audit-files.md: the audit's ledger and CSV, tip verifications, annotations, from the types that write them."""
+"""docs/reference/audit-files.md: the audit's ledger and CSV, tip verifications, annotations, from
+the types that write them.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,18 @@ OBJECTS: Mapping[str, type] = {
 """Heading -> what writes it."""
 
 TEXTS: Mapping[str, str] = {
-    "Observation": "A line of the audit's ledger (`jbclog audit --ledger FILE`): one look at one station. `counts` maps "
-    "port to counter to value; what was moving or could not be read stands beside it. A station that did not answer is an "
-    "observation too: `seen` is false.",
+    "Observation": (
+        "A line of the audit's ledger (`jbclog audit --ledger FILE`): one look at one station."
+        " `counts` maps port to counter to value; what was moving or could not be read stands"
+        " beside it. A station that did not answer is an observation too: `seen` is false."
+    ),
     "Identity": "`identity` of an observation.",
     "Errors": "`errors` of an observation.",
     "Fact": "A line of the ledger: what `jbclog maintenance done` added.",
-    "Verification": "A line of `verifications.jsonl` in the folder of runs: what `jbclog verify` added. Temperatures in °C.",
+    "Verification": (
+        "A line of `verifications.jsonl` in the folder of runs: what `jbclog verify` added."
+        " Temperatures in °C."
+    ),
     "Annotation": "A line of `annotations.jsonl` in a run's folder.",
 }
 
@@ -94,7 +101,9 @@ MEANINGS: Mapping[str, str] = {
     "Verification.instrument": "thermometer",
     "Verification.instrument_u_c": "its expanded uncertainty (k = 2), where stated",
     "Verification.due": "day on which its calibration is due",
-    "Verification.result": "`pass`, `fail`, or `invalid` where the thermometer was past its due date",
+    "Verification.result": (
+        "`pass`, `fail`, or `invalid` where the thermometer was past its due date"
+    ),
     "Verification.text": "a sentence",
     "Verification.proposed_adjust_c": "adjustment that is proposed; null: none",
     "Verification.by": "who",
@@ -121,7 +130,9 @@ CSV: Mapping[str, str] = {
     "seen": "`yes` or `no`",
     "source": "as in the ledger",
     "last_seen": "when it answered last",
-    "kind": "`station`, `counter`, `task`, `use`, `error`, `parameter` or `note`: what the row is about",
+    "kind": (
+        "`station`, `counter`, `task`, `use`, `error`, `parameter` or `note`: what the row is about"
+    ),
     "port": "port",
     "name": "name of the counter, task, figure, error or parameter",
     "unit": "unit of `value`",
@@ -142,11 +153,16 @@ CSV: Mapping[str, str] = {
 def page() -> str:
     """The whole page."""
     sections = [
-        f"## {name}\n\n{TEXTS[name]}\n\n{table(('key', 'holds', 'type'), _rows(name, one))}" for name, one in OBJECTS.items()
+        f"## {name}\n\n{TEXTS[name]}\n\n{table(('key', 'holds', 'type'), _rows(name, one))}"
+        for name, one in OBJECTS.items()
     ]
     columns = table(("column", "holds"), [(code(name), CSV[name]) for name in COLUMNS])
     sections.append(f"## CSV of an audit\n\n`jbclog audit --csv FILE`.\n\n{columns}")
-    return f"{MADE}\n\n# Ledger, verifications, annotations\n{INTRODUCTION}\n" + "\n\n".join(sections) + "\n"
+    return (
+        f"{MADE}\n\n# Ledger, verifications, annotations\n{INTRODUCTION}\n"
+        + "\n\n".join(sections)
+        + "\n"
+    )
 
 
 def keys() -> set[str]:
@@ -155,4 +171,7 @@ def keys() -> set[str]:
 
 
 def _rows(name: str, one: type) -> list[tuple[str, str, str]]:
-    return [(code(key), MEANINGS[f"{name}.{key}"], json_type(kind)) for key, kind in types_of(one).items()]
+    return [
+        (code(key), MEANINGS[f"{name}.{key}"], json_type(kind))
+        for key, kind in types_of(one).items()
+    ]

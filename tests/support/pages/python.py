@@ -1,4 +1,6 @@
-"""docs/reference/python.md: the public names of `jbclog`, `jbclog.live` and `jbclog.spc`, their signatures and docstrings."""
+"""docs/reference/python.md: the public names of `jbclog`, `jbclog.live` and `jbclog.spc`, their
+signatures and docstrings.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def page() -> str:
 
 def _module(module: ModuleType) -> Iterable[str]:
     level = "##" if module is jbclog else "###"
-    for name in sorted(module.__all__, key=lambda one: (inspect.isclass(getattr(module, one)), one)):
+    for name in sorted(
+        module.__all__, key=lambda one: (inspect.isclass(getattr(module, one)), one)
+    ):
         thing = getattr(module, name)
         if inspect.isclass(thing) or inspect.isfunction(thing):
             yield f"{level} {name}\n\n{_signature(name, thing)}{_text(thing)}{_values(thing)}"
@@ -45,24 +49,37 @@ def _module(module: ModuleType) -> Iterable[str]:
 
 
 def _members(one: type, level: str) -> Iterable[str]:
-    inherited = [vars(base) for base in reversed(one.__mro__) if base.__module__.startswith("jbclog")]
-    for name, member in {name: member for names in inherited for name, member in names.items()}.items():
+    inherited = [
+        vars(base) for base in reversed(one.__mro__) if base.__module__.startswith("jbclog")
+    ]
+    for name, member in {
+        name: member for names in inherited for name, member in names.items()
+    }.items():
         if name.startswith("_"):
             continue
         if isinstance(member, property):
             yield f"{level} {one.__name__}.{name}\n\n{_text(member)}"
         elif inspect.isfunction(member) or isinstance(member, staticmethod):
-            yield f"{level} {one.__name__}.{name}\n\n{_signature(name, getattr(one, name))}{_text(member)}"
+            yield (
+                f"{level}"
+                f" {one.__name__}.{name}\n\n{_signature(name, getattr(one, name))}{_text(member)}"
+            )
 
 
 def _signature(name: str, thing: object) -> str:
     """Without the types' quotes; a class that only errors or jbclog make has none."""
-    if inspect.isclass(thing) and (issubclass(thing, Exception | Enum) or thing in (jbclog.Run, jbclog.Runs)):
+    if inspect.isclass(thing) and (
+        issubclass(thing, Exception | Enum) or thing in (jbclog.Run, jbclog.Runs)
+    ):
         return ""
     assert callable(thing)
     parameters = list(_parameters(inspect.signature(thing)))
     given = inspect.signature(thing).return_annotation
-    back = "" if given is inspect.Signature.empty or inspect.isclass(thing) else f" -> {given}".replace("'", "")
+    back = (
+        ""
+        if given is inspect.Signature.empty or inspect.isclass(thing)
+        else f" -> {given}".replace("'", "")
+    )
     line = f"{name}({', '.join(parameters)}){back}"
     if len(line) > WIDTH:
         line = f"{name}(\n    " + ",\n    ".join(parameters) + f",\n){back}"

@@ -1,4 +1,6 @@
-"""docs/reference/station-commands.md: every command of every family, and the tables that its numbers are looked up in."""
+"""docs/reference/station-commands.md: every command of every family, and the tables that its
+numbers are looked up in.
+"""
 
 from __future__ import annotations
 
@@ -70,13 +72,24 @@ def page() -> str:
 
 
 MENU = ("000", "001")
-"""Manuals of stations whose line format is chosen in a menu: 1200 to 500000 baud, any parity, one or two stop bits (2.1)."""
+"""Manuals of stations whose line format is chosen in a menu: 1200 to 500000 baud, any parity, one
+or two stop bits (2.1).
+"""
 
-# -- families ----------------------------------------------------------------------------------------------------------
+# -- families --------------------------------------------------------------------------------------
 
 
 def _families() -> str:
-    head = ("family", "stations", "model names that prove it", "ports", "line", "safe states", "orders of a run", "manual")
+    head = (
+        "family",
+        "stations",
+        "model names that prove it",
+        "ports",
+        "line",
+        "safe states",
+        "orders of a run",
+        "manual",
+    )
     rows = [
         (
             code(one.name),
@@ -95,8 +108,13 @@ def _families() -> str:
 
 
 def _run_writes() -> str:
-    known = {name: command for family in FAMILIES.values() for name, command in family.commands.items()}
-    rows = [(code(name), code(printed_code(known[name]).replace("R/W", "W")), when) for name, when in WRITES.items()]
+    known = {
+        name: command for family in FAMILIES.values() for name, command in family.commands.items()
+    }
+    rows = [
+        (code(name), code(printed_code(known[name]).replace("R/W", "W")), when)
+        for name, when in WRITES.items()
+    ]
     return table(("name", "code", "when, and whose value"), rows)
 
 
@@ -105,13 +123,15 @@ def _those(names: Iterable[str]) -> str:
     found = tuple(names)
     groups = {
         tuple(FAMILIES): "all",
-        tuple(name for name, one in FAMILIES.items() if "sleep_delay" in one.commands): "all soldering",
+        tuple(
+            name for name, one in FAMILIES.items() if "sleep_delay" in one.commands
+        ): "all soldering",
         tuple(name for name, one in FAMILIES.items() if "002" in one.manual): "all of 002",
     }
     return groups.get(found) or codes(found)
 
 
-# -- commands ----------------------------------------------------------------------------------------------------------
+# -- commands --------------------------------------------------------------------------------------
 
 COUNTED = {counter.command for family in FAMILIES.values() for counter in family.counters}
 GROUPS: Mapping[str, Callable[[Command], bool]] = {
@@ -123,7 +143,18 @@ GROUPS: Mapping[str, Callable[[Command], bool]] = {
 
 
 def _commands() -> Iterable[str]:
-    head = ("name", "code", "families", "unit", "printed", "inferred", "recorded as", "sent", "manual", "note")
+    head = (
+        "name",
+        "code",
+        "families",
+        "unit",
+        "printed",
+        "inferred",
+        "recorded as",
+        "sent",
+        "manual",
+        "note",
+    )
     holders = _holders()
     for title, belongs in GROUPS.items():
         rows = [_row(one, names) for one, names in holders.items() if belongs(one)]
@@ -142,7 +173,9 @@ def _holders() -> dict[Command, list[str]]:
 def _row(one: Command, names: list[str]) -> tuple[str, ...]:
     sent = ["dangerous"] if one.dangerous else []
     sent += ["once"] if one.sent_once else []
-    recorded = codes(dict.fromkeys(column for name in names for column in recorded_as(FAMILIES[name], one)))
+    recorded = codes(
+        dict.fromkeys(column for name in names for column in recorded_as(FAMILIES[name], one))
+    )
     return (
         code(one.name),
         code(printed_code(one)),
@@ -159,14 +192,21 @@ def _row(one: Command, names: list[str]) -> tuple[str, ...]:
 
 def printed_code(one: Command) -> str:
     """``R/W-STx``, as the manuals print it."""
-    place = {Scope.STATION: "", Scope.PORT: "x", Scope.TOOL: "xy", Scope.CONDITION: "nnnn"}[one.scope]
+    place = {Scope.STATION: "", Scope.PORT: "x", Scope.TOOL: "xy", Scope.CONDITION: "nnnn"}[
+        one.scope
+    ]
     header = "" if one.manual.startswith("003") else "/".join(one.access.upper()) + "-"
     return f"{header}{one.letters}{place}"
 
 
 def recorded_as(family: Family, one: Command) -> list[str]:
     """Where what it tells stands in a run's tables."""
-    columns = [column for signal in family.signals if signal.command == one.name for column in signal.columns]
+    columns = [
+        column
+        for signal in family.signals
+        if signal.command == one.name
+        for column in signal.columns
+    ]
     return columns + [counter.name for counter in family.counters if counter.command == one.name]
 
 
@@ -176,12 +216,19 @@ def range_text(one: Command) -> str:
     if names:
         return ", ".join(f"{number} {name}" for number, name in enumerate(names))
     if one.within:
-        step, (lowest, highest) = f", step {one.limits.step:g}" if one.limits.step else "", one.within
+        step, (lowest, highest) = (
+            (f", step {one.limits.step:g}" if one.limits.step else ""),
+            one.within,
+        )
         return f"{f'{code(lowest)} to' if lowest else 'up to'} {code(highest)}{step}"
     if isinstance(one.quantity, DigitWord):
         return "digits up to " + "".join(map(str, one.quantity.highest))
     if one.limits.low is not None or one.limits.step is not None:
-        return str(one.limits).replace("range not printed step", "range not printed, step") if one.limits.high != 0 else "00000"
+        return (
+            str(one.limits).replace("range not printed step", "range not printed, step")
+            if one.limits.high != 0
+            else "00000"
+        )
     if isinstance(one.quantity, Number | Text):
         return "letters" if isinstance(one.quantity, Text) else "a number of its table"
     if one.limits.printed:
@@ -193,10 +240,13 @@ def inferred_text(one: Command) -> str:
     """What of its value is another manual's, and whose; nothing where nothing is."""
     if one.inferred is None:
         return ""
-    return f"{str(one.inferred.limits).replace('range not printed step', 'step').removesuffix(' or off')}: {one.inferred.source}"
+    return (
+        f"{str(one.inferred.limits).replace('range not printed step', 'step').removesuffix(' or off')}:"
+        f" {one.inferred.source}"
+    )
 
 
-# -- tables ------------------------------------------------------------------------------------------------------------
+# -- tables ----------------------------------------------------------------------------------------
 
 
 def _tables() -> Iterable[str]:
@@ -205,7 +255,10 @@ def _tables() -> Iterable[str]:
     yield f"## Port errors\n\n{_errors(lambda family: family.port_errors)}"
     yield f"## Station errors\n\n{_errors(lambda family: family.station_errors)}"
     rows = [(f"{number:05d}", text) for number, text in COMMUNICATION_ERRORS.items()]
-    yield f"## Communication errors\n\nWhat an N frame carries, for all of JBC.\n\n{table(('number', 'meaning'), rows)}"
+    yield (
+        "## Communication errors\n\nWhat an N frame carries, for all of"
+        f" JBC.\n\n{table(('number', 'meaning'), rows)}"
+    )
     yield f"## Factory settings\n\n{FACTORY}\n\n{_defaults()}"
 
 
@@ -213,7 +266,10 @@ def _numbered(of: Callable[[Family], Mapping[int, str]]) -> str:
     """A column for each set of families with the same numbers."""
     columns = _same(lambda family: tuple(of(family).items()))
     numbers = sorted({number for numbered in columns for number, _ in numbered})
-    rows = [(str(number), *(dict(numbered).get(number, "–") for numbered in columns)) for number in numbers]
+    rows = [
+        (str(number), *(dict(numbered).get(number, "–") for numbered in columns))
+        for number in numbers
+    ]
     return table(("number", *map(_those, columns.values())), rows)
 
 
@@ -224,11 +280,16 @@ def _errors(of: Callable[[Family], ErrorTable]) -> str:
 
 def _classed(errors: ErrorTable) -> dict[int, str]:
     """Each number's text with what jbclog takes it for."""
-    kinds = {**dict.fromkeys(errors.states, " *(state)*"), **dict.fromkeys(errors.warnings, " *(warning)*")}
+    kinds = {
+        **dict.fromkeys(errors.states, " *(state)*"),
+        **dict.fromkeys(errors.warnings, " *(warning)*"),
+    }
     return {number: text + kinds.get(number, "") for number, text in errors.texts.items()}
 
 
-def _same(of: Callable[[Family], tuple[tuple[int, str], ...]]) -> dict[tuple[tuple[int, str], ...], list[str]]:
+def _same(
+    of: Callable[[Family], tuple[tuple[int, str], ...]],
+) -> dict[tuple[tuple[int, str], ...], list[str]]:
     """The families by what they have; those that have nothing are left out."""
     found: dict[tuple[tuple[int, str], ...], list[str]] = {}
     for family in FAMILIES.values():
@@ -238,9 +299,10 @@ def _same(of: Callable[[Family], tuple[tuple[int, str], ...]]) -> dict[tuple[tup
 
 
 OTHER_DIGITS = (
-    "The hundreds digit is desoldering, on hot air suction; the thousands digit is the feeder's motor on `ale`, 1 forward and "
-    "2 backward. Nobody orders them, but for suction: on hot air a status order carries its digit, too (`air.suction`, "
-    "`run.safe_suction`, `jbclog write ... status cooling+suction`)."
+    "The hundreds digit is desoldering, on hot air suction; the thousands digit is the feeder's"
+    " motor on `ale`, 1 forward and 2 backward. Nobody orders them, but for suction: on hot air a"
+    " status order carries its digit, too (`air.suction`, `run.safe_suction`, `jbclog write ..."
+    " status cooling+suction`)."
 )
 
 
@@ -253,7 +315,10 @@ def _status() -> str:
         elif known is not None:
             known.append(family.name)
     rows = [row for one, names in tables for row in _status_rows(one, _those(names))]
-    return table(("families", "word", "state", "what it is", "ordered by"), rows) + f"\n\n{OTHER_DIGITS}"
+    return (
+        table(("families", "word", "state", "what it is", "ordered by"), rows)
+        + f"\n\n{OTHER_DIGITS}"
+    )
 
 
 def _status_rows(one: StatusTable, families: str) -> Iterable[tuple[str, ...]]:
@@ -266,9 +331,10 @@ def _status_rows(one: StatusTable, families: str) -> Iterable[tuple[str, ...]]:
 
 
 FACTORY = (
-    "What a virtual station begins with and a factory reset brings back. jbclog assumes none of it of a real station: it reads "
-    "what is there. Where nothing is printed the value is the virtual station's own choice; the manuals 000, 001 and 003 print "
-    "no factory settings at all, and a virtual station of 000 begins like those of 002."
+    "What a virtual station begins with and a factory reset brings back. jbclog assumes none of it"
+    " of a real station: it reads what is there. Where nothing is printed the value is the virtual"
+    " station's own choice; the manuals 000, 001 and 003 print no factory settings at all, and a"
+    " virtual station of 000 begins like those of 002."
 )
 
 
@@ -292,4 +358,8 @@ def _defaults() -> str:
 
 
 def _value(command: Command, one: Default) -> str:
-    return command.shown(one.value) if not isinstance(command.quantity, Choice | DigitWord) else text_of(one.value)
+    return (
+        command.shown(one.value)
+        if not isinstance(command.quantity, Choice | DigitWord)
+        else text_of(one.value)
+    )

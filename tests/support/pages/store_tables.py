@@ -16,7 +16,10 @@ Delta Lake tables of a [store](../how-to/plant-store.md), each partitioned by `l
 TEXTS: Mapping[str, str] = {
     "runs": "A row for each version of a run.",
     "metrics": "`run.metrics()`: a row for each metric of each port.",
-    "units": "`run.units()`: a row for each time that a unit was on the bench, and for each unit that was only named.",
+    "units": (
+        "`run.units()`: a row for each time that a unit was on the bench, and for each unit that"
+        " was only named."
+    ),
     "alarms": "`run.alarms()`: a row for each episode of each detector.",
 }
 MEANINGS: Mapping[str, str] = {
@@ -46,7 +49,9 @@ def page() -> str:
 
 
 def _section(name: str) -> str:
-    text = TEXTS.get(name, f"The columns of [{name}](tables.md#{name}), between those of every table.")
+    text = TEXTS.get(
+        name, f"The columns of [{name}](tables.md#{name}), between those of every table."
+    )
     schema = schema_of(name)
     fields = [field for field in schema if name in TEXTS or field.name in MEANINGS]
     return f"## {name}\n\n{text}\n\n{table(('column', 'holds', 'unit', 'type', 'may be null'), map(_row, fields))}"
@@ -54,6 +59,10 @@ def _section(name: str) -> str:
 
 def _row(field: pa.Field) -> tuple[str, ...]:
     rows = field.name.removesuffix("_rows")
-    holds = f"number of its rows in `{rows}`" if rows in DATA and rows != field.name else MEANINGS.get(field.name, "")
+    holds = (
+        f"number of its rows in `{rows}`"
+        if rows in DATA and rows != field.name
+        else MEANINGS.get(field.name, "")
+    )
     unit = (field.metadata or {}).get(b"unit", b"").decode()
     return code(field.name), holds, unit, str(field.type), "yes" if field.nullable else "no"

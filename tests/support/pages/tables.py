@@ -1,4 +1,6 @@
-"""docs/reference/tables.md: the columns of a run's tables and of the table of joints, from their schemas."""
+"""docs/reference/tables.md: the columns of a run's tables and of the table of joints, from their
+schemas.
+"""
 
 from __future__ import annotations
 
@@ -20,25 +22,41 @@ int64. **A null means: not read.** Nothing is carried forward and nothing is zer
 """
 
 TEXTS: Mapping[str, str] = {
-    "samples": "A row for each tick, station and port. A station that is disconnected leaves its rows (null, `disconnected`); a "
-    "host that stands still leaves one event `host.suspended` and a count `skipped` in the accounting, and no rows.",
-    "events": "What happened, oldest first. Each row holds the hash of the one before it. [Events](events.md) lists the kinds.",
-    "settings": "A row for each setting that was written or read. Values are text in the setting's unit. A mismatch, a refusal and "
-    "an unconfirmed write stop the station; `unsupported` does not. There is no rollback.",
+    "samples": (
+        "A row for each tick, station and port. A station that is disconnected leaves its rows"
+        " (null, `disconnected`); a host that stands still leaves one event `host.suspended` and a"
+        " count `skipped` in the accounting, and no rows."
+    ),
+    "events": (
+        "What happened, oldest first. Each row holds the hash of the one before it."
+        " [Events](events.md) lists the kinds."
+    ),
+    "settings": (
+        "A row for each setting that was written or read. Values are text in the setting's unit. A"
+        " mismatch, a refusal and an unconfirmed write stop the station; `unsupported` does not."
+        " There is no rollback."
+    ),
     "counters": "A row for each reading of a counter.",
     "joints": "`joints.parquet`, after `jbclog report`; `run.joints()`.",
 }
 
 MEANINGS: Mapping[str, str] = {
-    "samples.time": "last byte of this row's temperature answer; where there is none, when it was due",
-    "samples.tick": "number on the run's grid: due = manifest `t0_mono` + tick × period. With `--rate max` it counts scans",
+    "samples.time": (
+        "last byte of this row's temperature answer; where there is none, when it was due"
+    ),
+    "samples.tick": (
+        "number on the run's grid: due = manifest `t0_mono` + tick × period. With `--rate max` it"
+        " counts scans"
+    ),
     "samples.station": "station",
     "samples.port": "port",
     "samples.late_us": "first question sent minus due; null with `--rate max`",
     "samples.scan_us": "last answer minus first question of this port",
     "samples.quality": "the worst that happened to this row, see below",
-    "samples.reasons": "each due value that is null, with why: `power_permille=timeout;alarm_high=nak3`. A null without a reason "
-    "was not due",
+    "samples.reasons": (
+        "each due value that is null, with why: `power_permille=timeout;alarm_high=nak3`. A null"
+        " without a reason was not due"
+    ),
     "samples.temperature_c": "temperature of the tip; on hot air of the air",
     "samples.power_permille": "power, share of the rated power",
     "samples.status": "`working` `stand` `sleep` `hibernation`; on hot air `on` `off`",
@@ -91,7 +109,9 @@ MEANINGS: Mapping[str, str] = {
     "counters.counter": "name; ends in its unit",
     "counters.value": "value; null where it could not be read",
     "counters.unit": "unit",
-    "counters.raw": "characters as they came; where there is no value, the reason in angle brackets",
+    "counters.raw": (
+        "characters as they came; where there is no value, the reason in angle brackets"
+    ),
     "joints.station": "station",
     "joints.port": "port",
 }
@@ -110,8 +130,8 @@ QUALITY: Mapping[str, str] = {
 }
 
 OTHER_REASONS = (
-    "In `reasons` only: `no_thermocouple` (hot air), `not_counting` (no time to sleep runs), `no_digit` (OMEGA answered A without "
-    "a digit)."
+    "In `reasons` only: `no_thermocouple` (hot air), `not_counting` (no time to sleep runs),"
+    " `no_digit` (OMEGA answered A without a digit)."
 )
 
 OUTCOME: Mapping[str, str] = {
@@ -128,7 +148,10 @@ OUTCOME: Mapping[str, str] = {
 
 def page() -> str:
     """The whole page."""
-    sections = [f"## {name}\n\n{TEXTS[name]}\n\n{_columns(name, schema)}{_extra(name)}" for name, schema in tables().items()]
+    sections = [
+        f"## {name}\n\n{TEXTS[name]}\n\n{_columns(name, schema)}{_extra(name)}"
+        for name, schema in tables().items()
+    ]
     return f"{MADE}\n\n# Tables and columns\n{INTRODUCTION}\n" + "\n\n".join(sections) + "\n"
 
 
@@ -149,7 +172,13 @@ def _columns(name: str, schema: pa.Schema) -> str:
         metadata = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
         command = codes(metadata.get("command", "").split())
         kind = str(field.type).replace("timestamp[us, tz=UTC]", "timestamp UTC")
-        cells = (code(field.name), meaning(name, field), metadata.get("unit", ""), kind, "yes" if field.nullable else "no")
+        cells = (
+            code(field.name),
+            meaning(name, field),
+            metadata.get("unit", ""),
+            kind,
+            "yes" if field.nullable else "no",
+        )
         rows.append((*cells, command) if name == "samples" else cells)
     head = ("column", "holds", "unit", "type", "may be null")
     return table((*head, "command") if name == "samples" else head, rows)
@@ -158,7 +187,12 @@ def _columns(name: str, schema: pa.Schema) -> str:
 def _extra(name: str) -> str:
     if name == "samples":
         rows = [(code(one), QUALITY[one]) for one in QUALITIES]
-        return f"\n\n`quality` is the first of these that applies:\n\n{table(('quality', 'means'), rows)}\n\n{OTHER_REASONS}"
+        return (
+            "\n\n`quality` is the first of these that"
+            f" applies:\n\n{table(('quality', 'means'), rows)}\n\n{OTHER_REASONS}"
+        )
     if name == "settings":
-        return "\n\n" + table(("outcome", "means"), [(code(one), OUTCOME[one]) for one in SettingOutcome])
+        return "\n\n" + table(
+            ("outcome", "means"), [(code(one), OUTCOME[one]) for one in SettingOutcome]
+        )
     return ""

@@ -1,4 +1,6 @@
-"""docs/reference/verdict.md: the rules of the verdict, its versions, deviations, and the definitions of all metrics."""
+"""docs/reference/verdict.md: the rules of the verdict, its versions, deviations, and the
+definitions of all metrics.
+"""
 
 from __future__ import annotations
 
@@ -29,53 +31,88 @@ RESULTS: Mapping[Result, str] = {
 }
 
 RULES: Mapping[str, tuple[str, str]] = {
-    "record": ("always", "The record runs from start to end. Ended early: a deviation. Cut off by a crash: missing."),
+    "record": (
+        "always",
+        "The record runs from start to end. Ended early: a deviation. Cut off by a crash: missing.",
+    ),
     "station": (
         "always",
-        "The station was recorded to the end. Stopped by a changed setting: fails. Refused, gone, failed: missing. Left out as "
-        "allowed: a deviation.",
+        (
+            "The station was recorded to the end. Stopped by a changed setting: fails. Refused,"
+            " gone, failed: missing. Left out as allowed: a deviation."
+        ),
     ),
     "settings": (
         "always",
-        "Every setting of the recipe is confirmed. Refused or different: fails. Not read back: missing. Unknown to the "
-        "station: a deviation.",
+        (
+            "Every setting of the recipe is confirmed. Refused or different: fails. Not read back:"
+            " missing. Unknown to the station: a deviation."
+        ),
     ),
     "ports": ("always", "At least one port was recorded with a tool."),
     "no_tool": ("always", "A port that never had a tool is a deviation and is not judged."),
     "no_acceptance": (
         "always",
-        "A station whose recipe states no limit, or none about what it has, is a deviation and is not judged.",
+        (
+            "A station whose recipe states no limit, or none about what it has, is a deviation and"
+            " is not judged."
+        ),
     ),
     "confidence": ('`confidence = "none"`', "Bare figures are judged. The line only says so."),
     "coverage": (
         "`coverage_percent`",
-        "Readings obtained of the readings due. What the host missed is missing evidence, not a failure. One isolated miss does "
-        "not break a limit in per cent.",
+        (
+            "Readings obtained of the readings due. What the host missed is missing evidence, not a"
+            " failure. One isolated miss does not break a limit in per cent."
+        ),
     ),
     "longest_gap": ("`longest_gap_s`", "The longest time without a temperature."),
-    "alarms": ("`alarms_max`", "Events `alarm.high` and `alarm.low`. Flags that were never read: missing."),
+    "alarms": (
+        "`alarms_max`",
+        "Events `alarm.high` and `alarm.low`. Flags that were never read: missing.",
+    ),
     "reached": (
         "`reached_within_c`, `at_work_percent`",
-        "A tool that was ordered to work arrived at its setpoint and stayed at work. Never ordered: missing.",
+        (
+            "A tool that was ordered to work arrived at its setpoint and stayed at work. Never"
+            " ordered: missing."
+        ),
     ),
     "idle_error": (
         "`idle_error_c`",
-        "Mean deviation of the tip at rest from its setpoint, with its 95 % bound. No rest of 30 s: missing.",
+        (
+            "Mean deviation of the tip at rest from its setpoint, with its 95 % bound. No rest of"
+            " 30 s: missing."
+        ),
     ),
     "idle_sd": ("`idle_sd_c`", "Standard deviation of the tip at rest, with its 95 % bound."),
     "verification": (
         "`verification_days`",
-        "The tip was verified and passed, recently enough, with the adjustment that the run had. Failed: fails. None, too old, "
-        "another tip, another adjustment: missing.",
+        (
+            "The tip was verified and passed, recently enough, with the adjustment that the run"
+            " had. Failed: fails. None, too old, another tip, another adjustment: missing."
+        ),
     ),
     "recovery_p95": (
         "`recovery_p95_s`",
         "95th percentile of the recovery time, with its 95 % bound. Fewer than 59 joints: missing.",
     ),
-    "recovered_before_next": ("`recovered_before_next_percent`", "Joints after which the tip had recovered before the next one."),
-    "joints_against_counter": ("`joints_against_counter_percent`", "`ale`: joints found by heat against feeds counted."),
-    "goal_units": ("`--until-units`", "The stated number of units was finished. Fewer: a deviation."),
-    "goal_joints": ("`--until-joints`", "The stated number of joints was found. Fewer: a deviation."),
+    "recovered_before_next": (
+        "`recovered_before_next_percent`",
+        "Joints after which the tip had recovered before the next one.",
+    ),
+    "joints_against_counter": (
+        "`joints_against_counter_percent`",
+        "`ale`: joints found by heat against feeds counted.",
+    ),
+    "goal_units": (
+        "`--until-units`",
+        "The stated number of units was finished. Fewer: a deviation.",
+    ),
+    "goal_joints": (
+        "`--until-joints`",
+        "The stated number of joints was found. Fewer: a deviation.",
+    ),
 }
 """Rule -> the limit that it belongs to, and what it judges."""
 
@@ -85,13 +122,17 @@ again. A limit about an estimated figure is kept when the figure and its 95 % bo
 that does not, or without a bound, is missing evidence ([decision 31](../decisions/0031-bounds-and-missing-evidence.md)).
 """
 
-METRICS = "`run.metrics()`, `jbclog trend`, `jbclog chart` and the report. What the data cannot carry has no value, and a reason."
+METRICS = (
+    "`run.metrics()`, `jbclog trend`, `jbclog chart` and the report. What the data cannot carry has"
+    " no value, and a reason."
+)
 DEVIATIONS = (
-    "All events of the severities error and critical that no rule judges, and those of these kinds from the severity warning on:"
+    "All events of the severities error and critical that no rule judges, and those of these kinds"
+    " from the severity warning on:"
 )
 OF_VERSIONS = (
-    "The manifest names the version that a run was judged by (`rules`; without it 1). A stored verdict is compared with its own "
-    "version only."
+    "The manifest names the version that a run was judged by (`rules`; without it 1). A stored"
+    " verdict is compared with its own version only."
 )
 
 
@@ -99,14 +140,24 @@ def page() -> str:
     """The whole page."""
     rules = [(code(name), limit, text) for name, (limit, text) in RULES.items()]
     results = [(code(one.value), RESULTS[one]) for one in Result]
-    versions = [(str(one.number), one.means[0].upper() + one.means[1:], codes(sorted(one.changed)) or "–") for one in VERSIONS]
-    metrics = [(code(one.metric), one.unit, one.definition, one.applies_to) for one in Run.metric_definitions().itertuples()]
+    versions = [
+        (str(one.number), one.means[0].upper() + one.means[1:], codes(sorted(one.changed)) or "–")
+        for one in VERSIONS
+    ]
+    metrics = [
+        (code(one.metric), one.unit, one.definition, one.applies_to)
+        for one in Run.metric_definitions().itertuples()
+    ]
     sections = {
         "Results of a rule": table(("result", "means"), results),
         "Rules": table(("rule", "limit in the recipe", "judges"), rules),
         "Deviations": f"{DEVIATIONS}\n\n{codes(sorted(NOT_AS_PLANNED))}",
-        "Versions of the rules": f"{OF_VERSIONS}\n\n{table(('version', 'means', 'rules that are new or changed'), versions)}",
+        "Versions of the rules": (
+            f"{OF_VERSIONS}\n\n{table(('version', 'means', 'rules that are new or changed'), versions)}"
+        ),
         "Metrics": f"{METRICS}\n\n{table(('metric', 'unit', 'definition', 'applies to'), metrics)}",
     }
     head = f"{MADE}\n\n# Verdict and metrics\n{INTRODUCTION}{VERDICTS}".strip()
-    return "\n\n".join([head, *(f"## {title}\n\n{text}" for title, text in sections.items())]) + "\n"
+    return (
+        "\n\n".join([head, *(f"## {title}\n\n{text}" for title, text in sections.items())]) + "\n"
+    )

@@ -1,24 +1,30 @@
-"""A fifth plant for finding joints: written without reading the finder, fixed before its first joint was found, never tuned on.
+"""A fifth plant for finding joints: written without reading the finder, fixed before its first
+joint was found, never tuned on.
 
 Its physics, from heater to board, in explicit steps of a half-cycle of 50 Hz:
 
-- Heater, body of the tip, its end, and the shank to the handle are four masses. The thermocouple sits between heater and body, so
-  that it reads too high while much power flows. Of a small tip 1.69 J/K are published (IronOS, `source/Core/Inc/power.hpp`);
-  here heater, body and end of the three tips have about 0.4, 1.2 and 3.4 J/K together.
-- Work wets: the conductance of a contact begins with `DRY_SHARE` of its value and rises while the solder flows; the hand varies it
-  by some percent. Wire melts half on the end of the tip, half on the work, while it is fed. A drag is one contact after
-  another without a break, each with a fresh pad.
-- A sponge boils at 100 °C; brass wool is two to four short dips; a dry touch has a poor contact. Draughts raise the loss, the
-  room drifts.
-- The line's voltage wanders and sags within ±10 %; the heater's power goes with its square, and the station does not know.
+- Heater, body of the tip, its end, and the shank to the handle are four masses. The thermocouple
+  sits between heater and body, so that it reads too high while much power flows. Of a small tip
+  1.69 J/K are published (IronOS, `source/Core/Inc/power.hpp`); here heater, body and end of the
+  three tips have about 0.4, 1.2 and 3.4 J/K together.
+- Work wets: the conductance of a contact begins with `DRY_SHARE` of its value and rises while the
+  solder flows; the hand varies it by some percent. Wire melts half on the end of the tip, half on
+  the work, while it is fed. A drag is one contact after another without a break, each with a fresh
+  pad.
+- A sponge boils at 100 °C; brass wool is two to four short dips; a dry touch has a poor contact.
+  Draughts raise the loss, the room drifts.
+- The line's voltage wanders and sags within ±10 %; the heater's power goes with its square, and the
+  station does not know.
 
-Its control unit, each 20 ms with the heater off for the reading: a table of what holds the setting, plus the heat that is missing
-from the tip over the time in which it is to come back, plus a share of the draw that a disturbance observer estimates with the
-unit's own, wrong, heat capacity, plus a slow trim; a dead band; another limit of the slew upwards than downwards; phase angle in
-64 steps. It publishes power as a mean and temperature in whole °C, each at its own period: what a reader gets is that old.
+Its control unit, each 20 ms with the heater off for the reading: a table of what holds the setting,
+plus the heat that is missing from the tip over the time in which it is to come back, plus a share
+of the draw that a disturbance observer estimates with the unit's own, wrong, heat capacity, plus a
+slow trim; a dead band; another limit of the slew upwards than downwards; phase angle in 64 steps.
+It publishes power as a mean and temperature in whole °C, each at its own period: what a reader gets
+is that old.
 
-Operators take breaks with a lognormal excess, look at their work, clean the tip after some joints. Seeds alone decide: a trial is
-the same in whatever company it is simulated.
+Operators take breaks with a lognormal excess, look at their work, clean the tip after some joints.
+Seeds alone decide: a trial is the same in whatever company it is simulated.
 """
 
 from __future__ import annotations
@@ -43,9 +49,10 @@ SETTING_EVERY_S, FEEDER_EVERY_S, LOST = 5.0, 2.0, 0.005
 WIRE_ON_TIP = 0.5
 LINE_BOUNDS = (0.90, 1.10)  # of the nominal voltage
 
-# -- who solders what, when ---------------------------------------------------------------------------------------------------
+# -- who solders what, when ------------------------------------------------------------------------
 
-WORK: dict[str, tuple[Range, Range, Range, Range]] = {  # W/K of the wetted contact, J/K, W/K into the board, W of wire
+# W/K of the wetted contact, J/K, W/K into the board, W of wire
+WORK: dict[str, tuple[Range, Range, Range, Range]] = {
     "pad": ((0.10, 0.22), (0.02, 0.05), (0.010, 0.025), (1.0, 3.5)),
     "pin": ((0.18, 0.40), (0.05, 0.16), (0.020, 0.060), (2.0, 5.0)),
     "plane": ((0.30, 0.65), (0.15, 0.50), (0.060, 0.160), (2.5, 6.5)),
@@ -58,13 +65,17 @@ USUAL = {
     "large": ("plane", "plane", "lug", "drag"),
 }
 LEAST_S = {"pad": 0.0, "pin": 0.0, "plane": 0.5, "lug": 1.0, "drag": 1.2}
-SIZE = {"small": 0.6, "medium": 1.0, "large": 1.6}  # of sponge, wool and dry metal: how much of the tip they touch
-FED, FED_TWICE, FED_BESIDE = 0.95, 0.02, 0.4  # of the joints; of those longer than 1.5 s; of the pauses
+# of sponge, wool and dry metal: how much of the tip they touch
+SIZE = {"small": 0.6, "medium": 1.0, "large": 1.6}
+# of the joints; of those longer than 1.5 s; of the pauses
+FED, FED_TWICE, FED_BESIDE = 0.95, 0.02, 0.4
 
 
 @dataclass(frozen=True)
 class Load(Touch):
-    """A touch that wets with the time constant `wets_s`; wire melts in it from `wire_from` on for `wire_s`."""
+    """A touch that wets with the time constant `wets_s`; wire melts in it from `wire_from` on for
+    `wire_s`.
+    """
 
     wets_s: float = 0.1
     wire_from: float = 0.0
@@ -92,7 +103,9 @@ def script_of(tip: str, length: float, gap: float, seed: int) -> Script:
 
 
 def _joint(script: Script, start: float, length: float, rng: np.random.Generator) -> float:
-    kind = str(rng.choice([kind for kind in USUAL[script.tip] if LEAST_S[kind] <= length] or ["pin"]))
+    kind = str(
+        rng.choice([kind for kind in USUAL[script.tip] if LEAST_S[kind] <= length] or ["pin"])
+    )
     end = start + length
     script.truths.append(Truth(start, end, kind))
     has_wire = rng.random() < FED
@@ -106,14 +119,43 @@ def _joint(script: Script, start: float, length: float, rng: np.random.Generator
         while steps[-2] + 0.9 < end:
             steps.insert(-1, steps[-2] + float(rng.uniform(0.25, 0.6)))
     for begins, ends in pairwise(steps):
-        wire = max(feed[0], begins), max(min(sum(feed), ends) - max(feed[0], begins), 0.0) if has_wire else 0.0
-        script.touches.append(_load(kind, begins, ends, wire, rng, BOARD_C if kind != "drag" else float(rng.uniform(40, 120))))
+        wire = (
+            max(feed[0], begins),
+            (max(min(sum(feed), ends) - max(feed[0], begins), 0.0) if has_wire else 0.0),
+        )
+        script.touches.append(
+            _load(
+                kind,
+                begins,
+                ends,
+                wire,
+                rng,
+                BOARD_C if kind != "drag" else float(rng.uniform(40, 120)),
+            )
+        )
     return end
 
 
-def _load(kind: str, start: float, end: float, wire: tuple[float, float], rng: np.random.Generator, begins_c: float) -> Load:
+def _load(
+    kind: str,
+    start: float,
+    end: float,
+    wire: tuple[float, float],
+    rng: np.random.Generator,
+    begins_c: float,
+) -> Load:
     conductance, capacity, leak, watts = (float(rng.uniform(*bounds)) for bounds in WORK[kind])
-    return Load(start, end, conductance, capacity, leak, begins_c, watts, float(rng.uniform(0.04, 0.25)), *wire)
+    return Load(
+        start,
+        end,
+        conductance,
+        capacity,
+        leak,
+        begins_c,
+        watts,
+        float(rng.uniform(0.04, 0.25)),
+        *wire,
+    )
 
 
 def _clean(script: Script, start: float, rng: np.random.Generator) -> float:
@@ -127,25 +169,39 @@ def _clean(script: Script, start: float, rng: np.random.Generator) -> float:
         now = start
         for _ in range(int(rng.integers(2, 5))):
             end = now + float(rng.uniform(0.12, 0.35))
-            script.touches.append(Load(now, end, size * float(rng.uniform(0.15, 0.45)), size * 0.8, 0.02, 30.0))
+            script.touches.append(
+                Load(now, end, size * float(rng.uniform(0.15, 0.45)), size * 0.8, 0.02, 30.0)
+            )
             now = end + float(rng.uniform(0.08, 0.3))
     script.truths.append(Truth(start, end, "wipe"))
     return end
 
 
 def _rest(script: Script, start: float, rng: np.random.Generator) -> float:
-    """Looks at the work; or touches dry metal, changes the setting, puts the tool into its stand. The feeder may push meanwhile."""
+    """Looks at the work; or touches dry metal, changes the setting, puts the tool into its stand.
+    The feeder may push meanwhile.
+    """
     now = start
     match str(rng.choice(["look", "look", "touch", "setting", "stand"])):
         case "touch":
             end = now + float(rng.uniform(0.3, 2.0))
             script.touches.append(
-                Load(now, end, SIZE[script.tip] * float(rng.uniform(0.02, 0.08)), 2.0, 0.05, BOARD_C, wets_s=0.01)
+                Load(
+                    now,
+                    end,
+                    SIZE[script.tip] * float(rng.uniform(0.02, 0.08)),
+                    2.0,
+                    0.05,
+                    BOARD_C,
+                    wets_s=0.01,
+                )
             )
             script.truths.append(Truth(now, end, "touch"))
             now = end
         case "setting":
-            script.settings.append((now, script.settings[-1][1] + float(rng.choice([-25, -15, 10, 20]))))
+            script.settings.append(
+                (now, script.settings[-1][1] + float(rng.choice([-25, -15, 10, 20])))
+            )
             now += 6.0
         case "stand":
             script.stands.append((now, now + float(rng.uniform(7, 14))))
@@ -157,29 +213,36 @@ def _rest(script: Script, start: float, rng: np.random.Generator) -> float:
     return now + min(float(rng.lognormal(np.log(1.5), 0.6)), 8.0)
 
 
-# -- tips and their control unit ----------------------------------------------------------------------------------------------
+# -- tips and their control unit -------------------------------------------------------------------
 
 TIPS: dict[str, dict[str, Range]] = {  # W, J/K, W/K
     "small": {
-        "rated": (60, 80), "heater": (0.10, 0.15), "body": (0.18, 0.28), "end": (0.06, 0.09), "shank": (0.6, 1.0),
-        "inner": (2.0, 3.0), "outer": (0.9, 1.5), "of_body": (0.005, 0.008), "of_end": (0.002, 0.004),
+        "rated": (60, 80), "heater": (0.10, 0.15), "body": (0.18, 0.28), "end": (0.06, 0.09),
+        "shank": (0.6, 1.0),
+        "inner": (2.0, 3.0), "outer": (0.9, 1.5), "of_body": (0.005, 0.008),
+        "of_end": (0.002, 0.004),
         "to_shank": (0.004, 0.008), "to_handle": (0.004, 0.008),
     },
     "medium": {
-        "rated": (120, 145), "heater": (0.30, 0.45), "body": (0.50, 0.75), "end": (0.18, 0.30), "shank": (1.2, 2.2),
-        "inner": (4.0, 7.0), "outer": (2.0, 4.0), "of_body": (0.010, 0.016), "of_end": (0.005, 0.009),
+        "rated": (120, 145), "heater": (0.30, 0.45), "body": (0.50, 0.75), "end": (0.18, 0.30),
+        "shank": (1.2, 2.2),
+        "inner": (4.0, 7.0), "outer": (2.0, 4.0), "of_body": (0.010, 0.016),
+        "of_end": (0.005, 0.009),
         "to_shank": (0.008, 0.016), "to_handle": (0.008, 0.016),
     },
     "large": {
-        "rated": (220, 250), "heater": (0.80, 1.20), "body": (1.50, 2.20), "end": (0.50, 0.90), "shank": (3.0, 6.0),
-        "inner": (9.0, 15.0), "outer": (5.0, 9.0), "of_body": (0.025, 0.040), "of_end": (0.012, 0.020),
+        "rated": (220, 250), "heater": (0.80, 1.20), "body": (1.50, 2.20), "end": (0.50, 0.90),
+        "shank": (3.0, 6.0),
+        "inner": (9.0, 15.0), "outer": (5.0, 9.0), "of_body": (0.025, 0.040),
+        "of_end": (0.012, 0.020),
         "to_shank": (0.015, 0.030), "to_handle": (0.015, 0.030),
     },
 }  # fmt: skip
 COMMON: dict[str, Range] = {
     "room_c": (20, 29),
     "drift_c": (0.3, 2.0),  # of the room, over some minutes
-    "near_heater": (0.10, 0.30),  # how much the thermocouple reads of the heater instead of the body
+    # how much the thermocouple reads of the heater instead of the body
+    "near_heater": (0.10, 0.30),
     "junction_s": (0.03, 0.12),
     "noise_c": (0.25, 0.7),  # of one reading of the control unit
     "filter_s": (0.04, 0.12),  # of the temperature by which it decides
@@ -244,7 +307,9 @@ class Plants:
     @property
     def loss(self) -> Floats:
         """W/K at rest, near 330 K above the room."""
-        return (self.of_body + self.of_end) * _bent(330.0) + self.to_shank * self.to_handle / (self.to_shank + self.to_handle)
+        return (self.of_body + self.of_end) * _bent(330.0) + self.to_shank * self.to_handle / (
+            self.to_shank + self.to_handle
+        )
 
 
 def plants_of(tips: Sequence[str], seeds: Sequence[int]) -> Plants:
@@ -260,12 +325,14 @@ def _bent(above_c: float) -> float:
     return 0.8 + 0.0007 * above_c
 
 
-# -- what happens -------------------------------------------------------------------------------------------------------------
+# -- what happens ----------------------------------------------------------------------------------
 
 
 @dataclass
 class Lived:
-    """Rows are trials, from `BEFORE_S` before the record on; `power` (commanded share) and `felt_c` by decision."""
+    """Rows are trials, from `BEFORE_S` before the record on; `power` (commanded share) and `felt_c`
+    by decision.
+    """
 
     plants: Plants
     power: Floats
@@ -290,11 +357,15 @@ def simulate(scripts: Sequence[Script], seeds: Sequence[int], keeps_flow: bool =
     aims, loads, wires = _events(scripts, first)
     unit = ControlUnit(plants)
     now_s = np.arange(steps // EVERY) * EVERY * STEP_S
-    room = plants.room_c + plants.drift_c * np.sin(2 * np.pi * now_s[:, None] / 300 + 60 * plants.phase_s)
+    room = plants.room_c + plants.drift_c * np.sin(
+        2 * np.pi * now_s[:, None] / 300 + 60 * plants.phase_s
+    )
     hot = np.array([script.settings[0][1] if script.begins_hot else np.nan for script in scripts])
     heater = np.where(np.isnan(hot), plants.room_c, hot)
     body, end, junction = heater.copy(), heater.copy(), heater.copy()
-    shank = plants.room_c + (heater - plants.room_c) * plants.to_shank / (plants.to_shank + plants.to_handle)
+    shank = plants.room_c + (heater - plants.room_c) * plants.to_shank / (
+        plants.to_shank + plants.to_handle
+    )
     unit.begin(heater)
     aim = np.where(np.isnan(hot), 0.0, hot)
     conductance, capacity, leak, wetting, wet, work, wire = (np.zeros(count) for _ in range(7))
@@ -305,7 +376,9 @@ def simulate(scripts: Sequence[Script], seeds: Sequence[int], keeps_flow: bool =
     power_told, felt_told = np.empty((steps // EVERY, count)), np.empty((steps // EVERY, count))
     flows = np.zeros((steps, count)) if keeps_flow else None
     sums = np.zeros((steps // EVERY + 1, count))
-    to_heater, to_body, to_end, to_shank = (STEP_S / one for one in (plants.heater, plants.body, plants.end, plants.shank))
+    to_heater, to_body, to_end, to_shank = (
+        STEP_S / one for one in (plants.heater, plants.body, plants.end, plants.shank)
+    )
     share, junction_step = plants.near_heater, 1 - np.exp(-STEP_S / plants.junction_s)
     watts = np.zeros(count)
     for step in range(steps):
@@ -316,7 +389,11 @@ def simulate(scripts: Sequence[Script], seeds: Sequence[int], keeps_flow: bool =
             if load is None:
                 conductance[trial] = 0.0
             else:
-                conductance[trial], capacity[trial], leak[trial] = load.conductance, load.capacity, load.leak
+                conductance[trial], capacity[trial], leak[trial] = (
+                    load.conductance,
+                    load.capacity,
+                    load.leak,
+                )
                 work[trial], wetting[trial] = load.begins_c, load.wets_s
                 wet[trial] = wet[trial] if goes_on else DRY_SHARE
         for trial, melting in wires.get(step, ()):
@@ -377,7 +454,9 @@ def simulate(scripts: Sequence[Script], seeds: Sequence[int], keeps_flow: bool =
 
 
 class ControlUnit:
-    """Holding table, heat that is missing, a share of the estimated draw, slow trim; dead band; limits of the slew."""
+    """Holding table, heat that is missing, a share of the estimated draw, slow trim; dead band;
+    limits of the slew.
+    """
 
     def __init__(self, plants: Plants) -> None:
         period = EVERY * STEP_S
@@ -403,7 +482,9 @@ class ControlUnit:
         self.draw = self.draw + self.observing * (draw - self.draw)
         off = aim - felt
         off = np.sign(off) * np.maximum(np.abs(off) - plants.dead_c, 0.0)
-        self.trim = np.clip(self.trim + np.where(np.abs(off) < 8, self.trimming * off, 0.0), -0.1, 0.1)
+        self.trim = np.clip(
+            self.trim + np.where(np.abs(off) < 8, self.trimming * off, 0.0), -0.1, 0.1
+        )
         asked = (
             self.holding * (aim - 25.0)
             + self.capacity / plants.back_s * off
@@ -421,13 +502,19 @@ def _tick(seconds: float, first: int) -> int:
 
 
 def _step(seconds: float, first: int) -> int:
-    """Contacts begin and end with decisions, so that the heat of each is a difference of two sums."""
+    """Contacts begin and end with decisions, so that the heat of each is a difference of two
+    sums.
+    """
     return EVERY * _tick(seconds, first)
 
 
 def _events(
     scripts: Sequence[Script], first: int
-) -> tuple[dict[int, list[tuple[int, float]]], dict[int, list[tuple[int, Load | None, bool]]], dict[int, list[tuple[int, float]]]]:
+) -> tuple[
+    dict[int, list[tuple[int, float]]],
+    dict[int, list[tuple[int, Load | None, bool]]],
+    dict[int, list[tuple[int, float]]],
+]:
     """By step and trial: what is aimed at, what is touched, how many W of wire melt."""
     aims: dict[int, list[tuple[int, float]]] = defaultdict(list)
     loads: dict[int, list[tuple[int, Load | None, bool]]] = defaultdict(list)
@@ -448,20 +535,35 @@ def _events(
             ended = ends
             if load.wire_s > 0:
                 wires[min(max(_step(load.wire_from, first), begins), ends)].append((n, load.wire_w))
-                wires[min(max(_step(load.wire_from + load.wire_s, first), begins), ends)].append((n, 0.0))
+                wires[min(max(_step(load.wire_from + load.wire_s, first), begins), ends)].append(
+                    (n, 0.0)
+                )
     return aims, loads, wires
 
 
-def _disturbed(seeds: Sequence[int], plants: Plants, ticks: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """By decision and trial: noise in K; the line's power and the air's loss over the usual; the hand's grip less one."""
+def _disturbed(
+    seeds: Sequence[int], plants: Plants, ticks: int
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """By decision and trial: noise in K; the line's power and the air's loss over the usual; the
+    hand's grip less one.
+    """
     noise, line, draught, hand = (np.empty((ticks, len(seeds))) for _ in range(4))
-    longest = round(450.0 / STEP_S / EVERY)  # of any trial: what is drawn must not depend on the company
+    # of any trial: what is drawn must not depend on the company
+    longest = round(450.0 / STEP_S / EVERY)
     for n, seed in enumerate(seeds):
         rng = np.random.default_rng([seed, 53])
         noise[:, n] = plants.noise_c[n] * rng.standard_normal(longest)[:ticks]
-        volts = 1 + _wander(rng, longest, 40.0, 0.015) - _spells(rng, longest, 45.0, (0.5, 10.0), (0.01, 0.05))
+        volts = (
+            1
+            + _wander(rng, longest, 40.0, 0.015)
+            - _spells(rng, longest, 45.0, (0.5, 10.0), (0.01, 0.05))
+        )
         line[:, n] = np.clip(volts, *LINE_BOUNDS)[:ticks] ** 2
-        air = 1 + _wander(rng, longest, 4.0, 0.06) + _spells(rng, longest, 60.0, (2.0, 12.0), (0.2, 0.6))
+        air = (
+            1
+            + _wander(rng, longest, 4.0, 0.06)
+            + _spells(rng, longest, 60.0, (2.0, 12.0), (0.2, 0.6))
+        )
         draught[:, n] = np.maximum(air, 0.5)[:ticks]
         hand[:, n] = np.clip(_wander(rng, longest, 0.3, 0.10), -0.5, 0.5)[:ticks]
     return noise, line, draught, hand
@@ -476,30 +578,43 @@ def _wander(rng: np.random.Generator, ticks: int, memory_s: float, spread: float
     return wandered
 
 
-def _spells(rng: np.random.Generator, ticks: int, every_s: float, lasts_s: Range, high: Range) -> Floats:
+def _spells(
+    rng: np.random.Generator, ticks: int, every_s: float, lasts_s: Range, high: Range
+) -> Floats:
     """Zero but for spells that come at random."""
     values = np.zeros(ticks)
     for _ in range(int(rng.poisson(ticks * EVERY * STEP_S / every_s))):
         start = int(rng.integers(ticks))
-        values[start : start + round(float(rng.uniform(*lasts_s)) / STEP_S / EVERY)] = float(rng.uniform(*high))
+        values[start : start + round(float(rng.uniform(*lasts_s)) / STEP_S / EVERY)] = float(
+            rng.uniform(*high)
+        )
     return values
 
 
-# -- what is read -------------------------------------------------------------------------------------------------------------
+# -- what is read ----------------------------------------------------------------------------------
 
 
-def trials(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]) -> dict[float, list[Trial]]:
+def trials(
+    scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]
+) -> dict[float, list[Trial]]:
     """The same trials as recorded at each of `rates` in Hz."""
     return recorded(simulate(scripts, seeds), scripts, seeds, rates)
 
 
-def recorded(lived: Lived, scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]) -> dict[float, list[Trial]]:
+def recorded(
+    lived: Lived, scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]
+) -> dict[float, list[Trial]]:
     shown = [_published(lived, n) for n in range(len(scripts))]
-    return {hz: [_read(script, *shown[n], seeds[n], hz) for n, script in enumerate(scripts)] for hz in rates}
+    return {
+        hz: [_read(script, *shown[n], seeds[n], hz) for n, script in enumerate(scripts)]
+        for hz in rates
+    }
 
 
 def _published(lived: Lived, n: int) -> tuple[Floats, Floats]:
-    """Of one trial, by decision, from the start of the record on: °C in whole degrees, and ‰; each until the next is published."""
+    """Of one trial, by decision, from the start of the record on: °C in whole degrees, and ‰; each
+    until the next is published.
+    """
     period, first, plants = EVERY * STEP_S, round(BEFORE_S / STEP_S / EVERY), lived.plants
     kept = float(np.exp(-period / plants.shown_s[n]))
     felt = lived.felt_c[n]
@@ -515,11 +630,15 @@ def _published(lived: Lived, n: int) -> tuple[Floats, Floats]:
         told: Floats = np.round(values[np.clip(at, 0, None)])[first:]
         return told
 
-    return held(shown, float(plants.shown_every_s[n])), held(1000 * mean, float(plants.power_every_s[n]))
+    return held(shown, float(plants.shown_every_s[n])), held(
+        1000 * mean, float(plants.power_every_s[n])
+    )
 
 
 def _read(script: Script, celsius: Floats, permille: Floats, seed: int, hz: float) -> Trial:
-    """One trial at one rate: each tick is answered 2 to 25 ms late, one reading in two hundred is lost."""
+    """One trial at one rate: each tick is answered 2 to 25 ms late, one reading in two hundred is
+    lost.
+    """
     rng = np.random.default_rng([seed, 54, round(hz)])
     ticks = np.arange(int(script.seconds * hz)) / hz
     moments = ticks + rng.uniform(0.002, 0.025, len(ticks))
@@ -536,7 +655,9 @@ def _read(script: Script, celsius: Floats, permille: Floats, seed: int, hz: floa
         runs[(moments >= start) & (moments < end)] = 1.0
     starts = np.sort([start for start, _ in script.feeds])
     begun = np.searchsorted(starts, moments, side="right").astype(np.float64)
-    not_set, not_fed = (lost | ~_is_due(len(ticks), hz, every_s) for every_s in (SETTING_EVERY_S, FEEDER_EVERY_S))
+    not_set, not_fed = (
+        lost | ~_is_due(len(ticks), hz, every_s) for every_s in (SETTING_EVERY_S, FEEDER_EVERY_S)
+    )
     setting[not_set] = np.nan
     runs[not_fed] = begun[not_fed] = np.nan
     return Trial(ticks, told_c, told_power, setting, ~lost & ~in_stand, runs, begun, script)

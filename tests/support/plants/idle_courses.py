@@ -1,4 +1,6 @@
-"""Courses of an idle tip whose true mean and standard deviation are known, as a station tells them: in whole degrees."""
+"""Courses of an idle tip whose true mean and standard deviation are known, as a station tells them:
+in whole degrees.
+"""
 
 from __future__ import annotations
 
@@ -33,13 +35,18 @@ def noisy(tau_s: float, share: float = 0.36) -> Course:
 
     def course(rng: np.random.Generator, seconds: float, hz: float) -> Floats:
         below = slow(tau_s)(rng, seconds, hz)
-        return np.asarray(np.sqrt(1 - share) * below + np.sqrt(share) * rng.standard_normal(len(below)), dtype=np.float64)
+        return np.asarray(
+            np.sqrt(1 - share) * below + np.sqrt(share) * rng.standard_normal(len(below)),
+            dtype=np.float64,
+        )
 
     return course
 
 
 def ringing(period_s: float, tau_s: float) -> Course:
-    """Second-order autoregressive: a regulator that swings with this period and is damped within `tau_s`."""
+    """Second-order autoregressive: a regulator that swings with this period and is damped within
+    `tau_s`.
+    """
 
     def course(rng: np.random.Generator, seconds: float, hz: float) -> Floats:
         damped, turn = np.exp(-1 / (hz * tau_s)), 2 * np.pi / (hz * period_s)
@@ -72,7 +79,9 @@ def moments(rows: int, hz: float, piece_s: float = 0.0, pause_s: float = 0.0) ->
 
 
 def _in_piece(rows: int, hz: float, piece_s: float, pause_s: float) -> NDArray[np.bool_]:
-    return np.asarray(np.arange(rows) % round((piece_s + pause_s) * hz) < round(piece_s * hz), dtype=np.bool_)
+    return np.asarray(
+        np.arange(rows) % round((piece_s + pause_s) * hz) < round(piece_s * hz), dtype=np.bool_
+    )
 
 
 def told(rng: np.random.Generator, course: Floats, mean_c: float, sd_c: float) -> Floats:

@@ -1,28 +1,34 @@
-"""The matrix of joints: length × gap × rate × three tips × six plants, with and without a feeder; and how joints are scored.
+"""The matrix of joints: length × gap × rate × three tips × six plants, with and without a feeder;
+and how joints are scored.
 
-Plants: `sim` (the tip of `jbclog sim`, scaled), `second` (`second_plant`), `family` (`plant_family`), `third` (`third_plant`) and
-`fifth` (`fifth_plant`); `late` is the second one whose readings are shown late (`shown_late`). The third and the fifth are for
-reporting only: nothing is chosen by them. The others are for tuning.
-The fifth has scripts of its own (`fifth_plant`); the others live through the same: who solders what, when. Of these, every trial
-holds joints of one length (+0 to 10 %) with one gap between them (+0 to 20 %), at least twenty of them or 90 s. Every other trial
-begins hot, with its first joint after 0.5 to 6 s. Every other trial never rests; in the others there are three pauses of 2 to 4 s,
-in each of which the tip is wiped, or touches dry metal, or its setting changes by 10 to 30 °C (and six seconds more go by), or it
-goes to its stand for 8 to 15 s (and wakes for six).
+Plants: `sim` (the tip of `jbclog sim`, scaled), `second` (`second_plant`), `family`
+(`plant_family`), `third` (`third_plant`) and `fifth` (`fifth_plant`); `late` is the second one
+whose readings are shown late (`shown_late`). The third and the fifth are for reporting only:
+nothing is chosen by them. The others are for tuning. The fifth has scripts of its own
+(`fifth_plant`); the others live through the same: who solders what, when. Of these, every trial
+holds joints of one length (+0 to 10 %) with one gap between them (+0 to 20 %), at least twenty of
+them or 90 s. Every other trial begins hot, with its first joint after 0.5 to 6 s. Every other trial
+never rests; in the others there are three pauses of 2 to 4 s, in each of which the tip is wiped, or
+touches dry metal, or its setting changes by 10 to 30 °C (and six seconds more go by), or it goes to
+its stand for 8 to 15 s (and wakes for six).
 
 The rule of scoring, fixed before anything was run:
 
 - Truth is every joint of the script, at its first touch and its withdrawal. A drag is one.
-- A found joint is a true one where they overlap for at least half of the shorter of the two; each counts once, the largest
-  overlap first. What then is left of the found joints and overlaps a wipe or a dry touch (or comes within 0.3 s of it), or a feed
-  without a draw (and says low confidence or "not known"), is apart: no hit, not false, and not in the number of joints. Every
-  other found joint is false. Its `kind` does not matter for hits.
-- Where the product says that joints are not known, or their number is not, all true joints are missed; there is nothing false. Its
-  number is not wrong. Joints that it lists all the same are scored apart: "of the joints listed".
-- F1 of a row: hits, missed and false of all its trials together. The worst tenth: the tenth of the row's trials with the lowest
-  F1, together.
-- Number wrong: |found − true| over the trials in which joints are known, added up, over the true joints of these trials.
-  "Never more than" is asked of every plant and tip, so that the table gives the worst of these. Beside it: the share of these
-  trials in which the number is wrong by more than `OFF_SHARE`, and the worst trial.
+- A found joint is a true one where they overlap for at least half of the shorter of the two; each
+  counts once, the largest overlap first. What then is left of the found joints and overlaps a wipe
+  or a dry touch (or comes within 0.3 s of it), or a feed without a draw (and says low confidence or
+  "not known"), is apart: no hit, not false, and not in the number of joints. Every other found
+  joint is false. Its `kind` does not matter for hits.
+- Where the product says that joints are not known, or their number is not, all true joints are
+  missed; there is nothing false. Its number is not wrong. Joints that it lists all the same are
+  scored apart: "of the joints listed".
+- F1 of a row: hits, missed and false of all its trials together. The worst tenth: the tenth of the
+  row's trials with the lowest F1, together.
+- Number wrong: |found − true| over the trials in which joints are known, added up, over the true
+  joints of these trials. "Never more than" is asked of every plant and tip, so that the table gives
+  the worst of these. Beside it: the share of these trials in which the number is wrong by more than
+  `OFF_SHARE`, and the worst trial.
 - Edges: of all hits, the share of starts and ends that are within 0.2 s of the truth.
 """
 
@@ -42,16 +48,27 @@ from support.plants import fifth_plant, plant_family, second_plant, third_plant
 from support.plants.third_plant import Floats, Script, Trial, Truth
 
 PLANTS, TIPS = ("sim", "second", "family", "late", "third", "fifth"), ("small", "medium", "large")
-LENGTHS, GAPS, RATES = (0.3, 0.5, 0.8, 1.0, 1.5, 2.0, 3.0, 5.0), (0.5, 1.0, 1.2, 2.0, 5.0, 10.0), (10.0, 5.0, 2.0)
+LENGTHS, GAPS, RATES = (
+    (0.3, 0.5, 0.8, 1.0, 1.5, 2.0, 3.0, 5.0),
+    (0.5, 1.0, 1.2, 2.0, 5.0, 10.0),
+    (10.0, 5.0, 2.0),
+)
 EDGE_S, BESIDE_S = 0.2, 0.3
 OFF_SHARE = 0.03
 STEP_S = third_plant.STEP_S
 BEFORE_S = 25.0  # of the second plant, before its record begins
 WIRE_K = 215.0  # by which wire is heated
-FIRST_SEED = {"sim": 91_001, "second": 92_001, "family": 94_001, "third": 93_001, "fifth": 95_001, "late": 96_001}
+FIRST_SEED = {
+    "sim": 91_001,
+    "second": 92_001,
+    "family": 94_001,
+    "third": 93_001,
+    "fifth": 95_001,
+    "late": 96_001,
+}
 
 
-# -- the trials ---------------------------------------------------------------------------------------------------------------
+# -- the trials ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -65,11 +82,18 @@ class Cell:
     @property
     def seed(self) -> int:
         inner = list(product(TIPS, LENGTHS, GAPS))
-        return FIRST_SEED[self.plant] + self.repeat * len(inner) + inner.index((self.tip, self.length, self.gap))
+        return (
+            FIRST_SEED[self.plant]
+            + self.repeat * len(inner)
+            + inner.index((self.tip, self.length, self.gap))
+        )
 
 
 def cells_of(plant: str, repeats: int = 1) -> list[Cell]:
-    return [Cell(plant, tip, length, gap, n) for n, tip, length, gap in product(range(repeats), TIPS, LENGTHS, GAPS)]
+    return [
+        Cell(plant, tip, length, gap, n)
+        for n, tip, length, gap in product(range(repeats), TIPS, LENGTHS, GAPS)
+    ]
 
 
 def script_of(cell: Cell) -> Script:
@@ -98,7 +122,9 @@ def _pause(script: Script, now: float, rng: np.random.Generator) -> float:
         case "touch":
             now = third_plant.dry_touch(script, now, rng)
         case "setting":
-            script.settings.append((now, script.settings[-1][1] + float(rng.choice([-30, -20, -10, 10, 20, 30]))))
+            script.settings.append(
+                (now, script.settings[-1][1] + float(rng.choice([-30, -20, -10, 10, 20, 30])))
+            )
             now += 6.0
         case _:
             script.stands.append((now, now + float(rng.uniform(8, 15))))
@@ -110,45 +136,66 @@ def _pause(script: Script, now: float, rng: np.random.Generator) -> float:
 
 
 def records(cells: Sequence[Cell], rates: Sequence[float] = RATES) -> dict[float, list[Trial]]:
-    """The trials of these cells, all of one plant, at each rate; of like length together, for they are simulated side by side."""
+    """The trials of these cells, all of one plant, at each rate; of like length together, for they
+    are simulated side by side.
+    """
     scripts = [script_of(cell) for cell in cells]
     order = sorted(range(len(cells)), key=lambda n: scripts[n].seconds)
     done: dict[float, list[Trial | None]] = {hz: [None] * len(cells) for hz in rates}
-    half = [n for n in order if scripts[n].seconds < 150], [n for n in order if scripts[n].seconds >= 150]
+    half = (
+        [n for n in order if scripts[n].seconds < 150],
+        [n for n in order if scripts[n].seconds >= 150],
+    )
     for group in (group for group in half if group):
-        lived = SIMULATED[cells[0].plant]([scripts[n] for n in group], [cells[n].seed for n in group], rates)
+        lived = SIMULATED[cells[0].plant](
+            [scripts[n] for n in group], [cells[n].seed for n in group], rates
+        )
         for hz in rates:
             for n, trial in zip(group, lived[hz], strict=True):
                 done[hz][n] = trial
     return {hz: [trial for trial in row if trial is not None] for hz, row in done.items()}
 
 
-def in_second_plant(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]) -> dict[float, list[Trial]]:
-    """The second plant's regulator and masses, scaled to three sizes of tip; wire is heat that the work takes up with its own."""
+def in_second_plant(
+    scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]
+) -> dict[float, list[Trial]]:
+    """The second plant's regulator and masses, scaled to three sizes of tip; wire is heat that the
+    work takes up with its own.
+    """
     seen, noise = _of_second_plant(scripts, seeds)
     return _recorded(scripts, seen, noise, seeds, rates)
 
 
-def in_late(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]) -> dict[float, list[Trial]]:
+def in_late(
+    scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]
+) -> dict[float, list[Trial]]:
     """The second plant, whose station shows its readings late; by another time in each trial."""
     seen, noise = _of_second_plant(scripts, seeds)
     for row, seed in enumerate(seeds):
-        seen.temperature[row], seen.power[row] = shown_late(seen.temperature[row], seen.power[row], seed)
+        seen.temperature[row], seen.power[row] = shown_late(
+            seen.temperature[row], seen.power[row], seed
+        )
     return _recorded(scripts, seen, noise, seeds, rates)
 
 
 def shown_late(temperature: Floats, power: Floats, seed: int) -> tuple[Floats, Floats]:
-    """Both as three of four stations show them: the temperature filtered, late and published now and then, the power late."""
+    """Both as three of four stations show them: the temperature filtered, late and published now
+    and then, the power late.
+    """
     rng = np.random.default_rng([seed, 5])
     is_late = rng.random() < 0.75
-    filter_s, late_s, every_s, power_late_s = (rng.uniform(*one) for one in ((0.02, 0.15), (0.0, 0.35), (0.02, 0.12), (0.0, 0.15)))
+    filter_s, late_s, every_s, power_late_s = (
+        rng.uniform(*one) for one in ((0.02, 0.15), (0.0, 0.35), (0.02, 0.12), (0.0, 0.15))
+    )
     if not is_late:
         return temperature, power
     keeps = float(np.exp(-STEP_S / filter_s))
     felt = temperature.copy()
     for step in range(1, len(felt)):
         felt[step] = keeps * felt[step - 1] + (1 - keeps) * temperature[step]
-    published = np.floor(np.floor(np.arange(len(felt)) * STEP_S / every_s) * every_s / STEP_S).astype(np.int64)
+    published = np.floor(
+        np.floor(np.arange(len(felt)) * STEP_S / every_s) * every_s / STEP_S
+    ).astype(np.int64)
     return _later(felt[published], late_s), _later(power, power_late_s)
 
 
@@ -157,22 +204,32 @@ def _later(values: Floats, seconds: float) -> Floats:
     return np.concatenate([np.full(steps, values[0]), values[: len(values) - steps]])
 
 
-def _of_second_plant(scripts: Sequence[Script], seeds: Sequence[int]) -> tuple[second_plant.Recorded, Floats]:
+def _of_second_plant(
+    scripts: Sequence[Script], seeds: Sequence[int]
+) -> tuple[second_plant.Recorded, Floats]:
     """What could be seen, and the noise of the temperature in °C."""
     plants = second_plant.plants_of(seeds)
     size = np.array([{"small": 0.5, "medium": 1.0, "large": 2.0}[script.tip] for script in scripts])
     for name in ("rated_w", "heater", "tip", "between", "loss"):
         setattr(plants, name, getattr(plants, name) * size)
-    seen = second_plant.simulate(plants, [_for_second(script) for script in scripts], _steps(scripts))
+    seen = second_plant.simulate(
+        plants, [_for_second(script) for script in scripts], _steps(scripts)
+    )
     seen.power = np.round(seen.power * 100) / 100
     return seen, plants.noise_c
 
 
-def in_family(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]) -> dict[float, list[Trial]]:
+def in_family(
+    scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]
+) -> dict[float, list[Trial]]:
     """Another plant in each trial; wire is heat that the work takes up with its own."""
-    sizes = np.array([{"small": 0.5, "medium": 1.0, "large": 2.0}[script.tip] for script in scripts])
+    sizes = np.array(
+        [{"small": 0.5, "medium": 1.0, "large": 2.0}[script.tip] for script in scripts]
+    )
     plants = plant_family.plants_of(seeds, sizes)
-    seen = plant_family.simulate(plants, [_for_second(script) for script in scripts], _steps(scripts))
+    seen = plant_family.simulate(
+        plants, [_for_second(script) for script in scripts], _steps(scripts)
+    )
     return _recorded(scripts, seen, plants.noise_c, seeds, rates)
 
 
@@ -181,7 +238,11 @@ def _steps(scripts: Sequence[Script]) -> int:
 
 
 def _recorded(
-    scripts: Sequence[Script], seen: second_plant.Recorded, noise: Floats, seeds: Sequence[int], rates: Sequence[float]
+    scripts: Sequence[Script],
+    seen: second_plant.Recorded,
+    noise: Floats,
+    seeds: Sequence[int],
+    rates: Sequence[float],
 ) -> dict[float, list[Trial]]:
     first = round(BEFORE_S / STEP_S)
     temperature, power = seen.temperature[:, first:], 1000 * seen.power[:, first:]
@@ -195,7 +256,9 @@ def _recorded(
 
 
 def _for_second(script: Script) -> second_plant.Script:
-    """The same, `BEFORE_S` later: until then a tip that begins cold is aimed at its surroundings."""
+    """The same, `BEFORE_S` later: until then a tip that begins cold is aimed at its
+    surroundings.
+    """
 
     def later(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
         return [(start + BEFORE_S, end + BEFORE_S) for start, end in spans]
@@ -216,11 +279,18 @@ def _for_second(script: Script) -> second_plant.Script:
     return second_plant.Script([], contacts, aims, later(script.stands), [])
 
 
-def in_sim(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]) -> dict[float, list[Trial]]:
-    """The tip of `jbclog sim`. A tip of another size is the same tip under loads and watts divided by its size."""
+def in_sim(
+    scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]
+) -> dict[float, list[Trial]]:
+    """The tip of `jbclog sim`. A tip of another size is the same tip under loads and watts divided
+    by its size.
+    """
     lived = [_sim_tip(script, seed) for script, seed in zip(scripts, seeds, strict=True)]
     return {
-        hz: [third_plant.recorded(script, *seen, 0.3, seed, hz) for script, seen, seed in zip(scripts, lived, seeds, strict=True)]
+        hz: [
+            third_plant.recorded(script, *seen, 0.3, seed, hz)
+            for script, seen, seed in zip(scripts, lived, seeds, strict=True)
+        ]
         for hz in rates
     }
 
@@ -273,7 +343,7 @@ SIMULATED = {
 }
 
 
-# -- the score ----------------------------------------------------------------------------------------------------------------
+# -- the score -------------------------------------------------------------------------------------
 
 
 @dataclass
@@ -289,9 +359,11 @@ class Outcome:
     false: int = 0
     starts: list[float] = field(default_factory=list)  # found minus true, s
     ends: list[float] = field(default_factory=list)
-    called: dict[str, tuple[int, int, int]] = field(default_factory=dict)  # of wipe, touch, feed: how many, found, found as a joint
+    # of wipe, touch, feed: how many, found, found as a joint
+    called: dict[str, tuple[int, int, int]] = field(default_factory=dict)
     why: str | None = None
-    listed: Outcome | None = None  # the same as if its number were known, where joints are listed and their number is not known
+    # the same as if its number were known, where joints are listed and their number is not known
+    listed: Outcome | None = None
 
     @property
     def missed(self) -> int:
@@ -311,7 +383,9 @@ def series_of(trial: Trial, hz: float, fed: bool) -> Series:
 
 
 def motor_of(trial: Trial) -> Floats:
-    """Whether the motor pushes, as the status word tells it on every tick (R-PSx, manual 002); one reading in 200 is lost."""
+    """Whether the motor pushes, as the status word tells it on every tick (R-PSx, manual 002); one
+    reading in 200 is lost.
+    """
     begun = np.searchsorted([start for start, _ in trial.script.feeds], trial.seconds, side="right")
     ends = np.array([-1.0, *(end for _, end in trial.script.feeds)])
     lost = np.random.default_rng(len(trial.seconds)).random(len(trial.seconds)) < 0.005
@@ -331,7 +405,9 @@ class Said:
     kind: str
 
 
-def judged(cell: Cell, script: Script, hz: float, fed: bool, joints: Sequence[Said], why: str | None = None) -> Outcome:
+def judged(
+    cell: Cell, script: Script, hz: float, fed: bool, joints: Sequence[Said], why: str | None = None
+) -> Outcome:
     """By the rule at the top."""
     truths = [truth for truth in script.truths if truth.is_joint]
     outcome = Outcome(cell, hz, fed, why is None, len(truths), why=why)
@@ -366,7 +442,8 @@ def _pairs(truths: Sequence[Truth], found: Sequence[Said]) -> Iterable[tuple[Tru
         (over, m, n)
         for m, truth in enumerate(truths)
         for n, one in enumerate(found)
-        if (over := _overlap(truth, one)) > 0 and over >= 0.5 * min(truth.end - truth.start, one.end - one.start)
+        if (over := _overlap(truth, one)) > 0
+        and over >= 0.5 * min(truth.end - truth.start, one.end - one.start)
     ]
     used_truths: set[int] = set()
     used_found: set[int] = set()
@@ -377,12 +454,16 @@ def _pairs(truths: Sequence[Truth], found: Sequence[Said]) -> Iterable[tuple[Tru
             yield truths[m], found[n]
 
 
-def outcomes(cells: Sequence[Cell], rates: Sequence[float] = RATES, feeders: Sequence[bool] = (False, True)) -> list[Outcome]:
+def outcomes(
+    cells: Sequence[Cell], rates: Sequence[float] = RATES, feeders: Sequence[bool] = (False, True)
+) -> list[Outcome]:
     """All of these cells, of one plant, at all rates."""
     return found_in(cells, records(cells, rates), feeders)
 
 
-def found_in(cells: Sequence[Cell], lived: dict[float, list[Trial]], feeders: Sequence[bool] = (False, True)) -> list[Outcome]:
+def found_in(
+    cells: Sequence[Cell], lived: dict[float, list[Trial]], feeders: Sequence[bool] = (False, True)
+) -> list[Outcome]:
     return [
         outcome_of(cell, trial, hz, fed)
         for hz, trials in lived.items()
@@ -402,17 +483,27 @@ def worst_tenth(several: Sequence[Outcome]) -> float:
 
 
 def number_wrong(several: Sequence[Outcome]) -> float:
-    """Of the plant and tip with the largest: how far the number of joints is off, where it is known."""
+    """Of the plant and tip with the largest: how far the number of joints is off, where it is
+    known.
+    """
     shares = [0.0]
     for plant, tip in product(PLANTS, TIPS):
-        told = [one for one in several if one.is_known and (one.cell.plant, one.cell.tip) == (plant, tip)]
+        told = [
+            one
+            for one in several
+            if one.is_known and (one.cell.plant, one.cell.tip) == (plant, tip)
+        ]
         if told:
-            shares.append(sum(abs(one.false - one.missed) for one in told) / sum(one.truths for one in told))
+            shares.append(
+                sum(abs(one.false - one.missed) for one in told) / sum(one.truths for one in told)
+            )
     return max(shares)
 
 
 def numbers_off(several: Sequence[Outcome]) -> float:
-    """Of the trials in which the number is known: in how many it is wrong by more than `OFF_SHARE`."""
+    """Of the trials in which the number is known: in how many it is wrong by more than
+    `OFF_SHARE`.
+    """
     shares = [share_off(one) for one in several if one.is_known]
     return sum(share > OFF_SHARE for share in shares) / max(len(shares), 1)
 
@@ -439,27 +530,37 @@ def edges_near(several: Sequence[Outcome]) -> float:
     return float(np.mean(errors <= EDGE_S)) if len(errors) else 0.0
 
 
-# -- what could be told at best ------------------------------------------------------------------------------------------------
+# -- what could be told at best --------------------------------------------------------------------
 
 
 def told_apart(cell: Cell, trial: Trial) -> float:
-    """Wrong calls per joint of one who knows the third plant's constants and every place, and only asks: joint or gap?
+    """Wrong calls per joint of one who knows the third plant's constants and every place, and only
+    asks: joint or gap?
 
-    He takes the heat that went (told power, shifted by the station's own delay, less what the tip's temperature took up) as a mean
-    over each joint, and over as long a piece of each gap before the next contact, and knows the best threshold. What he cannot
-    tell, the record does not say, or hardly. This is no bound in the strict sense: a full likelihood may know more.
+    He takes the heat that went (told power, shifted by the station's own delay, less what the tip's
+    temperature took up) as a mean over each joint, and over as long a piece of each gap before the
+    next contact, and knows the best threshold. What he cannot tell, the record does not say, or
+    hardly. This is no bound in the strict sense: a full likelihood may know more.
     """
     plants = third_plant.plants_of([cell.tip], [cell.seed])
     capacity = 1000 * float(plants.heater[0] + plants.copper[0]) / float(plants.rated_w[0])
     delay = STEP_S * float(plants.window[0] / 2 + plants.late[0])
     known, fine = ~np.isnan(trial.power), np.arange(0, trial.script.seconds, 0.05)
-    power, celsius = (np.interp(fine, trial.seconds[known], values[known]) for values in (trial.power, trial.temperature))
-    heat, smooth = np.concatenate([[0.0], np.cumsum(power) * 0.05]), np.convolve(celsius, np.ones(5) / 5, "same")
+    power, celsius = (
+        np.interp(fine, trial.seconds[known], values[known])
+        for values in (trial.power, trial.temperature)
+    )
+    heat, smooth = (
+        np.concatenate([[0.0], np.cumsum(power) * 0.05]),
+        np.convolve(celsius, np.ones(5) / 5, "same"),
+    )
     ends = np.append(fine, fine[-1] + 0.05)
 
     def mean_flow(start: float, end: float) -> float:
         given = np.diff(np.interp([start + delay, end + delay], ends, heat))[0]
-        taken = np.diff(np.interp([start + plants.lag_s[0], end + plants.lag_s[0]], fine, smooth))[0]
+        taken = np.diff(np.interp([start + plants.lag_s[0], end + plants.lag_s[0]], fine, smooth))[
+            0
+        ]
         return float((given - capacity * taken) / (end - start))
 
     script = trial.script
@@ -469,10 +570,17 @@ def told_apart(cell: Cell, trial: Trial) -> float:
         + [(start, start + 6.0) for start, _ in script.settings[1:]]
         + [(start, end + 6.0) for start, end in script.stands]
     )
-    gaps = [(max(end, begin - cell.length), begin) for (_, end), (begin, _) in pairwise(busy) if begin - end > 0.3]
+    gaps = [
+        (max(end, begin - cell.length), begin)
+        for (_, end), (begin, _) in pairwise(busy)
+        if begin - end > 0.3
+    ]
     of_joints = np.array([mean_flow(truth.start, truth.end) for truth in joints])
     of_gaps = np.array([mean_flow(*gap) for gap in gaps])
-    wrong = [np.sum(of_joints < limit) + np.sum(of_gaps >= limit) for limit in np.concatenate([of_joints, of_gaps])]
+    wrong = [
+        np.sum(of_joints < limit) + np.sum(of_gaps >= limit)
+        for limit in np.concatenate([of_joints, of_gaps])
+    ]
     return float(min(wrong)) / len(joints)
 
 
@@ -480,19 +588,33 @@ def apart_at_best(cells: Sequence[Cell], lived: dict[float, list[Trial]]) -> str
     """By length and gap, all tips together."""
     lines = []
     for hz, trials in lived.items():
-        lines += [f"third plant, {hz:g} Hz: wrong calls per joint of an observer who knows plant and places", ""]
-        lines += ["| length \\ gap | " + " | ".join(f"{gap:g} s" for gap in GAPS) + " |", "|---" * (1 + len(GAPS)) + "|"]
-        wrong: dict[tuple[float, float], list[float]] = {place: [] for place in product(LENGTHS, GAPS)}
+        lines += [
+            (
+                f"third plant, {hz:g} Hz: wrong calls per joint of an observer who knows plant and"
+                " places"
+            ),
+            "",
+        ]
+        lines += [
+            "| length \\ gap | " + " | ".join(f"{gap:g} s" for gap in GAPS) + " |",
+            "|---" * (1 + len(GAPS)) + "|",
+        ]
+        wrong: dict[tuple[float, float], list[float]] = {
+            place: [] for place in product(LENGTHS, GAPS)
+        }
         for cell, trial in zip(cells, trials, strict=True):
             wrong[cell.length, cell.gap].append(told_apart(cell, trial))
         lines += [
-            f"| {length:g} s | " + " | ".join(f"{np.mean(wrong[length, gap]):.2f}" for gap in GAPS) + " |" for length in LENGTHS
+            f"| {length:g} s | "
+            + " | ".join(f"{np.mean(wrong[length, gap]):.2f}" for gap in GAPS)
+            + " |"
+            for length in LENGTHS
         ]
         lines.append("")
     return "\n".join(lines)
 
 
-# -- the tables ---------------------------------------------------------------------------------------------------------------
+# -- the tables ------------------------------------------------------------------------------------
 
 
 def is_long_enough(one: Outcome) -> bool:
@@ -520,11 +642,21 @@ ROWS = (
     ("number of joints wrong, worst tip", False, is_asked, number_wrong),
     ("edges within 0.2 s", False, is_asked, edges_near),
     ("joints not known, of the trials", False, is_asked, not_known),
-    ("length 0.3 s, gap ≥ 1 s: F1", False, lambda one: one.cell.length == 0.3 and one.cell.gap >= 1, f1_of),
+    (
+        "length 0.3 s, gap ≥ 1 s: F1",
+        False,
+        lambda one: one.cell.length == 0.3 and one.cell.gap >= 1,
+        f1_of,
+    ),
     ("length ≥ 0.5 s, gap ≥ 1 s: F1 of the joints listed", False, is_long_enough, f1_listed),
     ("length ≥ 0.8 s, gap ≥ 0.5 s: F1 of the joints listed", False, is_dense, f1_listed),
     ("length 2 s every 3.2 s; 1 s every 1.5 s: F1 of the joints listed", False, is_busy, f1_listed),
-    ("trials whose number is wrong by more than 3 %, of those with one", False, is_asked, numbers_off),
+    (
+        "trials whose number is wrong by more than 3 %, of those with one",
+        False,
+        is_asked,
+        numbers_off,
+    ),
     ("the same, the largest error", False, is_asked, most_off),
 )
 
@@ -532,7 +664,9 @@ ROWS = (
 def figures(several: Sequence[Outcome], hz: float) -> dict[str, float]:
     """What each row of the table says at this rate."""
     at = [one for one in several if one.hz == hz]
-    of_row = {name: [one for one in at if one.fed == fed and which(one)] for name, fed, which, _ in ROWS}
+    of_row = {
+        name: [one for one in at if one.fed == fed and which(one)] for name, fed, which, _ in ROWS
+    }
     return {name: of(of_row[name]) for name, _, _, of in ROWS if of_row[name]}
 
 
@@ -540,14 +674,24 @@ def rows_told(several: Sequence[Outcome], rates: Sequence[float] = RATES) -> str
     """Rows as required, a column a rate, for each plant and for the worst of them."""
     plants = [plant for plant in PLANTS if any(one.cell.plant == plant for one in several)]
     lines = []
-    by = {(plant, hz): figures([one for one in several if one.cell.plant == plant], hz) for plant in plants for hz in rates}
-    lines.append("| | " + " | ".join(f"{plant}, {hz:g} Hz" for plant in plants for hz in rates) + " |")
+    by = {
+        (plant, hz): figures([one for one in several if one.cell.plant == plant], hz)
+        for plant in plants
+        for hz in rates
+    }
+    lines.append(
+        "| | " + " | ".join(f"{plant}, {hz:g} Hz" for plant in plants for hz in rates) + " |"
+    )
     lines.append("|---" * (1 + len(plants) * len(rates)) + "|")
     for name, _, _, of in ROWS:
         form = "{:.3f}" if of in (f1_of, worst_tenth, f1_listed) else "{:.1%}"
         lines.append(
             f"| {name} | "
-            + " | ".join(form.format(by[plant, hz][name]) if name in by[plant, hz] else "" for plant in plants for hz in rates)
+            + " | ".join(
+                form.format(by[plant, hz][name]) if name in by[plant, hz] else ""
+                for plant in plants
+                for hz in rates
+            )
             + " |"
         )
     return "\n".join(lines)
@@ -556,19 +700,35 @@ def rows_told(several: Sequence[Outcome], rates: Sequence[float] = RATES) -> str
 def matrix_told(several: Sequence[Outcome], plant: str, hz: float, fed: bool = False) -> str:
     """F1 by length and gap, of the small, medium and large tip."""
     mine = [one for one in several if (one.cell.plant, one.hz, one.fed) == (plant, hz, fed)]
-    title = f"{plant} plant, {hz:g} Hz{', with a feeder' if fed else ''}: F1 of small · medium · large tip"
-    lines = [title, "", "| length \\ gap | " + " | ".join(f"{gap:g} s" for gap in GAPS) + " |", "|---" * (1 + len(GAPS)) + "|"]
+    title = (
+        f"{plant} plant, {hz:g} Hz{', with a feeder' if fed else ''}: F1 of small · medium ·"
+        " large tip"
+    )
+    lines = [
+        title,
+        "",
+        "| length \\ gap | " + " | ".join(f"{gap:g} s" for gap in GAPS) + " |",
+        "|---" * (1 + len(GAPS)) + "|",
+    ]
     for length in LENGTHS:
         told = []
         for gap in GAPS:
             here = [one for one in mine if (one.cell.length, one.cell.gap) == (length, gap)]
-            told.append(" · ".join(f"{f1_of([one for one in here if one.cell.tip == tip]):.2f}" for tip in TIPS) if here else "")
+            told.append(
+                " · ".join(
+                    f"{f1_of([one for one in here if one.cell.tip == tip]):.2f}" for tip in TIPS
+                )
+                if here
+                else ""
+            )
         lines.append(f"| {length:g} s | " + " | ".join(told) + " |")
     return "\n".join(lines)
 
 
 def apart_told(several: Sequence[Outcome]) -> str:
-    """Wipes, dry touches and feeds without a draw: how many there were, were found, and were called joints."""
+    """Wipes, dry touches and feeds without a draw: how many there were, were found, and were called
+    joints.
+    """
     lines = ["| | there were | found | called a joint |", "|---|---|---|---|"]
     for kind in ("wipe", "touch", "feed"):
         sums = np.sum([one.called.get(kind, (0, 0, 0)) for one in several], axis=0)

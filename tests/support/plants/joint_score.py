@@ -1,8 +1,10 @@
-"""How well joints were found: which found one is which true one, F1, the worst tenth, and what was taken for what.
+"""How well joints were found: which found one is which true one, F1, the worst tenth, and what was
+taken for what.
 
-The rule, fixed before anything was tuned: one true joint and one found joint are the same where they overlap for at least half
-of the shorter of the two; each counts once. Left out on both sides: what touches a gap of the record (half a second around it),
-and what cannot be told apart (`UNTOLD`). What may be one joint or two (`EITHER`) is found where one of them is. Every other found
+The rule, fixed before anything was tuned: one true joint and one found joint are the same where
+they overlap for at least half of the shorter of the two; each counts once. Left out on both sides:
+what touches a gap of the record (half a second around it), and what cannot be told apart
+(`UNTOLD`). What may be one joint or two (`EITHER`) is found where one of them is. Every other found
 joint is a false one, of the class that it overlaps or comes within a second of.
 """
 
@@ -27,7 +29,8 @@ class Score:
     missed: Counter[str] = field(default_factory=Counter)
     false: Counter[str] = field(default_factory=Counter)
     events: Counter[str] = field(default_factory=Counter)
-    untold: Counter[str] = field(default_factory=Counter)  # what cannot be told apart, and was taken for a joint
+    # what cannot be told apart, and was taken for a joint
+    untold: Counter[str] = field(default_factory=Counter)
 
     @property
     def f1(self) -> float:
@@ -71,12 +74,18 @@ def score(trial: Trial, found: Sequence[Interval]) -> Score:
 
 
 def _at_gap(trial: Trial, place: Interval) -> bool:
-    return any(overlap(place, (start - AROUND_GAP_S, end + AROUND_GAP_S)) > 0 for start, end in trial.gaps)
+    return any(
+        overlap(place, (start - AROUND_GAP_S, end + AROUND_GAP_S)) > 0 for start, end in trial.gaps
+    )
 
 
 def _nearest(truths: Sequence[Truth], joint: Interval) -> str:
     beside = max(truths, key=lambda truth: overlap((truth.start, truth.end), joint), default=None)
-    return beside.kind if beside is not None and overlap((beside.start, beside.end), joint) > -BESIDE_S else "idle"
+    return (
+        beside.kind
+        if beside is not None and overlap((beside.start, beside.end), joint) > -BESIDE_S
+        else "idle"
+    )
 
 
 def worst_tenth(scores: Sequence[Score]) -> Score:
@@ -95,12 +104,17 @@ def all_of(scores: Sequence[Score]) -> Score:
 
 
 def told(scores: Sequence[Score]) -> str:
-    """A table: each class with its events, how many were found or taken for joints; F1 of all and of the worst tenth."""
+    """A table: each class with its events, how many were found or taken for joints; F1 of all and
+    of the worst tenth.
+    """
     every, worst = all_of(scores), worst_tenth(scores)
     lines = [f"{'class':<10} {'n':>5} {'found':>6} {'missed':>7} {'false':>6}"]
     for kind in sorted({*every.events, *every.false}):
         false = every.untold[kind] if kind in UNTOLD else every.false[kind]
         mark = " (in no F1)" if kind in UNTOLD else ""
-        lines.append(f"{kind:<10} {every.events[kind]:>5} {every.hit[kind]:>6} {every.missed[kind]:>7} {false:>6}{mark}")
+        lines.append(
+            f"{kind:<10} {every.events[kind]:>5} {every.hit[kind]:>6} {every.missed[kind]:>7}"
+            f" {false:>6}{mark}"
+        )
     lines.append(f"F1 {every.f1:.4f}, of the worst tenth of {len(scores)} trials {worst.f1:.4f}")
     return "\n".join(lines)

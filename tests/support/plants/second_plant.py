@@ -1,32 +1,37 @@
-"""A second plant, on which finding joints is tested and on which nothing was tuned. Its seeds were fixed first.
+"""A second plant, on which finding joints is tested and on which nothing was tuned. Its seeds were
+fixed first.
 
-It shares no code and no structure with the virtual stations of `jbclog sim`. Here a heater with its own heat capacity feeds
-a tip with another through a finite conductance; a thermocouple between the two lags; a PID regulator with a 20 ms clock
-fires whole mains cycles, so that heat comes in bursts; the power that is told is smoothed and comes in steps of 10 ‰; the
-temperature is told in whole degrees with noise. Every trial has other heat capacities, conductances, gains, rated power
-and lag, drawn from its seed. What the tip touches is a mass that warms up and leaks into a board, wetted within tenths of
-a second.
+It shares no code and no structure with the virtual stations of `jbclog sim`. Here a heater with its
+own heat capacity feeds a tip with another through a finite conductance; a thermocouple between the
+two lags; a PID regulator with a 20 ms clock fires whole mains cycles, so that heat comes in bursts;
+the power that is told is smoothed and comes in steps of 10 ‰; the temperature is told in whole
+degrees with noise. Every trial has other heat capacities, conductances, gains, rated power and lag,
+drawn from its seed. What the tip touches is a mass that warms up and leaks into a board, wetted
+within tenths of a second.
 
-What happens (`SHARES`), and what of it is a joint. *A joint* is one draw of heat into work, or two less than half a second apart (a
-double dip, which may also be found as two); two joints are at least a second apart. What draws heat and takes no solder (a touch, a
-wipe, a rest in a sponge) is a draw as well: told apart by nothing in power and temperature but its size, it is reported beside
-the rest, in no F1.
+What happens (`SHARES`), and what of it is a joint. *A joint* is one draw of heat into work, or two
+less than half a second apart (a double dip, which may also be found as two); two joints are at
+least a second apart. What draws heat and takes no solder (a touch, a wipe, a rest in a sponge) is a
+draw as well: told apart by nothing in power and temperature but its size, it is reported beside the
+rest, in no F1.
 
-==============  ======  ==========================================================================================
+==============  ======  ============================================================================
 small           joint   a pad: 0.7 to 1.1 s
 medium          joint   a pin in a plated hole: 1.0 to 2.0 s
 large           joint   a pin on a plane: 1.5 to 3.5 s
 saturated       joint   a shield can or a busbar: the heater gives all it has for 2 to 4 s
-double          joint   a contact, 0.2 to 0.5 s beside it, and once more on the same, still warm work
+double          joint   a contact, 0.2 to 0.5 s beside it, and once more on the same, still warm
+                        work
 pair            2       two small or medium joints, one second to one and a half apart
 touch           -       the dry tip touches metal: hardly any heat goes over
 sponge          -       one to three wipes of 0.15 to 0.35 s over a wet sponge
 brass           -       two to four pokes of 0.2 to 0.4 s into brass wool
 set             none    the setting changes by 20 to 50 °C
 sleep           none    the tool sleeps at 150 °C for a while, and wakes
-lost            none    the record has a gap of 2 to 6 s; a joint that it cuts is not counted either way
+lost            none    the record has a gap of 2 to 6 s; a joint that it cuts is not counted either
+                        way
 soak            -       the tip rests in a wet sponge for as long as a joint
-==============  ======  ==========================================================================================
+==============  ======  ============================================================================
 """
 
 from __future__ import annotations
@@ -79,7 +84,9 @@ class Truth:
 
 @dataclass(frozen=True)
 class Contact:
-    """One touch: conductance in W/K, the work's heat capacity in J/K, its leak in W/K, its temperature (None: as it is)."""
+    """One touch: conductance in W/K, the work's heat capacity in J/K, its leak in W/K, its
+    temperature (None: as it is).
+    """
 
     start: float
     end: float
@@ -113,11 +120,13 @@ class Trial:
     gaps: Sequence[tuple[float, float]]
 
 
-# -- what happens -----------------------------------------------------------------------------------------------------------
+# -- what happens ----------------------------------------------------------------------------------
 
 
 def script_of(rng: np.random.Generator, seconds: float) -> Script:
-    """A trial's events, each 3 to 6 s after the one before; the first fifteen seconds are the tip's own."""
+    """A trial's events, each 3 to 6 s after the one before; the first fifteen seconds are the tip's
+    own.
+    """
     script, now, setting = Script(), 15.0, float(rng.integers(60, 81) * 5)
     script.settings.append((0.0, setting))
     names, shares = list(SHARES), list(SHARES.values())
@@ -142,7 +151,13 @@ def _happen(script: Script, kind: str, now: float, rng: np.random.Generator) -> 
         return script.gaps[-1][1] - 4.0  # so that joints fall into some of them
     if kind == "pair":
         middle = _touch(script, str(rng.choice(["small", "medium"])), now, rng, "pair")
-        return _touch(script, str(rng.choice(["small", "medium"])), middle + float(rng.uniform(1.0, 1.5)), rng, "pair")
+        return _touch(
+            script,
+            str(rng.choice(["small", "medium"])),
+            middle + float(rng.uniform(1.0, 1.5)),
+            rng,
+            "pair",
+        )
     return _touch(script, kind, now, rng, kind)
 
 
@@ -165,13 +180,41 @@ def _contacts(kind: str, now: float, rng: np.random.Generator) -> Iterator[Conta
 
     match kind:
         case "small":
-            yield Contact(now, now + some(0.7, 1.1), some(0.15, 0.30), some(0.03, 0.08), some(0.03, 0.06), BOARD_C)
+            yield Contact(
+                now,
+                now + some(0.7, 1.1),
+                some(0.15, 0.30),
+                some(0.03, 0.08),
+                some(0.03, 0.06),
+                BOARD_C,
+            )
         case "medium":
-            yield Contact(now, now + some(1.0, 2.0), some(0.25, 0.50), some(0.08, 0.20), some(0.04, 0.10), BOARD_C)
+            yield Contact(
+                now,
+                now + some(1.0, 2.0),
+                some(0.25, 0.50),
+                some(0.08, 0.20),
+                some(0.04, 0.10),
+                BOARD_C,
+            )
         case "large":
-            yield Contact(now, now + some(1.5, 3.5), some(0.40, 0.80), some(0.20, 0.50), some(0.10, 0.25), BOARD_C)
+            yield Contact(
+                now,
+                now + some(1.5, 3.5),
+                some(0.40, 0.80),
+                some(0.20, 0.50),
+                some(0.10, 0.25),
+                BOARD_C,
+            )
         case "saturated":
-            yield Contact(now, now + some(2.0, 4.0), some(0.80, 1.20), some(0.60, 1.20), some(0.30, 0.50), BOARD_C)
+            yield Contact(
+                now,
+                now + some(2.0, 4.0),
+                some(0.80, 1.20),
+                some(0.60, 1.20),
+                some(0.30, 0.50),
+                BOARD_C,
+            )
         case "double":
             work = some(0.25, 0.50), some(0.08, 0.20), some(0.05, 0.12)
             first = Contact(now, now + some(0.5, 1.0), *work, BOARD_C)
@@ -194,7 +237,7 @@ def _strokes(kind: str, now: float, rng: np.random.Generator) -> Iterator[Contac
         now = end + float(rng.uniform(0.4, 0.8) if wet else rng.uniform(0.3, 0.6))
 
 
-# -- the physics, of all trials at once -------------------------------------------------------------------------------------
+# -- the physics, of all trials at once ------------------------------------------------------------
 
 
 @dataclass
@@ -251,7 +294,12 @@ def simulate(plants: Plants, scripts: Sequence[Script], steps: int) -> Recorded:
     aim = np.array([aims(script, steps) for script in scripts])
     heater, tip, felt = (np.full(trials, AMBIENT_C) for _ in range(3))
     work, wetted, before = np.full(trials, BOARD_C), np.zeros(trials), np.full(trials, -1)
-    integral, owed, asked, told = np.zeros(trials), np.zeros(trials), np.zeros(trials), np.zeros(trials)
+    integral, owed, asked, told = (
+        np.zeros(trials),
+        np.zeros(trials),
+        np.zeros(trials),
+        np.zeros(trials),
+    )
     felt_before, firing = felt.copy(), np.zeros(trials)
     out = Recorded(np.empty((trials, steps)), np.empty((trials, steps)))
     for step in range(steps):
@@ -260,28 +308,46 @@ def simulate(plants: Plants, scripts: Sequence[Script], steps: int) -> Recorded:
             error = aim[:, step] - felt
             rate, felt_before = (felt - felt_before) / 0.02, felt.copy()
             wanted = plants.gain * (error - plants.rate_s * rate) + integral
-            integral = np.where((wanted < 1) & (wanted > -0.2), integral + plants.gain * error * 0.02 / plants.integral_s, integral)
+            integral = np.where(
+                (wanted < 1) & (wanted > -0.2),
+                integral + plants.gain * error * 0.02 / plants.integral_s,
+                integral,
+            )
             integral, asked = np.clip(integral, 0, 1), np.clip(wanted, 0, 1)
             owed = owed + asked
             firing = (owed >= 1).astype(np.float64)
             owed = owed - firing
-        conductance, capacity, leak, begins = (table[rows, touching + 1, column] for column in range(4))
+        conductance, capacity, leak, begins = (
+            table[rows, touching + 1, column] for column in range(4)
+        )
         fresh = (touching != before) & ~np.isnan(begins)
         work, before = np.where(fresh, begins, work), touching
         wetted = np.where(touching < 0, 0.0, wetted + STEP_S * (1 - wetted) / 0.08)
         flow = conductance * wetted * (tip - work)
         across = plants.between * (heater - tip)
-        heater = heater + STEP_S * (plants.rated_w * firing - across - 0.3 * plants.loss * (heater - AMBIENT_C)) / plants.heater
+        heater = (
+            heater
+            + STEP_S
+            * (plants.rated_w * firing - across - 0.3 * plants.loss * (heater - AMBIENT_C))
+            / plants.heater
+        )
         tip = tip + STEP_S * (across - flow - 0.7 * plants.loss * (tip - AMBIENT_C)) / plants.tip
         work = work + STEP_S * (flow - leak * (work - BOARD_C)) / capacity
-        felt = felt + STEP_S * (plants.sees_tip * tip + (1 - plants.sees_tip) * heater - felt) / plants.lag_s
+        felt = (
+            felt
+            + STEP_S
+            * (plants.sees_tip * tip + (1 - plants.sees_tip) * heater - felt)
+            / plants.lag_s
+        )
         told = told + STEP_S * (asked - told) / 0.06
         out.temperature[:, step], out.power[:, step] = felt, told
     return out
 
 
 def contact_at(scripts: Sequence[Script], steps: int) -> tuple[NDArray[np.int64], Floats]:
-    """Which contact there is at each step (-1: none), and each trial's contacts, the first of them none."""
+    """Which contact there is at each step (-1: none), and each trial's contacts, the first of them
+    none.
+    """
     most = max((len(script.contacts) for script in scripts), default=0)
     table = np.tile(np.array([0.0, 0.2, 0.1, np.nan]), (len(scripts), most + 1, 1))
     contact = np.full((len(scripts), steps), -1)
@@ -303,7 +369,7 @@ def aims(script: Script, steps: int) -> Floats:
     return aim
 
 
-# -- the record -------------------------------------------------------------------------------------------------------------
+# -- the record ------------------------------------------------------------------------------------
 
 
 def trials(
@@ -313,14 +379,24 @@ def trials(
     plants, steps = plants_of(seeds), round(seconds / STEP_S)
     scripts = [script_of(np.random.default_rng([seed, 2]), seconds) for seed in seeds]
     seen = simulate(plants, scripts, steps)
-    return {hz: [_recorded(plants, scripts[n], seen, n, seed, hz) for n, seed in enumerate(seeds)] for hz in rates}
+    return {
+        hz: [_recorded(plants, scripts[n], seen, n, seed, hz) for n, seed in enumerate(seeds)]
+        for hz in rates
+    }
 
 
-def _recorded(plants: Plants, script: Script, seen: Recorded, row: int, seed: int, hz: float) -> Trial:
-    """One trial at one rate: each tick is read up to 15 ms late, one reading in two hundred is lost."""
+def _recorded(
+    plants: Plants, script: Script, seen: Recorded, row: int, seed: int, hz: float
+) -> Trial:
+    """One trial at one rate: each tick is read up to 15 ms late, one reading in two hundred is
+    lost.
+    """
     rng = np.random.default_rng([seed, 3, round(hz)])
     ticks = np.arange(int(seen.power.shape[1] * STEP_S * hz)) / hz
-    at = np.minimum(((ticks + rng.uniform(0, 0.015, len(ticks))) / STEP_S).astype(np.int64), seen.power.shape[1] - 1)
+    at = np.minimum(
+        ((ticks + rng.uniform(0, 0.015, len(ticks))) / STEP_S).astype(np.int64),
+        seen.power.shape[1] - 1,
+    )
     temperature = np.round(seen.temperature[row, at] + rng.normal(0, plants.noise_c[row], len(at)))
     power = np.round(seen.power[row, at] * 100) * 10.0
     working = np.ones(len(at), dtype=np.bool_)

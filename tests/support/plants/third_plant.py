@@ -1,42 +1,51 @@
-"""A third plant for finding joints: nothing of the product is tuned on it, and who wrote it had not read how joints are found.
+"""A third plant for finding joints: nothing of the product is tuned on it, and who wrote it had not
+read how joints are found.
 
-The station. An induction-heated cartridge under a **predictive relay**: no proportional, no integral part. Each half-cycle of
-the mains (10 ms) the station extrapolates what its sensor says by a lead time and takes one of three positions, with
-hysteresis: full power, a feed-forward power that roughly holds this setting, or nothing; what it decides acts a dead time
-later. So the tip rests where feed-forward and relay meet, some °C beside its setting, and ripples. The three tips differ in
-the law (`TIPS`): the small one has a good feed-forward, the medium one has none (two positions, whole half-cycles at full
-power), the large one has only two thirds of what holds it, and the longest dead time.
+The station. An induction-heated cartridge under a **predictive relay**: no proportional, no
+integral part. Each half-cycle of the mains (10 ms) the station extrapolates what its sensor says by
+a lead time and takes one of three positions, with
+hysteresis: full power, a feed-forward power that roughly holds this setting, or nothing; what it
+decides acts a dead time later. So the tip rests where feed-forward and relay meet, some °C beside
+its setting, and ripples. The three tips differ in the law (`TIPS`): the small one has a good
+feed-forward, the medium one has none (two positions, whole half-cycles at full power), the large
+one has only two thirds of what holds it, and the longest dead time.
 
-The tip is three masses: heater, copper tip, barrel. The barrel takes minutes to warm. Loss is convection, which a draught
-changes slowly and at random and nearness to the work at once, and radiation (fourth power). The mains voltage wanders and
-jumps; the station tells its duty, so that power in ‰ is not exactly the heat. Power is told as an average over a window of the
-station's own (0.1 to 0.3 s), 20 to 80 ms late. Temperature: the sensor sits between heater and tip, lags 0.08 to 0.35 s, has
-noise, and is told in whole degrees; power in whole ‰ (manual 002, "Application Layer").
+The tip is three masses: heater, copper tip, barrel. The barrel takes minutes to warm. Loss is
+convection, which a draught changes slowly and at random and nearness to the work at once, and
+radiation (fourth power). The mains voltage wanders and jumps; the station tells its duty, so that
+power in ‰ is not exactly the heat. Power is told as an average over a window of the station's own
+(0.1 to 0.3 s), 20 to 80 ms late. Temperature: the sensor sits between heater and tip, lags 0.08 to
+0.35 s, has noise, and is told in whole degrees; power in whole ‰ (manual 002, "Application Layer").
 
-Sizes of the tips (`TIPS`). Copper has 0.385 J/(g·K): 1, 3 and 8 g of tip. Powers are those of handpieces of these sizes. Loss:
-natural convection of 15 to 25 W/(m²·K) on 5, 8 and 16 cm², and εσA(T⁴ − T₀⁴) of oxidised iron plating (ε 0.3 to 0.6) on the third
-of that area that is hot: 4 to 15 W at 350 °C.
+Sizes of the tips (`TIPS`). Copper has 0.385 J/(g·K): 1, 3 and 8 g of tip. Powers are those of
+handpieces of these sizes. Loss: natural convection of 15 to 25 W/(m²·K) on 5, 8 and 16 cm², and
+εσA(T⁴ − T₀⁴) of oxidised iron plating (ε 0.3 to 0.6) on the third of that area that is hot: 4 to 15
+W at 350 °C.
 
-Sizes of the work (`WORK`): a lump (J/K) behind a wetted contact (W/K), which leaks into the board (W/K). Wetting takes 0.03 to
-0.12 s from a dry quarter of the conductance.
+Sizes of the work (`WORK`): a lump (J/K) behind a wetted contact (W/K), which leaks into the board
+(W/K). Wetting takes 0.03 to 0.12 s from a dry quarter of the conductance.
 - contact: solder (60 W/(m·K)), 0.3 to 0.5 mm thick on 1 mm² (pad) to 5 mm² (lug): 0.12 to 1 W/K.
-- pad: FR4 within the diffusion length of 1 s (0.8 mm; 2.1 J/(cm³·K)) under 3 × 3 mm, and the component's end: 0.02 to 0.06 J/K;
-  spreading in FR4 (4·k·r) and two traces: 6 to 20 mW/K.
-- pin: 10 mm of a 0.8 mm brass pin, plated hole, 40 mm³ of FR4: 0.06 to 0.15 J/K; along the pin (120 W/(m·K), 5 mm) and traces:
-  20 to 50 mW/K.
-- plane: the same on four layers with thermal relief, spokes (130 mW/K) in series with spreading in the planes
-  (2π·k·t/ln(r₂/r₁) = 120 mW/K): 60 to 150 mW/K, and 0.15 to 0.4 J/K of copper near by.
-- lug: 1 to 4 g of brass and the end of a 2.5 mm² conductor (effusivity · A/√(π·t) = 50 mW/K at 1 s): 0.5 to 1.5 J/K, 50 to
-  120 mW/K.
-- wire: from 20 to 80 % of the contact. SAC305 takes 115 J/g from 25 to 260 °C; 5 to 10 mm/s of 0.5 to 1 mm wire are 1 to 6 W.
-- drag: one contact that moves from pad to pad every 0.25 to 0.5 s, each pad preheated by the one before. One joint.
-No joint: a wipe over a wet sponge (0.2 to 0.6 s, to 98 °C) or three pokes into brass wool, a dry touch (0.3 to 1 s, 10 to
-50 mW/K). They are draws, too, and scored apart.
+- pad: FR4 within the diffusion length of 1 s (0.8 mm; 2.1 J/(cm³·K)) under 3 × 3 mm, and the
+  component's end: 0.02 to 0.06 J/K; spreading in FR4 (4·k·r) and two traces: 6 to 20 mW/K.
+- pin: 10 mm of a 0.8 mm brass pin, plated hole, 40 mm³ of FR4: 0.06 to 0.15 J/K; along the pin (120
+  W/(m·K), 5 mm) and traces: 20 to 50 mW/K.
+- plane: the same on four layers with thermal relief, spokes (130 mW/K) in series with spreading in
+  the planes (2π·k·t/ln(r₂/r₁) = 120 mW/K): 60 to 150 mW/K, and 0.15 to 0.4 J/K of copper near by.
+- lug: 1 to 4 g of brass and the end of a 2.5 mm² conductor (effusivity · A/√(π·t) = 50 mW/K at 1
+  s): 0.5 to 1.5 J/K, 50 to 120 mW/K.
+- wire: from 20 to 80 % of the contact. SAC305 takes 115 J/g from 25 to 260 °C; 5 to 10 mm/s of 0.5
+  to 1 mm wire are 1 to 6 W.
+- drag: one contact that moves from pad to pad every 0.25 to 0.5 s, each pad preheated by the one
+  before. One joint.
+No joint: a wipe over a wet sponge (0.2 to 0.6 s, to 98 °C) or three pokes into brass wool, a dry
+touch (0.3 to 1 s, 10 to 50 mW/K). They are draws, too, and scored apart.
 
-How large a joint is in the record (`loudness`; the first 60 s of the 144 trials of `SEEDS`): its mean heat flow in the last 0.2 s,
-divided by the standard deviation of the told power of this tip at rest at 10 Hz, has the quantiles 5, 25, 50, 75, 95 %: 0.6, 1.3,
-2.3, 3.9, 10. The mean flow of a joint is 140 to 700 ‰ of the rated power (5 to 95 %; of the small tip up to more than all of it),
-the sensor dips by 0.3 to 12 °C: power is the better witness here, and a noisy one, 35 to 180 ‰ at rest.
+How large a joint is in the record (`loudness`; the first 60 s of the 144 trials of `SEEDS`): its
+mean heat flow in the last 0.2 s, divided by the standard deviation of the told power of this tip at
+rest at 10 Hz, has the quantiles 5, 25, 50, 75, 95 %: 0.6, 1.3, 2.3, 3.9, 10. The mean flow of a
+joint is 140 to 700 ‰ of the rated power (5 to 95 %; of the small tip up to more than all of it),
+the sensor dips by 0.3 to 12 °C: power is the better witness here, and a noisy one, 35 to 180 ‰ at
+rest.
 """
 
 from __future__ import annotations
@@ -61,7 +70,7 @@ JOINTS = frozenset(["pad", "pin", "plane", "lug", "drag"])
 APART = frozenset(["wipe", "touch"])
 
 
-# -- what happens -----------------------------------------------------------------------------------------------------------
+# -- what happens ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -79,7 +88,9 @@ class Truth:
 
 @dataclass(frozen=True)
 class Touch:
-    """One lump of work: W/K of the wetted contact, J/K, W/K into the board, °C at first, W taken by melting wire."""
+    """One lump of work: W/K of the wetted contact, J/K, W/K into the board, °C at first, W taken by
+    melting wire.
+    """
 
     start: float
     end: float
@@ -102,7 +113,8 @@ class Script:
     touches: list[Touch] = field(default_factory=list)
     stands: list[tuple[float, float]] = field(default_factory=list)
     feeds: list[tuple[float, float]] = field(default_factory=list)
-    dry_feeds: list[tuple[float, float]] = field(default_factory=list)  # without a draw; also in `feeds`
+    # without a draw; also in `feeds`
+    dry_feeds: list[tuple[float, float]] = field(default_factory=list)
 
 
 WORK: dict[str, tuple[Range, Range, Range, Range]] = {  # W/K, J/K, W/K, W of wire
@@ -115,7 +127,9 @@ NO_WIRE, FEED_WITHOUT_DRAW = 0.04, 0.5  # of the joints; of the pauses
 
 
 def work_for(tip: str, length: float, rng: np.random.Generator) -> str:
-    """What such a tip solders in such a time: nobody stays on a pad for 5 s, or solders a lug with a small tip."""
+    """What such a tip solders in such a time: nobody stays on a pad for 5 s, or solders a lug with
+    a small tip.
+    """
     if length >= 3 and rng.random() < 0.3:
         return "drag"
     fitting = {
@@ -141,18 +155,36 @@ def joint(script: Script, start: float, length: float, rng: np.random.Generator)
     return end
 
 
-def _touch(kind: str, start: float, end: float, has_wire: bool, rng: np.random.Generator, begins_c: float = BOARD_C) -> Touch:
+def _touch(
+    kind: str,
+    start: float,
+    end: float,
+    has_wire: bool,
+    rng: np.random.Generator,
+    begins_c: float = BOARD_C,
+) -> Touch:
     conductance, capacity, leak, wire = (float(rng.uniform(*bounds)) for bounds in WORK[kind])
     return Touch(start, end, conductance, capacity, leak, begins_c, wire if has_wire else 0.0)
 
 
-def _drag(script: Script, start: float, end: float, has_wire: bool, rng: np.random.Generator) -> None:
+def _drag(
+    script: Script, start: float, end: float, has_wire: bool, rng: np.random.Generator
+) -> None:
     now = start
     while now < end:
         until = now + float(rng.uniform(0.25, 0.5))
         until = end if end - until < 0.25 else until
         kind = "pad" if script.tip == "small" else "pin"
-        script.touches.append(_touch(kind, now, until, has_wire, rng, BOARD_C if now == start else float(rng.uniform(60, 110))))
+        script.touches.append(
+            _touch(
+                kind,
+                now,
+                until,
+                has_wire,
+                rng,
+                BOARD_C if now == start else float(rng.uniform(60, 110)),
+            )
+        )
         now = until
 
 
@@ -165,7 +197,9 @@ def wipe(script: Script, start: float, rng: np.random.Generator) -> float:
         now = end = start
         for _ in range(3):
             end = now + float(rng.uniform(0.15, 0.3))
-            script.touches.append(Touch(now, end, float(rng.uniform(0.03, 0.08)), 0.5, 0.05, BOARD_C))
+            script.touches.append(
+                Touch(now, end, float(rng.uniform(0.03, 0.08)), 0.5, 0.05, BOARD_C)
+            )
             now = end + float(rng.uniform(0.1, 0.25))
     script.truths.append(Truth(start, end, "wipe"))
     return end
@@ -178,7 +212,7 @@ def dry_touch(script: Script, start: float, rng: np.random.Generator) -> float:
     return end
 
 
-# -- the station and its tips -----------------------------------------------------------------------------------------------
+# -- the station and its tips ----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -199,13 +233,40 @@ class Tip:
 
 TIPS = {
     "small": Tip(
-        (45, 65), (0.10, 0.20), (0.30, 0.50), (1.0, 1.6), (2.0, 4.0), 5.0, (0.85, 0.98), (1.0, 2.0), (0.10, 0.25), (0.01, 0.03)
+        (45, 65),
+        (0.10, 0.20),
+        (0.30, 0.50),
+        (1.0, 1.6),
+        (2.0, 4.0),
+        5.0,
+        (0.85, 0.98),
+        (1.0, 2.0),
+        (0.10, 0.25),
+        (0.01, 0.03),
     ),
     "medium": Tip(
-        (120, 145), (0.30, 0.50), (0.9, 1.4), (2.5, 4.0), (4.0, 8.0), 8.0, (0.0, 0.0), (0.3, 0.8), (0.15, 0.35), (0.02, 0.04)
+        (120, 145),
+        (0.30, 0.50),
+        (0.9, 1.4),
+        (2.5, 4.0),
+        (4.0, 8.0),
+        8.0,
+        (0.0, 0.0),
+        (0.3, 0.8),
+        (0.15, 0.35),
+        (0.02, 0.04),
     ),
     "large": Tip(
-        (160, 220), (0.7, 1.1), (2.4, 3.6), (5.0, 8.0), (8.0, 16.0), 16.0, (0.55, 0.75), (1.0, 2.0), (0.20, 0.50), (0.02, 0.05)
+        (160, 220),
+        (0.7, 1.1),
+        (2.4, 3.6),
+        (5.0, 8.0),
+        (8.0, 16.0),
+        16.0,
+        (0.55, 0.75),
+        (1.0, 2.0),
+        (0.20, 0.50),
+        (0.02, 0.05),
     ),
 }
 
@@ -237,7 +298,10 @@ class Plants:
 
 
 def plants_of(tips: Sequence[str], seeds: Sequence[int]) -> Plants:
-    rows = [_constants(TIPS[tip], np.random.default_rng([seed, 1])) for tip, seed in zip(tips, seeds, strict=True)]
+    rows = [
+        _constants(TIPS[tip], np.random.default_rng([seed, 1]))
+        for tip, seed in zip(tips, seeds, strict=True)
+    ]
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     return Plants(*columns)
 
@@ -271,12 +335,14 @@ def _constants(tip: Tip, rng: np.random.Generator) -> tuple[float, ...]:
     )
 
 
-# -- the physics, of all trials at once -------------------------------------------------------------------------------------
+# -- the physics, of all trials at once ------------------------------------------------------------
 
 
 @dataclass
 class Seen:
-    """A row a trial, a column a step of the record: what the sensor feels, power as told in ‰, the true flow in W."""
+    """A row a trial, a column a step of the record: what the sensor feels, power as told in ‰, the
+    true flow in W.
+    """
 
     temperature: Floats
     power: Floats
@@ -293,13 +359,20 @@ def simulate(scripts: Sequence[Script], seeds: Sequence[int]) -> Seen:
     rngs = [np.random.default_rng([seed, 4]) for seed in seeds]
     draught = np.array([_wander(rng, steps, 0.12, 15.0) for rng in rngs])
     mains = np.array([_wander(rng, steps, 0.015, 30.0) + _jumps(rng, steps) for rng in rngs])
-    whispers = np.array([rng.normal(0, 0.05, steps) for rng in rngs])  # what the regulator's own filter leaves of the noise
+    # what the regulator's own filter leaves of the noise
+    whispers = np.array([rng.normal(0, 0.05, steps) for rng in rngs])
     rows = np.arange(len(scripts))
     hot = np.array([script.begins_hot for script in scripts])
     start_c = np.where(hot, aim[:, 0], AMBIENT_C)
     heater, copper, felt = start_c.copy(), start_c.copy(), start_c.copy()
-    barrel = AMBIENT_C + (start_c - AMBIENT_C) * plants.to_barrel / (plants.to_barrel + plants.from_barrel)
-    work, wet, before = np.full(len(scripts), BOARD_C), np.zeros(len(scripts)), np.full(len(scripts), -1)
+    barrel = AMBIENT_C + (start_c - AMBIENT_C) * plants.to_barrel / (
+        plants.to_barrel + plants.from_barrel
+    )
+    work, wet, before = (
+        np.full(len(scripts), BOARD_C),
+        np.zeros(len(scripts)),
+        np.full(len(scripts), -1),
+    )
     slope, position, owed = np.zeros(len(scripts)), np.zeros(len(scripts)), np.zeros(len(scripts))
     deepest = int(plants.dead.max()) + 1
     decided = np.zeros((deepest, len(scripts)))
@@ -308,17 +381,24 @@ def simulate(scripts: Sequence[Script], seeds: Sequence[int]) -> Seen:
     for step in range(steps):
         # the station: predict, take a position, fire whole half-cycles
         error = aim[:, step] - (felt + whispers[:, step] + plants.lead_s * slope)
-        position = np.where(error > plants.band_c, 1.0, np.where(error < -plants.band_c, -1.0, position))
-        position = np.where(position * error < 0, 0.0, position)  # it is left again when the prediction is back at the setting
+        position = np.where(
+            error > plants.band_c, 1.0, np.where(error < -plants.band_c, -1.0, position)
+        )
+        # it is left again when the prediction is back at the setting
+        position = np.where(position * error < 0, 0.0, position)
         holding = plants.forward * _held_w(plants, aim[:, step]) / plants.rated_w
-        wanted = np.where(position > 0, 1.0, np.where(position < 0, 0.0, holding)) * (aim[:, step] > AMBIENT_C)
+        wanted = np.where(position > 0, 1.0, np.where(position < 0, 0.0, holding)) * (
+            aim[:, step] > AMBIENT_C
+        )
         decided[step % deepest] = wanted
         owed = owed + decided[(step - plants.dead) % deepest, rows]
         fires = np.where(owed >= 1, 1.0, 0.0)
         owed = owed - fires
         # the work
         touching = contact[:, step]
-        conductance, capacity, leak, begins, wire_w, wire_from, wire_to = table[rows, touching + 1].T
+        conductance, capacity, leak, begins, wire_w, wire_from, wire_to = table[
+            rows, touching + 1
+        ].T
         work, before = np.where(touching != before, begins, work), touching
         wet = np.where(touching < 0, 0.0, wet + STEP_S * (1 - wet) / plants.wetting_s)
         across_work = conductance * (0.25 + 0.75 * wet) * (copper - work)
@@ -326,14 +406,23 @@ def simulate(scripts: Sequence[Script], seeds: Sequence[int]) -> Seen:
         # three masses
         across = plants.between * (heater - copper)
         to_barrel = plants.to_barrel * (heater - barrel)
-        convection = plants.convection * (1 + draught[:, step]) * np.where(near[:, step], plants.near, 1.0)
-        lost = convection * (copper - AMBIENT_C) + plants.radiating * ((copper + kelvin) ** 4 - (AMBIENT_C + kelvin) ** 4)
+        convection = (
+            plants.convection * (1 + draught[:, step]) * np.where(near[:, step], plants.near, 1.0)
+        )
+        lost = convection * (copper - AMBIENT_C) + plants.radiating * (
+            (copper + kelvin) ** 4 - (AMBIENT_C + kelvin) ** 4
+        )
         heat_w = plants.rated_w * fires * (1 + mains[:, step]) ** 2
         heater = heater + STEP_S * (heat_w - across - to_barrel) / plants.heater
         copper = copper + STEP_S * (across - across_work - melting - lost) / plants.copper
-        barrel = barrel + STEP_S * (to_barrel - plants.from_barrel * (barrel - AMBIENT_C)) / plants.barrel
+        barrel = (
+            barrel
+            + STEP_S * (to_barrel - plants.from_barrel * (barrel - AMBIENT_C)) / plants.barrel
+        )
         work = work + STEP_S * (across_work - leak * (work - BOARD_C)) / capacity
-        rate = (plants.sees_copper * copper + (1 - plants.sees_copper) * heater - felt) / plants.lag_s
+        rate = (
+            plants.sees_copper * copper + (1 - plants.sees_copper) * heater - felt
+        ) / plants.lag_s
         felt, slope = felt + STEP_S * rate, slope + STEP_S * (rate - slope) / 0.04
         fired[:, step], temperature[:, step], flows[:, step] = fires, felt, across_work + melting
     return Seen(temperature[:, first:], _told(fired, plants)[:, first:], flows[:, first:], plants)
@@ -376,8 +465,12 @@ def _jumps(rng: np.random.Generator, steps: int) -> Floats:
     return dip
 
 
-def _plan(scripts: Sequence[Script], steps: int, first: int) -> tuple[Floats, Flags, NDArray[np.int64], Floats]:
-    """At each step: the aim (0: off), whether the tip is near work, which touch there is (-1: none); and all touches."""
+def _plan(
+    scripts: Sequence[Script], steps: int, first: int
+) -> tuple[Floats, Flags, NDArray[np.int64], Floats]:
+    """At each step: the aim (0: off), whether the tip is near work, which touch there is (-1:
+    none); and all touches.
+    """
     most = max(len(script.touches) for script in scripts)
     aim, near = np.zeros((len(scripts), steps)), np.zeros((len(scripts), steps), dtype=np.bool_)
     contact = np.full((len(scripts), steps), -1)
@@ -398,11 +491,18 @@ def _plan(scripts: Sequence[Script], steps: int, first: int) -> tuple[Floats, Fl
             wire = begin + 0.2 * (end_step - begin), begin + 0.8 * (end_step - begin)
             contact[row, begin:end_step] = number
             near[row, max(begin - 30, 0) : end_step + 30] = True
-            table[row, number + 1] = one.conductance, one.capacity, one.leak, one.begins_c, one.wire_w, *wire
+            table[row, number + 1] = (
+                one.conductance,
+                one.capacity,
+                one.leak,
+                one.begins_c,
+                one.wire_w,
+                *wire,
+            )
     return aim, near, contact, table
 
 
-# -- the record -------------------------------------------------------------------------------------------------------------
+# -- the record ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -419,13 +519,20 @@ class Trial:
     script: Script
 
 
-def recorded(script: Script, temperature: Floats, power: Floats, noise_c: float, seed: int, hz: float) -> Trial:
-    """One trial at one rate: each tick is read up to 15 ms late, one reading in two hundred is lost."""
+def recorded(
+    script: Script, temperature: Floats, power: Floats, noise_c: float, seed: int, hz: float
+) -> Trial:
+    """One trial at one rate: each tick is read up to 15 ms late, one reading in two hundred is
+    lost.
+    """
     rng = np.random.default_rng([seed, 3, round(hz)])
     ticks = np.arange(int(script.seconds * hz)) / hz
     moments = ticks + rng.uniform(0, 0.015, len(ticks))
     at = np.minimum((moments / STEP_S).astype(np.int64), len(power) - 1)
-    told_c, told_power = np.round(temperature[at] + rng.normal(0, noise_c, len(at))), np.round(power[at])
+    told_c, told_power = (
+        np.round(temperature[at] + rng.normal(0, noise_c, len(at))),
+        np.round(power[at]),
+    )
     lost = rng.random(len(at)) < 0.005
     told_c[lost] = told_power[lost] = np.nan
     working = ~lost
@@ -435,7 +542,9 @@ def recorded(script: Script, temperature: Floats, power: Floats, noise_c: float,
     for start, celsius in script.settings:
         setting[ticks >= start] = celsius
     setting[~_due(len(at), hz, SETTING_READ_S) | lost] = np.nan
-    begun = np.searchsorted(np.array([start for start, _ in script.feeds]), moments, side="right").astype(np.float64)
+    begun = np.searchsorted(
+        np.array([start for start, _ in script.feeds]), moments, side="right"
+    ).astype(np.float64)
     runs = np.zeros(len(at))
     for start, end in script.feeds:
         runs[(moments >= start) & (moments < end)] = 1.0
@@ -449,12 +558,16 @@ def _due(rows: int, hz: float, every_s: float) -> Flags:
     return due
 
 
-def trials(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]) -> dict[float, list[Trial]]:
+def trials(
+    scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[float]
+) -> dict[float, list[Trial]]:
     """The same trials as recorded at each of `rates` in Hz."""
     seen = simulate(scripts, seeds)
     return {
         hz: [
-            recorded(script, seen.temperature[n], seen.power[n], float(seen.plants.noise_c[n]), seed, hz)
+            recorded(
+                script, seen.temperature[n], seen.power[n], float(seen.plants.noise_c[n]), seed, hz
+            )
             for n, (script, seed) in enumerate(zip(scripts, seeds, strict=True))
         ]
         for hz in rates
@@ -462,10 +575,15 @@ def trials(scripts: Sequence[Script], seeds: Sequence[int], rates: Sequence[floa
 
 
 def loudness(scripts: Sequence[Script], seeds: Sequence[int]) -> Floats:
-    """Of each joint of the first minute: mean flow in its last 0.2 s, in standard deviations of its resting tip's told power."""
+    """Of each joint of the first minute: mean flow in its last 0.2 s, in standard deviations of its
+    resting tip's told power.
+    """
     begun = [_first_minute(script) for script in scripts]
     seen = simulate(begun, seeds)
-    resting = simulate([Script(one.tip, 40.0, True, one.settings[:1], touches=[NO_TOUCH]) for one in scripts], seeds)
+    resting = simulate(
+        [Script(one.tip, 40.0, True, one.settings[:1], touches=[NO_TOUCH]) for one in scripts],
+        seeds,
+    )
     noise = resting.power[:, round(5 / STEP_S) :: round(0.1 / STEP_S)].std(axis=1)
     ratios = []
     for row, script in enumerate(begun):

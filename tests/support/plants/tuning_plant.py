@@ -1,7 +1,8 @@
-"""The plant on which finding joints was tuned: the tip of `jbclog sim` with work of other sizes than the demo's.
+"""The plant on which finding joints was tuned: the tip of `jbclog sim` with work of other sizes
+than the demo's.
 
-One heat capacity under a proportional and integral regulator (`jbclog.sim.tip`), half of them with a second one behind a
-resistance; the reading may lag. Its shares, sizes and
+One heat capacity under a proportional and integral regulator (`jbclog.sim.tip`), half of them with
+a second one behind a resistance; the reading may lag. Its shares, sizes and
 seeds have nothing to do with those of `second_plant`, on which nothing is tuned.
 """
 
@@ -17,13 +18,27 @@ from support.plants.second_plant import Floats, Trial, Truth
 
 SEEDS = tuple(range(1, 81))
 STEP_S, TRIAL_S = 0.02, 300.0
-KINDS = ["small", "medium", "large", "saturated", "double", "pair", "touch", "sponge", "brass", "set", "sleep"]
+KINDS = [
+    "small",
+    "medium",
+    "large",
+    "saturated",
+    "double",
+    "pair",
+    "touch",
+    "sponge",
+    "brass",
+    "set",
+    "sleep",
+]
 SHARES = np.array([4, 6, 4, 1, 2, 2, 2, 2, 2, 1, 0.5])
 
 
 @dataclass(frozen=True)
 class Load:
-    """What the tip touches from `start` to `end`: W/K, J/K (infinite: keeps its temperature), W/K to the board, °C."""
+    """What the tip touches from `start` to `end`: W/K, J/K (infinite: keeps its temperature), W/K
+    to the board, °C.
+    """
 
     start: float
     end: float
@@ -57,7 +72,9 @@ def trial(seed: int, hz: float = 10.0, seconds: float = TRIAL_S) -> Trial:
     working = np.ones(len(ticks), dtype=np.bool_)
     for start, end in sleeps:
         working[(ticks >= start) & (ticks < end)] = False
-    return Trial(ticks, np.round(temperature[at] + noise), np.round(power[at]), setting, working, truths, [])
+    return Trial(
+        ticks, np.round(temperature[at] + noise), np.round(power[at]), setting, working, truths, []
+    )
 
 
 Script = tuple[list[Truth], list[Load], list[tuple[float, float]], list[tuple[float, float]]]
@@ -72,7 +89,9 @@ def _script(rng: np.random.Generator, seconds: float) -> Script:
         kind = str(rng.choice(KINDS, p=SHARES / SHARES.sum()))
         end = now + 5.0
         if kind == "set":
-            settings.append((now, float(np.clip(settings[-1][1] + rng.choice([-40, -25, 25, 40]), 290, 410))))
+            settings.append(
+                (now, float(np.clip(settings[-1][1] + rng.choice([-40, -25, 25, 40]), 290, 410)))
+            )
         elif kind == "sleep":
             end = now + float(rng.uniform(8, 20))
             sleeps.append((now, end))
@@ -131,7 +150,11 @@ def _run(
         round(seconds / STEP_S),
     )
     seen, temperature, power = 23.0, np.empty(steps), np.empty(steps)
-    across, heavy, point = float(rng.choice([0.0, rng.uniform(1.5, 5.0)])), float(rng.uniform(0.3, 1.5)), 23.0
+    across, heavy, point = (
+        float(rng.choice([0.0, rng.uniform(1.5, 5.0)])),
+        float(rng.uniform(0.3, 1.5)),
+        23.0,
+    )
     pending, now_load, work = list(loads), None, 0.0
     for step in range(steps):
         now = step * STEP_S

@@ -14,7 +14,14 @@ from typing import Any
 from playwright.sync_api import Browser, sync_playwright
 from playwright.sync_api import Page as Tab
 
-PROGRAM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+PROGRAM = next(
+    (
+        found
+        for name in ("chromium", "chromium-browser", "google-chrome")
+        if (found := shutil.which(name))
+    ),
+    None,
+)
 ANSWER_S = 60.0
 OPTIONS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage")
 
@@ -24,12 +31,16 @@ class Page:
 
     def __init__(self, tab: Tab) -> None:
         self.tab = tab
-        self.said: list[str] = []  # errors of scripts and refusals of the page's policy, as the browser reports them
+        # errors of scripts and refusals of the page's policy, as the browser reports them
+        self.said: list[str] = []
         self.requests: list[str] = []
         self._devtools = tab.context.new_cdp_session(tab)
         tab.set_default_timeout(ANSWER_S * 1000)
         tab.on("pageerror", lambda error: self.said.append(str(error)))
-        tab.on("console", lambda message: self.said.append(message.text) if message.type == "error" else None)
+        tab.on(
+            "console",
+            lambda message: self.said.append(message.text) if message.type == "error" else None,
+        )
         tab.on("request", lambda request: self.requests.append(request.url))
 
     def ask(self, method: str, **parameters: Any) -> Any:
@@ -50,7 +61,9 @@ class Page:
         return self.tab.evaluate(expression)
 
     def until(self, expression: str, most_s: float = ANSWER_S) -> None:
-        """Wait until it holds. Not by playwright's own means, which need a policy that allows `eval`."""
+        """Wait until it holds. Not by playwright's own means, which need a policy that allows
+        `eval`.
+        """
         end = time.monotonic() + most_s
         while not self.js(expression):
             assert time.monotonic() < end, f"it never came to {expression}"
@@ -58,13 +71,17 @@ class Page:
 
     def settle(self) -> None:
         """Until what was asked for is drawn."""
-        self.js("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 0))))")
+        self.js(
+            "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() =>"
+            " setTimeout(done, 0))))"
+        )
 
     def place(self, selector: str) -> tuple[float, float, float, float]:
         """Left, top, width and height of an element, scrolled into the window."""
         box = self.js(
-            f"(() => {{ const one = document.querySelector({json.dumps(selector)}); one.scrollIntoView({{block: 'center'}});"
-            " const r = one.getBoundingClientRect(); return [r.left, r.top, r.width, r.height]; })()"
+            f"(() => {{ const one = document.querySelector({json.dumps(selector)});"
+            " one.scrollIntoView({block: 'center'}); const r = one.getBoundingClientRect();"
+            " return [r.left, r.top, r.width, r.height]; })()"
         )
         return tuple(box)
 
@@ -92,7 +109,11 @@ class Page:
         """Fingers put down at the first moment's places, moved through the others, and lifted."""
         for number, places in enumerate(moments):
             points = [{"x": x, "y": y, "id": finger} for finger, (x, y) in enumerate(places)]
-            self.ask("Input.dispatchTouchEvent", type="touchMove" if number else "touchStart", touchPoints=points)
+            self.ask(
+                "Input.dispatchTouchEvent",
+                type="touchMove" if number else "touchStart",
+                touchPoints=points,
+            )
             self.settle()
         self.ask("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
         self.settle()
@@ -105,13 +126,16 @@ class Chromium:
         self._browser = browser
 
     def page(self, width: int, height: int, phone: bool = False, **options: Any) -> Page:
-        """A new page in a window of this size; a phone's has fingers. `options`: those of playwright's context."""
+        """A new page in a window of this size; a phone's has fingers. `options`: those of
+        playwright's context.
+        """
         context = self._browser.new_context(
             viewport={"width": width, "height": height},
             device_scale_factor=2 if phone else 1,
             is_mobile=phone,
             has_touch=phone,
-            timezone_id="America/New_York",  # a reader far from the line: times are UTC all the same
+            # a reader far from the line: times are UTC all the same
+            timezone_id="America/New_York",
             **options,
         )
         return Page(context.new_page())

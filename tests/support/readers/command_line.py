@@ -11,7 +11,15 @@ from jbclog.cli.app import app
 
 _COMMANDS = get_command(app).commands  # type: ignore[attr-defined]  # a group, which the type does not tell
 VERBS: dict[str, set[str]] = {
-    name: {option for parameter in command.params for option in parameter.opts if option.startswith("-")} | {"--help", "-h"}
+    name: (
+        {
+            option
+            for parameter in command.params
+            for option in parameter.opts
+            if option.startswith("-")
+        }
+        | {"--help", "-h"}
+    )
     for name, command in _COMMANDS.items()
 }
 """Verb -> its options."""
@@ -21,7 +29,9 @@ _CALL = re.compile(r"(?:^|[\s(/])jbclog((?:[ \t]+(?:'[^']*'|\"[^\"]*\"|[^\s)]+))
 
 
 def calls(text: str) -> list[list[str]]:
-    """Every `jbclog VERB ...` in a text, as words; also those with a placeholder such as VERB or RECIPE."""
+    """Every `jbclog VERB ...` in a text, as words; also those with a placeholder such as VERB or
+    RECIPE.
+    """
     found = (shlex.split(arguments, comments=True) for arguments in _CALL.findall(text))
     return [words for words in found if words and words[0] != "VERB"]
 

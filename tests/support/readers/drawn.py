@@ -1,4 +1,6 @@
-"""What is in a figure, read back from its artists: texts and their boxes, lines and areas in the units of their axes."""
+"""What is in a figure, read back from its artists: texts and their boxes, lines and areas in the
+units of their axes.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +76,9 @@ def artists(figure: Figure, of: str) -> list[Artist]:
 
 
 def parts(figure: Figure, of: str) -> list[Floats]:
-    """Each line between two breaks, each rectangle or area: a row of x and y for each corner, in the units of its axes."""
+    """Each line between two breaks, each rectangle or area: a row of x and y for each corner, in
+    the units of its axes.
+    """
     return [part for one in artists(figure, of) for part in _parts(one)]
 
 

@@ -42,7 +42,9 @@ once.install()
 
 
 class Kernel:
-    """A kernel for several notebooks, one after the other: each finds no name of the one before it."""
+    """A kernel for several notebooks, one after the other: each finds no name of the one before
+    it.
+    """
 
     def __init__(self, client: NotebookClient) -> None:
         self._client = client
@@ -56,7 +58,9 @@ class Kernel:
         import nbformat
 
         node = nbformat.read(notebook, as_version=4)
-        environment = {name: value for name, value in os.environ.items() if name.startswith("JBCLOG_")}
+        environment = {
+            name: value for name, value in os.environ.items() if name.startswith("JBCLOG_")
+        }
         alone = nbformat.v4.new_code_cell(ALONE.format(folder=str(folder), environment=environment))
         node.cells.insert(0, alone)
         self.execute(node)
@@ -78,7 +82,9 @@ def kernel() -> Iterator[Kernel]:
 
 
 def run_here(notebook: Path) -> None:
-    """Its cells in this process, which is quicker and takes warnings for errors; nothing that they show is kept."""
+    """Its cells in this process, which is quicker and takes warnings for errors; nothing that they
+    show is kept.
+    """
     import matplotlib as mpl
     from matplotlib import pyplot
 
@@ -95,7 +101,10 @@ def run_here(notebook: Path) -> None:
 
 def shown(node: NotebookNode, cell: str) -> str:
     """What the cell of that id showed, as text."""
-    return "\n".join(str(out.get("text", out.get("data", {}).get("text/plain", ""))) for out in _outputs(node, cell))
+    return "\n".join(
+        str(out.get("text", out.get("data", {}).get("text/plain", "")))
+        for out in _outputs(node, cell)
+    )
 
 
 def has_picture(node: NotebookNode, cell: str) -> bool:

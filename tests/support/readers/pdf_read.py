@@ -1,4 +1,6 @@
-"""A PDF read without what made it: its texts by pypdfium2, its structure by pikepdf (ISO 19005-2, the rules that matter here)."""
+"""A PDF read without what made it: its texts by pypdfium2, its structure by pikepdf (ISO 19005-2,
+the rules that matter here).
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,18 @@ import pikepdf
 import pypdfium2
 
 PDF_A = "http://www.aiim.org/pdfa/ns/id/"
-ACTING = ("/JavaScript", "/JS", "/Launch", "/SubmitForm", "/ImportData", "/GoToR", "/URI", "/EmbeddedFiles", "/OpenAction", "/AA")
+ACTING = (
+    "/JavaScript",
+    "/JS",
+    "/Launch",
+    "/SubmitForm",
+    "/ImportData",
+    "/GoToR",
+    "/URI",
+    "/EmbeddedFiles",
+    "/OpenAction",
+    "/AA",
+)
 
 
 def page_texts(data: bytes) -> list[str]:
@@ -58,19 +71,28 @@ def _elements(kids: object) -> Iterator[pikepdf.Object]:
 
 def _coloured(pdf: pikepdf.Pdf) -> Iterator[str]:
     intents = list(pdf.Root.get("/OutputIntents", []))
-    if not any(str(one.S) == "/GTS_PDFA1" and len(one.DestOutputProfile.read_bytes()) > 128 for one in intents):
+    if not any(
+        str(one.S) == "/GTS_PDFA1" and len(one.DestOutputProfile.read_bytes()) > 128
+        for one in intents
+    ):
         yield "no output intent with a colour profile"
 
 
 def _fonts(pdf: pikepdf.Pdf) -> Iterator[str]:
-    fonts = [one for one in pdf.objects if isinstance(one, pikepdf.Dictionary) and one.get("/Type") == "/Font"]
+    fonts = [
+        one
+        for one in pdf.objects
+        if isinstance(one, pikepdf.Dictionary) and one.get("/Type") == "/Font"
+    ]
     if not fonts:
         yield "no fonts"
     for font in fonts:
         if "/DescendantFonts" in font:
             if "/ToUnicode" not in font:
                 yield f"{font.BaseFont}: its letters cannot be told as text"
-        elif not {"/FontFile", "/FontFile2", "/FontFile3"} & set(font.get("/FontDescriptor", {}).keys()):
+        elif not {"/FontFile", "/FontFile2", "/FontFile3"} & set(
+            font.get("/FontDescriptor", {}).keys()
+        ):
             yield f"{font.BaseFont}: not in the file"
 
 

@@ -1,7 +1,9 @@
-"""The pictures of the documentation: the upper part of a run's page, from its verdict to its strips.
+"""The pictures of the documentation: the upper part of a run's page, from its verdict to its
+strips.
 
-``jbclog demo`` records ``docs/pictures/alarmed.png``; ``docs/tutorials/first-run.md`` has the commands for ``calm.png``.
-``python tests/support readers.report_picture RUN PICTURE`` makes one of a run with a report. It needs ``chromium`` on the path.
+``jbclog demo`` records ``docs/pictures/alarmed.png``; ``docs/tutorials/first-run.md`` has the
+commands for ``calm.png``. ``python tests/support readers.report_picture RUN PICTURE`` makes one of
+a run with a report. It needs ``chromium`` on the path.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ COLOURS = 64
 
 
 def upper_part(html: str) -> str:
-    """The page from its top to the end of what stands below its first heading of the second rank."""
+    """The page from its top to the end of what stands below its first heading of the second
+    rank.
+    """
     before, first, rest = html.partition("<h2>")
     strips, _, _ = rest.partition("<h2>")
     return f"{before}{first}{strips}</main></body></html>"
@@ -30,8 +34,18 @@ def picture(run: Path, out: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         page, shot = Path(folder) / "page.html", Path(folder) / "shot.png"
         page.write_text(upper_part((run / "report.html").read_text("utf-8")), encoding="utf-8")
-        asked = ["--headless", "--disable-gpu", "--no-sandbox", "--hide-scrollbars", f"--window-size={WIDTH},{HEIGHT}"]
-        subprocess.run(["chromium", *asked, f"--screenshot={shot}", f"file://{page}"], check=True, capture_output=True)
+        asked = [
+            "--headless",
+            "--disable-gpu",
+            "--no-sandbox",
+            "--hide-scrollbars",
+            f"--window-size={WIDTH},{HEIGHT}",
+        ]
+        subprocess.run(
+            ["chromium", *asked, f"--screenshot={shot}", f"file://{page}"],
+            check=True,
+            capture_output=True,
+        )
         seen = Image.open(shot).convert("RGB")
     last = int(np.flatnonzero(np.asarray(seen).min(axis=(1, 2)) < 250)[-1])
     seen.crop((0, 0, WIDTH, min(last + 14, HEIGHT))).quantize(COLOURS).save(out, optimize=True)

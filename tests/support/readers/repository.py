@@ -1,4 +1,6 @@
-"""The texts of the repository: every file under version control that a person can read, and Python files as syntax trees."""
+"""The texts of the repository: every file under version control that a person can read, and Python
+files as syntax trees.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +17,15 @@ TEXT = {".py", ".md", ".toml", ".lock", ".html", ".css", ".ipynb", ""}
 
 def files() -> Iterator[str]:
     """Every text that is kept under version control."""
-    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     if listed.returncode:  # not a clone: an unpacked archive
-        yield from (str(path.relative_to(ROOT)) for path in ROOT.rglob("*") if path.is_file() and ".venv" not in path.parts)
+        yield from (
+            str(path.relative_to(ROOT))
+            for path in ROOT.rglob("*")
+            if path.is_file() and ".venv" not in path.parts
+        )
     yield from listed.stdout.splitlines()
 
 

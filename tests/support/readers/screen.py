@@ -1,6 +1,7 @@
 """The live view in a terminal that does not exist, as text.
 
-``python tests/support readers.screen`` writes the pictures that the tests compare with, into tests/data/watch.
+``python tests/support readers.screen`` writes the pictures that the tests compare with, into
+tests/data/watch.
 """
 
 from __future__ import annotations

@@ -21,7 +21,9 @@ def blocks(language: str, text: str = README) -> list[str]:
 
 def section(heading: str, text: str = README) -> str:
     """What stands below a heading of the second rank."""
-    found = re.search(rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE)
+    found = re.search(
+        rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE
+    )
     assert found, f"there is no section {heading}"
     return found[1]
 
@@ -33,7 +35,9 @@ def rows(text: str) -> list[list[str]]:
 
 
 def commands() -> list[str]:
-    """What a reader of README could type: the shell blocks, and every piece of code in the prose."""
+    """What a reader of README could type: the shell blocks, and every piece of code in the
+    prose.
+    """
     return [*blocks("sh"), *re.findall(r"`([^`\n]+)`", PROSE)]
 
 

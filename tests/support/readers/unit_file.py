@@ -17,8 +17,12 @@ TIMER = SYSTEMD / "jbclog-audit.timer"
 
 
 def unit(path: Path = UNIT) -> configparser.ConfigParser:
-    """Sections and keys, as systemd reads them: case counts. Of a key that is there several times the last."""
-    parser = configparser.ConfigParser(interpolation=None, strict=False, delimiters=("=",), comment_prefixes=("#",))
+    """Sections and keys, as systemd reads them: case counts. Of a key that is there several times
+    the last.
+    """
+    parser = configparser.ConfigParser(
+        interpolation=None, strict=False, delimiters=("=",), comment_prefixes=("#",)
+    )
     parser.optionxform = str  # type: ignore[assignment,method-assign]  # keep the keys as they are
     parser.read_string(path.read_text(encoding="utf-8"))
     return parser
@@ -38,7 +42,9 @@ def analyzed(*words: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 MOST_EXPOSED = 20
-"""What the units may come to by `systemd-analyze security`, in tenths: 18 with systemd 252. 92 is a unit without any hardening."""
+"""What the units may come to by `systemd-analyze security`, in tenths: 18 with systemd 252. 92 is a
+unit without any hardening.
+"""
 
 
 def exposed(unit: Path) -> str | None:

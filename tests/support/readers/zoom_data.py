@@ -72,7 +72,9 @@ def zoom_data(text: str) -> ZoomData:
     found.why = [head["words"][code] for code in numbers.runs()]
     for name in head["columns"] if head["stretches"] else ():
         found.low[name] = numbers.known()
-        found.high[name] = np.array([low if np.isnan(low) else low + numbers.next() for low in found.low[name]])
+        found.high[name] = np.array(
+            [low if np.isnan(low) else low + numbers.next() for low in found.low[name]]
+        )
     for name, count in head["lanes"]:
         found.lanes[name] = [(a, b, head["words"][code]) for a, b, code in _spans(numbers, count)]
     found.held = _spans(numbers, head["settings"])

@@ -1,4 +1,6 @@
-"""Series of samples for alarm episodes: made by hand or at random, as rows of a record, and a slow second way to judge them."""
+"""Series of samples for alarm episodes: made by hand or at random, as rows of a record, and a slow
+second way to judge them.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,25 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
-from jbclog.analysis.alarms import BEFORE_ALL, Change, Detector, Episode, LiveAlarms, Rows, SampledEpisodes
+from jbclog.analysis.alarms import (
+    BEFORE_ALL,
+    Change,
+    Detector,
+    Episode,
+    LiveAlarms,
+    Rows,
+    SampledEpisodes,
+)
 from jbclog.app.run.run_record import _Tap
-from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, EventRow, SampleRow, SettingRow, Severity, StationFacts
+from jbclog.core.rows import (
+    COLUMN,
+    SAMPLE_COLUMNS,
+    EventRow,
+    SampleRow,
+    SettingRow,
+    Severity,
+    StationFacts,
+)
 from jbclog.record.conclude import conclude
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import read_manifest, write_manifest
@@ -43,11 +61,18 @@ class Series:
     period_s: float | None = PERIOD_S
     rules: dict[str, float] = field(default_factory=dict)
     rows: list[Reading] = field(default_factory=list)
-    changes: list[tuple[int, Change]] = field(default_factory=list)  # with the number of rows before it
+    # with the number of rows before it
+    changes: list[tuple[int, Change]] = field(default_factory=list)
     tick: int = 0
     stepped_us: int = 0
 
-    def add(self, temperature: float | None, status: str | None = "working", times: int = 1, set_c: float | None = None) -> Series:
+    def add(
+        self,
+        temperature: float | None,
+        status: str | None = "working",
+        times: int = 1,
+        set_c: float | None = None,
+    ) -> Series:
         """Rows that are all alike."""
         for _ in range(times):
             self.rows.append((self.now_us, self.tick, temperature, status, set_c))
@@ -79,23 +104,37 @@ class Series:
 
     @property
     def facts(self) -> StationFacts:
-        return StationFacts(STATION, "dde-1.pty", "dde", ports=[1], period_s=self.period_s, alarm_rules=USUAL | self.rules)
+        return StationFacts(
+            STATION,
+            "dde-1.pty",
+            "dde",
+            ports=[1],
+            period_s=self.period_s,
+            alarm_rules=USUAL | self.rules,
+        )
 
 
 def setting_rows() -> list[SettingRow]:
     rest = (None, None)
-    return [SettingRow(T0_US - 1_000_000, STATION, 1, None, name, "", *rest, text, None, "read") for name, text in SETTINGS.items()]
+    return [
+        SettingRow(T0_US - 1_000_000, STATION, 1, None, name, "", *rest, text, None, "read")
+        for name, text in SETTINGS.items()
+    ]
 
 
 def replayed(
-    series: Series, detectors: Sequence[Detector] = (Detector.SAMPLES, Detector.AFTERWARDS), pieces: int = 1
+    series: Series,
+    detectors: Sequence[Detector] = (Detector.SAMPLES, Detector.AFTERWARDS),
+    pieces: int = 1,
 ) -> list[Episode]:
     """The episodes of the series as a record gives them, in some pieces."""
     from jbclog.analysis.alarms import rules_of
 
     before = [Change(BEFORE_ALL, row.setting, row.readback) for row in setting_rows()]
     changes = [*before, *(change for _, change in series.changes)]
-    sampled = SampledEpisodes(STATION, 1, series.period_s, changes, rules_of(series.facts), detectors)
+    sampled = SampledEpisodes(
+        STATION, 1, series.period_s, changes, rules_of(series.facts), detectors
+    )
     size = len(series.rows) // pieces + 1
     for start in range(0, len(series.rows), size):
         columns = [list(column) for column in zip(*series.rows[start : start + size], strict=True)]
@@ -153,7 +192,11 @@ def recorded(series: Series, out: Path) -> Path:
     with being_recorded(series, out) as (folder, store):
         store.close()
         manifest = read_manifest(folder)
-        manifest.stations, manifest.exit_status, manifest.exit_code = [replace(series.facts, outcome="completed")], "success", 0
+        manifest.stations, manifest.exit_status, manifest.exit_code = (
+            [replace(series.facts, outcome="completed")],
+            "success",
+            0,
+        )
         manifest.ended = manifest.started
         write_manifest(folder, manifest)
         seal_rows(folder)
@@ -163,35 +206,66 @@ def recorded(series: Series, out: Path) -> Path:
 
 def _event(change: Change) -> EventRow:
     if change.name == CLOCK:
-        return EventRow(change.at_us, "clock.step", Severity.WARNING, "", value=float(change.text or 0))
+        return EventRow(
+            change.at_us, "clock.step", Severity.WARNING, "", value=float(change.text or 0)
+        )
     if change.name == "tool":
         return EventRow(change.at_us, "tool.changed", Severity.WARNING, "", STATION, 1)
-    return EventRow(change.at_us, "setting.changed", Severity.ERROR, "", STATION, 1, raw=f"{change.name}={change.text}")
+    return EventRow(
+        change.at_us,
+        "setting.changed",
+        Severity.ERROR,
+        "",
+        STATION,
+        1,
+        raw=f"{change.name}={change.text}",
+    )
 
 
-def sample_row(time_us: int, tick: int, temperature: float | None, status: str | None, set_c: float | None) -> SampleRow:
+def sample_row(
+    time_us: int, tick: int, temperature: float | None, status: str | None, set_c: float | None
+) -> SampleRow:
     row: SampleRow = [None] * len(SAMPLE_COLUMNS)
-    cells = {"time": time_us, "tick": tick, "station": STATION, "port": 1, "temperature_c": temperature, "status": status}
+    cells = {
+        "time": time_us,
+        "tick": tick,
+        "station": STATION,
+        "port": 1,
+        "temperature_c": temperature,
+        "status": status,
+    }
     for name, cell in {**cells, "set_c": set_c, "quality": "ok"}.items():
         row[COLUMN[name]] = cell
     return row
 
 
 def random_series(seed: int, rows: int = 600) -> Series:
-    """A tip that wanders over its limits, with losses, outages, stops, changes of tool and limits, and a host that stands still."""
+    """A tip that wanders over its limits, with losses, outages, stops, changes of tool and limits,
+    and a host that stands still.
+    """
     rng = random.Random(seed)
-    rules = rng.choice([{}, {"dead_band_c": 0.0}, {"dead_band_c": 5.0, "off_delay_s": 0.3}, {"stale_s": 2.0}])
+    rules = rng.choice(
+        [{}, {"dead_band_c": 0.0}, {"dead_band_c": 5.0, "off_delay_s": 0.3}, {"stale_s": 2.0}]
+    )
     series = Series(period_s=rng.choice([0.1, 0.1, 1.0, None]), rules=rules)
     temperature, lost, status = 345.0, 0, "working"
     while len(series.rows) < rows:
-        temperature += rng.gauss(0, 4) + 0.01 * (350 - temperature) + (rng.choice([-60, 60]) if rng.random() < 0.02 else 0)
+        temperature += (
+            rng.gauss(0, 4)
+            + 0.01 * (350 - temperature)
+            + (rng.choice([-60, 60]) if rng.random() < 0.02 else 0)
+        )
         lost = rng.randrange(1, 40) if rng.random() < 0.02 else max(lost - 1, 0)
         if rng.random() < 0.01:
             status = "stand" if status == "working" else "working"
         _disturb(series, rng)
         unread = lost > 0 or rng.random() < 0.02
         set_c = rng.choice([345, 350, 355]) if rng.random() < 0.02 else None
-        series.add(None if unread else round(temperature), None if unread and rng.random() < 0.5 else status, set_c=set_c)
+        series.add(
+            None if unread else round(temperature),
+            None if unread and rng.random() < 0.5 else status,
+            set_c=set_c,
+        )
     return series
 
 
@@ -202,16 +276,21 @@ def _disturb(series: Series, rng: random.Random) -> None:
         series.change("tool")
     if rng.random() < 0.01:
         name = rng.choice([*SETTINGS][1:])
-        texts = {"limit": ["370 °C", "380 °C", "310 °C", "off"], "delay": ["0.00 s", "0.50 s", "2.00 s", "off"]}
+        texts = {
+            "limit": ["370 °C", "380 °C", "310 °C", "off"],
+            "delay": ["0.00 s", "0.50 s", "2.00 s", "off"],
+        }
         series.change(name, rng.choice(texts[name.rpartition("_")[2]]))
 
 
-# -- the slow second way ------------------------------------------------------------------------------------------------------
+# -- the slow second way ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Plain:
-    """An episode as far as the slow way tells it: side, onset interval, raised, end interval, peak."""
+    """An episode as far as the slow way tells it: side, onset interval, raised, end interval,
+    peak.
+    """
 
     side: str
     onset: tuple[int, int]
@@ -221,17 +300,31 @@ class Plain:
 
 
 def plain(episode: Episode) -> Plain:
-    end = None if episode.end_us is None or episode.end_earliest_us is None else (episode.end_earliest_us, episode.end_us)
+    end = (
+        None
+        if episode.end_us is None or episode.end_earliest_us is None
+        else (episode.end_earliest_us, episode.end_us)
+    )
     assert episode.raised_us is not None
     assert episode.peak_c is not None
-    return Plain(str(episode.side), (episode.onset_earliest_us, episode.onset_us), episode.raised_us, end, episode.peak_c)
+    return Plain(
+        str(episode.side),
+        (episode.onset_earliest_us, episode.onset_us),
+        episode.raised_us,
+        end,
+        episode.peak_c,
+    )
 
 
-def by_the_book(series: Series, side: str, limit: float, delay_s: float, off_delay_s: float, band_c: float) -> list[Plain]:
-    """The definition read literally, for a series without changes: sets of readings first, then what they mean.
+def by_the_book(
+    series: Series, side: str, limit: float, delay_s: float, off_delay_s: float, band_c: float
+) -> list[Plain]:
+    """The definition read literally, for a series without changes: sets of readings first, then
+    what they mean.
 
-    A stretch of readings beyond the limit raises where its observed time comes to the delay; from there on the first stretch
-    of readings that are back for as long ends it, or the first reading that does not count.
+    A stretch of readings beyond the limit raises where its observed time comes to the delay; from
+    there on the first stretch of readings that are back for as long ends it, or the first reading
+    that does not count.
     """
     assert series.period_s is not None
     sign = 1 if side == "high" else -1
@@ -277,26 +370,44 @@ def by_the_book(series: Series, side: str, limit: float, delay_s: float, off_del
         for later in range(raised + 1, len(read)):
             if not counted[later]:
                 end, over = (before(later), read[later][0]), later
-                back = next((p for p in range(later - 1, raised, -1) if excess(p) > -band_c), raised) + 1
+                back = (
+                    next((p for p in range(later - 1, raised, -1) if excess(p) > -band_c), raised)
+                    + 1
+                )
                 if back < later:
                     end = before(back), read[back][0]
                 break
-            done = holds(later, False, off_delay_s) if excess(later) <= -band_c and excess(later - 1) > -band_c else None
+            done = (
+                holds(later, False, off_delay_s)
+                if excess(later) <= -band_c and excess(later - 1) > -band_c
+                else None
+            )
             if done is not None:
                 end, over = (before(later), read[later][0]), done
                 break
-        peak = max(sign * float(read[p][2] or 0) for p in range(place, min(over, len(read))) if excess(p) > 0) * sign
+        peak = (
+            max(
+                sign * float(read[p][2] or 0)
+                for p in range(place, min(over, len(read)))
+                if excess(p) > 0
+            )
+            * sign
+        )
         found.append(Plain(side, (before(place), read[place][0]), read[raised][0], end, peak))
         place = max(over, after + 1)
     return found
 
 
 def _counted(read: Sequence[Reading]) -> list[bool]:
-    """Whether each reading counts: at work, and once within ±10 °C of 350 °C or across it (no runaway in these series)."""
+    """Whether each reading counts: at work, and once within ±10 °C of 350 °C or across it (no
+    runaway in these series).
+    """
     found, has_come, before = [], False, None
     for _, _, value, status, _ in read:
         assert value is not None
-        if status == "working" and (abs(value - 350) <= 10 or (before is not None and (before < 350) != (value < 350))):
+        if status == "working" and (
+            abs(value - 350) <= 10 or (before is not None and (before < 350) != (value < 350))
+        ):
             has_come = True
         found.append(has_come and status == "working")
         before = value

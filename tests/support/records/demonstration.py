@@ -1,10 +1,13 @@
-"""Demonstration runs: some seconds of every station that there is a profile for, recorded with their trouble and kept.
+"""Demonstration runs: some seconds of every station that there is a profile for, recorded with
+their trouble and kept.
 
-``python tests/support records.demonstration [NAME...]`` records them anew into tests/data/runs (all of them, or those named): a
-line file, a recipe, what passed over the wire, and the decoded tables as text. A test lives through each again and holds
-the tables against those. After a change to what sessions ask or decide, record anew and read the difference that git shows.
+``python tests/support records.demonstration [NAME...]`` records them anew into tests/data/runs (all
+of them, or those named): a line file, a recipe, what passed over the wire, and the decoded tables
+as text. A test lives through each again and holds the tables against those. After a change to what
+sessions ask or decide, record anew and read the difference that git shows.
 
-A new profile in profiles/lines with one station is a new demonstration; it needs nothing but this command.
+A new profile in profiles/lines with one station is a new demonstration; it needs nothing but this
+command.
 """
 
 from __future__ import annotations
@@ -63,7 +66,9 @@ def record(name: str) -> None:
     assert spec.recipe is not None
     is_slow = spec.family == "omega"
     line = re.sub(r'^url = "[^"]*"', f'url = "{PORT}"', path.read_text(), flags=re.MULTILINE)
-    line = re.sub(r'^recipe = "[^"]*"', f'recipe = "recipes/{RECIPE_FILE}"', line, flags=re.MULTILINE)
+    line = re.sub(
+        r'^recipe = "[^"]*"', f'recipe = "recipes/{RECIPE_FILE}"', line, flags=re.MULTILINE
+    )
     line += TROUBLE.format(dropout_s=12.0 if is_slow else 5.0)
     if folder.exists():
         shutil.rmtree(folder)
@@ -75,9 +80,15 @@ def record(name: str) -> None:
 
 def tables_of(memory: Memory) -> dict[str, str]:
     """The decoded tables as text; of the samples' columns those that hold anything."""
-    filled = [name for name in SAMPLE_COLUMNS if any(row[COLUMN[name]] is not None for row in memory.samples)]
+    filled = [
+        name
+        for name in SAMPLE_COLUMNS
+        if any(row[COLUMN[name]] is not None for row in memory.samples)
+    ]
     return {
-        "samples": _text(filled, ([row[COLUMN[name]] for name in filled] for row in memory.samples)),
+        "samples": _text(
+            filled, ([row[COLUMN[name]] for name in filled] for row in memory.samples)
+        ),
         "events": _text(EventRow._fields, memory.events),
         "settings": _text(SettingRow._fields, memory.settings),
         "counters": _text(CounterRow._fields, memory.counters),

@@ -21,7 +21,9 @@ def run_with(out: Path, told: Sequence[Told], metadata: Metadata, *, crashes: bo
     store = few_rows.begun(out)
     write_manifest(store.folder, Manifest(store.folder.name, metadata=metadata))
     for second, kind, raw in told:
-        store.event(EventRow(T0 + second * 1_000_000, kind, Severity.INFO, kind, raw=raw), at_once=True)
+        store.event(
+            EventRow(T0 + second * 1_000_000, kind, Severity.INFO, kind, raw=raw), at_once=True
+        )
     store.commit_now()
     if crashes:
         few_rows.vanish(store)

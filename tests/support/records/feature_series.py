@@ -1,4 +1,6 @@
-"""Series of a feature, one value a joint: healthy ones of many shapes, and ones that no index describes."""
+"""Series of a feature, one value a joint: healthy ones of many shapes, and ones that no index
+describes.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ STEPS = (0.0, 0.1)  # of six standard deviations: what practice asks of a gauge
 
 
 def in_steps(values: Floats, share: float) -> tuple[Floats, float | None]:
-    """The values as they are read in steps of that share of six standard deviations, and the step."""
+    """The values as they are read in steps of that share of six standard deviations, and the
+    step.
+    """
     step = share * 6 * float(values.std())
     return (np.round(values / step) * step, step) if step else (values, None)
 
@@ -61,17 +65,26 @@ def _alike(rng: np.random.Generator, n: int) -> Floats:
     return values
 
 
-UNSTABLE: dict[str, Draw] = {"step": _step, "drift": _drift, "two populations": _two, "autocorrelated": _alike}
+UNSTABLE: dict[str, Draw] = {
+    "step": _step,
+    "drift": _drift,
+    "two populations": _two,
+    "autocorrelated": _alike,
+}
 
 
 def unstable(seed: int, share: float = 0.0) -> list[tuple[str, Floats, float | None]]:
-    """Sixteen series that are not: a step of 2 sigma, a drift of 3, two populations 5 apart, neighbours alike (0.7).
+    """Sixteen series that are not: a step of 2 sigma, a drift of 3, two populations 5 apart,
+    neighbours alike (0.7).
 
     With `share` as they are read in steps of that share of six standard deviations.
     """
     rng = np.random.default_rng(seed)
     return [
-        (f"{name}, {n}, {'lognormal' if shape else 'normal'}", *in_steps(_scored(rng, n, draw(rng, n), shape), share))
+        (
+            f"{name}, {n}, {'lognormal' if shape else 'normal'}",
+            *in_steps(_scored(rng, n, draw(rng, n), shape), share),
+        )
         for name, draw in UNSTABLE.items()
         for n in SIZES
         for shape in (0, 1)

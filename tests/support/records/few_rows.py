@@ -1,4 +1,6 @@
-"""Rows that are known by their number: whoever reads them back can tell exactly what is there and what is missing."""
+"""Rows that are known by their number: whoever reads them back can tell exactly what is there and
+what is missing.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,16 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
+from jbclog.core.rows import (
+    COLUMN,
+    SAMPLE_COLUMNS,
+    CounterRow,
+    EventRow,
+    SampleRow,
+    SettingRow,
+    Severity,
+    StationFacts,
+)
 from jbclog.record.chains import breaks
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
@@ -25,7 +36,10 @@ def sample(number: int, station: str = "a", port: int = 1) -> SampleRow:
     if number % 5 == 0:
         row[COLUMN["alarm_high"]], row[COLUMN["alarm_low"]] = number % 10 == 0, False
     if number % 11 == 0:
-        row[COLUMN["quality"]], row[COLUMN["reasons"]] = "timeout", "power_permille=timeout;alarm_high=timeout;alarm_low=timeout"
+        row[COLUMN["quality"]], row[COLUMN["reasons"]] = (
+            "timeout",
+            "power_permille=timeout;alarm_high=timeout;alarm_low=timeout",
+        )
         row[COLUMN["alarm_high"]] = row[COLUMN["alarm_low"]] = None
     else:
         row[COLUMN["power_permille"]] = number % 1000
@@ -33,11 +47,33 @@ def sample(number: int, station: str = "a", port: int = 1) -> SampleRow:
 
 
 def event(number: int) -> EventRow:
-    return EventRow(T0 + number, "test.event", Severity.INFO, f"event {number} – 350 °C", "a", 1, None, number, 1.5 * number)
+    return EventRow(
+        T0 + number,
+        "test.event",
+        Severity.INFO,
+        f"event {number} – 350 °C",
+        "a",
+        1,
+        None,
+        number,
+        1.5 * number,
+    )
 
 
 def setting(number: int) -> SettingRow:
-    return SettingRow(T0 + number, "a", 1, "T210", f"setting_{number}", "°C", "350", None, "350", None, "unchanged")
+    return SettingRow(
+        T0 + number,
+        "a",
+        1,
+        "T210",
+        f"setting_{number}",
+        "°C",
+        "350",
+        None,
+        "350",
+        None,
+        "unchanged",
+    )
 
 
 def counter(number: int) -> CounterRow:
@@ -45,7 +81,9 @@ def counter(number: int) -> CounterRow:
 
 
 def facts(due: int = 0) -> StationFacts:
-    return StationFacts("a", "a.pty", "dde", ports=[1], tools={1: "T210"}, outcome="running", due={})
+    return StationFacts(
+        "a", "a.pty", "dde", ports=[1], tools={1: "T210"}, outcome="running", due={}
+    )
 
 
 def hand_over(store: LiveStore, numbers: Iterable[int]) -> None:
@@ -68,7 +106,8 @@ def begun(out: Path, **more: object) -> LiveStore:
 def abandoned(out: Path, commits: int = 3, rows: int = 50, *, in_pages: bool = False) -> Path:
     """The folder of a run whose recorder vanished after `commits` commits of `rows` samples each.
 
-    They are in SQLite's log, which has check sums of its own, or `in_pages` of the database, which have none.
+    They are in SQLite's log, which has check sums of its own, or `in_pages` of the database, which
+    have none.
     """
     store = begun(out)
     store.setting(setting(0))
@@ -77,7 +116,8 @@ def abandoned(out: Path, commits: int = 3, rows: int = 50, *, in_pages: bool = F
         hand_over(store, range(commit * rows, (commit + 1) * rows))
         store.commit_now()
     if in_pages:
-        store._writer.close()  # brings the log into the pages; the store does not get to say that it was closed
+        # brings the log into the pages; the store does not get to say that it was closed
+        store._writer.close()
         store._ending = True
         store._thread.join()
         store.release()
@@ -119,7 +159,9 @@ def sealed_events(folder: Path) -> list[int]:
     rows = []
     for group in row_groups(folder, "events"):
         for name in ("time", "earliest"):
-            group = group.set_column(group.schema.get_field_index(name), name, group[name].cast(pa.int64()))
+            group = group.set_column(
+                group.schema.get_field_index(name), name, group[name].cast(pa.int64())
+            )
         rows += group.to_pylist()
     assert list(breaks(folder.name, rows)) == []
     return [row["code"] for row in rows if row["kind"] == "test.event"]

@@ -1,6 +1,8 @@
-"""A run that is being recorded now, row by row as a test wants it: through the real live store, with times of now.
+"""A run that is being recorded now, row by row as a test wants it: through the real live store,
+with times of now.
 
-``python tests/support records.live_rows DIR`` records two ports until it is killed, or ends the run at a line on stdin.
+``python tests/support records.live_rows DIR`` records two ports until it is killed, or ends the run
+at a line on stdin.
 """
 
 from __future__ import annotations
@@ -11,7 +13,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
+from jbclog.core.rows import (
+    COLUMN,
+    SAMPLE_COLUMNS,
+    CounterRow,
+    EventRow,
+    SampleRow,
+    SettingRow,
+    Severity,
+    StationFacts,
+)
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
@@ -30,7 +41,9 @@ def now_us() -> int:
 
 @dataclass
 class Recording:
-    """A store that was started in a new folder below `out`, with the manifest of a run that goes on."""
+    """A store that was started in a new folder below `out`, with the manifest of a run that goes
+    on.
+    """
 
     out: Path
     ports: tuple[int, ...] = (1, 2)
@@ -39,9 +52,19 @@ class Recording:
 
     def __post_init__(self) -> None:
         self.folder = create_run(self.out, "bench", self.began_us / 1e6)
-        self.facts = StationFacts(NAME, "a.pty", "dde", ports=list(self.ports), tools=dict.fromkeys(self.ports, "T210"))
-        self.facts.period_s, self.facts.rate_hz, self.facts.signals = PERIOD_S, 1 / PERIOD_S, ["temperature_c", "power_permille"]
-        self.manifest = Manifest(self.folder.name, started=iso(self.began_us), line=LineFile("bench", "line.toml", "0" * 64))
+        self.facts = StationFacts(
+            NAME, "a.pty", "dde", ports=list(self.ports), tools=dict.fromkeys(self.ports, "T210")
+        )
+        self.facts.period_s, self.facts.rate_hz, self.facts.signals = (
+            PERIOD_S,
+            1 / PERIOD_S,
+            ["temperature_c", "power_permille"],
+        )
+        self.manifest = Manifest(
+            self.folder.name,
+            started=iso(self.began_us),
+            line=LineFile("bench", "line.toml", "0" * 64),
+        )
         self.manifest.metadata = Metadata(operator="A. Rossi", order="88123")
         self.manifest.stations = [StationFacts(NAME, "a.pty", "dde", ports=list(self.ports))]
         write_manifest(self.folder, self.manifest)
@@ -50,25 +73,54 @@ class Recording:
         self.store.facts(self.facts)
 
     def rows(self, count: int, **columns: object) -> None:
-        """Hand over the next `count` rows of each port; the newest was read just now. `columns`: instead of 350 °C and 100 ‰."""
+        """Hand over the next `count` rows of each port; the newest was read just now. `columns`:
+        instead of 350 °C and 100 ‰.
+        """
         first_us = now_us() - round((count - 1) * PERIOD_S * 1e6)
         for number in range(count):
             for port in self.ports:
-                self.store.sample(self.row(port, first_us + round(number * PERIOD_S * 1e6), **columns))
+                self.store.sample(
+                    self.row(port, first_us + round(number * PERIOD_S * 1e6), **columns)
+                )
             self.tick += 1
 
     def row(self, port: int, time_us: int, **columns: object) -> SampleRow:
         row: SampleRow = [None] * len(SAMPLE_COLUMNS)
-        plain = {"quality": "ok", "temperature_c": 350, "power_permille": 100, "set_c": 350, "status": "working"}
-        for name, value in {"time": time_us, "tick": self.tick, "station": NAME, "port": port, **plain, **columns}.items():
+        plain = {
+            "quality": "ok",
+            "temperature_c": 350,
+            "power_permille": 100,
+            "set_c": 350,
+            "status": "working",
+        }
+        for name, value in {
+            "time": time_us,
+            "tick": self.tick,
+            "station": NAME,
+            "port": port,
+            **plain,
+            **columns,
+        }.items():
             row[COLUMN[name]] = value
         return row
 
-    def event(self, kind: str, text: str, port: int | None = None, *, station: str | None = NAME, raw: str | None = None) -> None:
+    def event(
+        self,
+        kind: str,
+        text: str,
+        port: int | None = None,
+        *,
+        station: str | None = NAME,
+        raw: str | None = None,
+    ) -> None:
         self.store.event(EventRow(now_us(), kind, Severity.WARNING, text, station, port, raw=raw))
 
     def setting(self, name: str, value: str) -> None:
-        self.store.setting(SettingRow(now_us(), NAME, 1, "T210", name, "°C", value, value, value, None, "confirmed"))
+        self.store.setting(
+            SettingRow(
+                now_us(), NAME, 1, "T210", name, "°C", value, value, value, None, "confirmed"
+            )
+        )
 
     def counter(self, name: str, value: float) -> None:
         self.store.counter(CounterRow(now_us(), NAME, 1, name, value, "h", str(value)))
@@ -90,7 +142,13 @@ class Recording:
         self.store.facts(self.facts)
         self.close()
         seal_rows(self.folder)
-        ended = Manifest(self.folder.name, exit_status="success", exit_code=0, verdict="ACCEPT", started=self.manifest.started)
+        ended = Manifest(
+            self.folder.name,
+            exit_status="success",
+            exit_code=0,
+            verdict="ACCEPT",
+            started=self.manifest.started,
+        )
         ended.stations = [self.facts]
         conclude(self.folder, ended, self.store.lock)
 
@@ -105,10 +163,15 @@ class Soldering(Recording):
 
     def solder(self, through: int) -> None:
         columns = sealed_run.samples(SOLDERED_ROWS)
-        temperature, power = columns["temperature_c"].astype(int).tolist(), columns["power_permille"].astype(int).tolist()
+        temperature, power = (
+            columns["temperature_c"].astype(int).tolist(),
+            columns["power_permille"].astype(int).tolist(),
+        )
         for tick in range(self.tick, through):
             time_us = self.began_us + tick * 100_000
-            self.store.sample(self.row(1, time_us, temperature_c=temperature[tick], power_permille=power[tick]))
+            self.store.sample(
+                self.row(1, time_us, temperature_c=temperature[tick], power_permille=power[tick])
+            )
             self.tick += 1
         self.commit()
 

@@ -51,20 +51,35 @@ def stale(value: float) -> Reading:
 def trace(depth: float = 0.0, gap: range = range(0), last_s: float = 100.0) -> Trace:
     seconds = tuple(round(last_s - 60 + number / 10, 1) for number in range(601))
     values = [350 - depth * max(math.sin(number / 40), 0) for number in range(601)]
-    return Trace(seconds, tuple(None if number in gap else value for number, value in enumerate(values)), (100,) * 601)
+    return Trace(
+        seconds,
+        tuple(None if number in gap else value for number, value in enumerate(values)),
+        (100,) * 601,
+    )
 
 
 def hour() -> Trace:
     """An hour of means, with a step in the middle."""
-    return Trace(tuple(2.5 + 5 * number for number in range(720)), (300.0,) * 360 + (350.0,) * 360, (100.0,) * 720)
+    return Trace(
+        tuple(2.5 + 5 * number for number in range(720)),
+        (300.0,) * 360 + (350.0,) * 360,
+        (100.0,) * 720,
+    )
 
 
-def port(number: int, condition: Condition, temperature: Reading, station: str = "dde-1", **more: object) -> PortState:
+def port(
+    number: int, condition: Condition, temperature: Reading, station: str = "dde-1", **more: object
+) -> PortState:
     fields: dict[str, object] = {
         "tool": "T210",
         "quality": "ok",
         "row_age_s": 0.3,
-        "readings": {"temperature_c": temperature, "set_c": known(350), "power_permille": known(123), "status": known("working")},
+        "readings": {
+            "temperature_c": temperature,
+            "set_c": known(350),
+            "power_permille": known(123),
+            "status": known("working"),
+        },
         "alarms": (),
         "problems": (),
         "coverage": Coverage(12_000, 12_000, is_whole=True),
@@ -75,24 +90,51 @@ def port(number: int, condition: Condition, temperature: Reading, station: str =
 
 
 def station(name: str, *ports: PortState, **more: object) -> StationState:
-    return StationState(name, "dde", "DDE_01", "running", "", 10.0, "recipes/sac305.toml", (), ports, **more)  # type: ignore[arg-type]
+    return StationState(
+        name, "dde", "DDE_01", "running", "", 10.0, "recipes/sac305.toml", (), ports, **more
+    )  # type: ignore[arg-type]
 
 
-def run(folder: Path = Path("runs/20261123T060000Z-bench-3-k7qd"), phase: Phase = Phase.RECORDING) -> RunState:
+def run(
+    folder: Path = Path("runs/20261123T060000Z-bench-3-k7qd"), phase: Phase = Phase.RECORDING
+) -> RunState:
     dde = station(
         "dde-1",
         port(1, Condition.NORMAL, known(349), trace=trace(depth=20, last_s=3600.0), hour=hour()),
-        port(2, Condition.ALARM, known(392), alarms=("T 392 °C is above the limit of 380 °C.",), joints=Joints(96, 96, 190.0)),
+        port(
+            2,
+            Condition.ALARM,
+            known(392),
+            alarms=("T 392 °C is above the limit of 380 °C.",),
+            joints=Joints(96, 96, 190.0),
+        ),
         settings=(
             Setting(1, "T210", "temperature_select_c", "350", "°C", "confirmed"),
             Setting(None, None, "pin", None, "", "refused"),
         ),
-        counters=(Counter(1, "work_h", 123.5, "h", "00123"), Counter(2, "work_h", None, "h", "<timeout>")),
+        counters=(
+            Counter(1, "work_h", 123.5, "h", "00123"),
+            Counter(2, "work_h", None, "h", "<timeout>"),
+        ),
     )
     other = station(
         "ucr-1",
-        port(1, Condition.NOT_KNOWN, failed(351, "timeout"), "ucr-1", quality="timeout", trace=trace(gap=range(300, 400))),
-        port(2, Condition.STALE, stale(350), "ucr-1", row_age_s=95.0, coverage=Coverage(12_000, 11_050, is_whole=False)),
+        port(
+            1,
+            Condition.NOT_KNOWN,
+            failed(351, "timeout"),
+            "ucr-1",
+            quality="timeout",
+            trace=trace(gap=range(300, 400)),
+        ),
+        port(
+            2,
+            Condition.STALE,
+            stale(350),
+            "ucr-1",
+            row_age_s=95.0,
+            coverage=Coverage(12_000, 11_050, is_whole=False),
+        ),
     )
     strange = station(
         "nae-1",
@@ -120,9 +162,25 @@ def run(folder: Path = Path("runs/20261123T060000Z-bench-3-k7qd"), phase: Phase 
     )
     events = (
         EventRow(T0_US, "run.start", Severity.INFO, "The run begins."),
-        EventRow(T0_US + 5_000_000, "read.timeout", Severity.WARNING, "ucr-1: No answer since 12 s.", "ucr-1", 1),
-        EventRow(T0_US + 6_000_000, "station.error", Severity.ERROR, f"Station error: {HOSTILE}", "nae-1"),
-        EventRow(T0_US + 7_000_000, "alarm.high", Severity.CRITICAL, "T 392 °C is above the limit of 380 °C.", "dde-1", 2),
+        EventRow(
+            T0_US + 5_000_000,
+            "read.timeout",
+            Severity.WARNING,
+            "ucr-1: No answer since 12 s.",
+            "ucr-1",
+            1,
+        ),
+        EventRow(
+            T0_US + 6_000_000, "station.error", Severity.ERROR, f"Station error: {HOSTILE}", "nae-1"
+        ),
+        EventRow(
+            T0_US + 7_000_000,
+            "alarm.high",
+            Severity.CRITICAL,
+            "T 392 °C is above the limit of 380 °C.",
+            "dde-1",
+            2,
+        ),
     )
     return RunState(
         folder=folder,

@@ -1,4 +1,6 @@
-"""A sealed run of one port of any length, made while it is read: a tip that is soldered with, again and again."""
+"""A sealed run of one port of any length, made while it is read: a tip that is soldered with, again
+and again.
+"""
 
 from __future__ import annotations
 
@@ -25,18 +27,36 @@ PAUSE_S = 6.0
 
 @cache
 def record_of_ten_minutes() -> dict[str, np.ndarray[tuple[int], np.dtype[np.float64]]]:
-    rows = soldered([(15 + PAUSE_S * n, 16.2 + PAUSE_S * n) for n in range(97)], 600.0, hz=RECORD_HZ).rows
+    rows = soldered(
+        [(15 + PAUSE_S * n, 16.2 + PAUSE_S * n) for n in range(97)], 600.0, hz=RECORD_HZ
+    ).rows
     return {"temperature_c": rows.temperature, "power_permille": rows.power, "set_c": rows.setting}
 
 
 class LongRun(Run):
-    """`seconds` of a station at `hz`; `is_free`: with ``--rate max``, its rows some milliseconds beside the grid."""
+    """`seconds` of a station at `hz`; `is_free`: with ``--rate max``, its rows some milliseconds
+    beside the grid.
+    """
 
-    def __init__(self, seconds: float, hz: float, family: str = "dde", is_free: bool = False, group: int = GROUP) -> None:
+    def __init__(
+        self,
+        seconds: float,
+        hz: float,
+        family: str = "dde",
+        is_free: bool = False,
+        group: int = GROUP,
+    ) -> None:
         super().__init__(Path("made while it is read"))
         self.rows, self.hz, self.is_free, self.group = round(seconds * hz), hz, is_free, group
         signals = ["external_c"] if family == "jtse" else []
-        facts = StationFacts("dde-1", "sim://", family, ports=[1], period_s=None if is_free else 1 / hz, rated_power_w=130.0)
+        facts = StationFacts(
+            "dde-1",
+            "sim://",
+            family,
+            ports=[1],
+            period_s=None if is_free else 1 / hz,
+            rated_power_w=130.0,
+        )
         facts.signals = signals
         self._manifest = Manifest("long", state="sealed", t0_utc=T0_US / 1e6, stations=[facts])
 
@@ -65,16 +85,26 @@ class LongRun(Run):
         record, times = record_of_ten_minutes(), ticks / self.hz * 1e6 + T0_US
         length = len(record["set_c"])
         place = np.round(ticks * RECORD_HZ / self.hz).astype(np.int64)
-        place = np.where(place < length, place, length // 2 + (place - length) % (length // 2))  # one heat-up
+        # one heat-up
+        place = np.where(place < length, place, length // 2 + (place - length) % (length // 2))
         known: dict[str, object] = {name: column[place] for name, column in record.items()}
-        known |= {"tick": ticks, "time": (times + 3000 * (ticks % 7) * self.is_free).astype(np.int64)}
-        known |= {"station": ["dde-1"] * len(ticks), "port": np.ones(len(ticks), np.int64), "status": ["working"] * len(ticks)}
+        known |= {
+            "tick": ticks,
+            "time": (times + 3000 * (ticks % 7) * self.is_free).astype(np.int64),
+        }
+        known |= {
+            "station": ["dde-1"] * len(ticks),
+            "port": np.ones(len(ticks), np.int64),
+            "status": ["working"] * len(ticks),
+        }
         columns = select("samples").columns
         schema = SCHEMAS["samples"]
         made = [
-            pa.array(known[name], from_pandas=True).cast(schema.field(name).type)
-            if name in known
-            else pa.nulls(len(ticks), schema.field(name).type)
+            (
+                pa.array(known[name], from_pandas=True).cast(schema.field(name).type)
+                if name in known
+                else pa.nulls(len(ticks), schema.field(name).type)
+            )
             for name in columns
         ]
         return pa.table(made, names=list(columns))

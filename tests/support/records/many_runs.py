@@ -1,4 +1,6 @@
-"""Many short sealed runs of one station, each with its own course: for what looks at runs side by side."""
+"""Many short sealed runs of one station, each with its own course: for what looks at runs side by
+side.
+"""
 
 from __future__ import annotations
 
@@ -27,23 +29,32 @@ def one_run(
     still: bool = False,
     **said: object,
 ) -> Path:
-    """A sealed run, an hour after the one before, whose idle tip is `error_c` off its setting; a `still` one without noise."""
+    """A sealed run, an hour after the one before, whose idle tip is `error_c` off its setting; a
+    `still` one without noise.
+    """
     columns = samples(rows, name, seed=number if seed is None else seed)
     settled = np.arange(rows) >= 30
     dither = np.zeros(rows) if still else np.random.default_rng(number).random(rows)
     if still:
         columns["temperature_c"] = np.where(settled, 350.0, columns["temperature_c"])
-    columns["temperature_c"] = columns["temperature_c"] + np.where(settled, np.floor(error_c + dither), 0)
+    columns["temperature_c"] = columns["temperature_c"] + np.where(
+        settled, np.floor(error_c + dither), 0
+    )
     folder = seal(out, [station(name, rows=rows)], table(columns), **said)
     began = BEGIN + timedelta(hours=number)
-    at = [iso(int((began + timedelta(seconds=second)).timestamp() * 1e6)) for second in (0, rows / 10)]
-    named = folder.rename(out / f"{began:%Y%m%dT%H%M%SZ}-bench-{'abcdefghij'[number // 10 % 10]}{'abcdefghij'[number % 10]}aa")
+    at = [
+        iso(int((began + timedelta(seconds=second)).timestamp() * 1e6)) for second in (0, rows / 10)
+    ]
+    letters = "".join("abcdefghij"[digit] for digit in (number // 10 % 10, number % 10))
+    named = folder.rename(out / f"{began:%Y%m%dT%H%M%SZ}-bench-{letters}aa")
     _retold(named, at)
     return named
 
 
 def _retold(folder: Path, at: Sequence[str]) -> None:
-    write_manifest(folder, replace(read_manifest(folder), run=folder.name, started=at[0], ended=at[1]))
+    write_manifest(
+        folder, replace(read_manifest(folder), run=folder.name, started=at[0], ended=at[1])
+    )
 
 
 def many_runs(out: Path, errors_c: Sequence[float], **said: object) -> list[Path]:

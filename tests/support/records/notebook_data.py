@@ -1,8 +1,10 @@
-"""The recorded examples of the notebooks: runs of virtual stations on a clock that jumps, kept in notebooks/data.
+"""The recorded examples of the notebooks: runs of virtual stations on a clock that jumps, kept in
+notebooks/data.
 
-``python tests/support records.notebook_data [NAME...]`` records them anew (all, or those named). The same program gives the same
-values; bytes may differ with the versions of what writes them. What was put into each of them stands here, and
-tests/docs/test_notebooks.py holds the notebooks against it.
+``python tests/support records.notebook_data [NAME...]`` records them anew (all, or those named).
+The same program gives the same values; bytes may differ with the versions of what writes them. What
+was put into each of them stands here, and tests/docs/test_notebooks.py holds the notebooks against
+it.
 """
 
 from __future__ import annotations
@@ -98,7 +100,13 @@ class Station:
 
     @property
     def text(self) -> str:
-        return STATION.format(name=self.name, family=self.family, ports=list(self.ports), noise_c=self.noise_c, sim=self.sim)
+        return STATION.format(
+            name=self.name,
+            family=self.family,
+            ports=list(self.ports),
+            noise_c=self.noise_c,
+            sim=self.sim,
+        )
 
 
 @dataclass(frozen=True)
@@ -113,7 +121,7 @@ class Example:
     metadata: Metadata = field(default_factory=Metadata)
 
 
-# -- what is recorded -------------------------------------------------------------------------------------------------------------
+# -- what is recorded ------------------------------------------------------------------------------
 
 
 def _fault(kind: str, at_s: float, for_s: float, more: str = "") -> str:
@@ -121,23 +129,40 @@ def _fault(kind: str, at_s: float, for_s: float, more: str = "") -> str:
 
 
 def alarm() -> Iterator[Example]:
-    """Five excursions: plain, too short, with the cable out meanwhile, with its flag lost, with its samples lost."""
+    """Five excursions: plain, too short, with the cable out meanwhile, with its flag lost, with its
+    samples lost.
+    """
     sim = "joints_per_minute = 12\njoint_seconds = 1.5\n"
     sim += _fault("overheat", 20, 6, "by_c = 18.0")
     sim += _fault("overheat", 41.2, 1.2, "by_c = 25.0")
     sim += _fault("overheat", 60, 10, "by_c = 15.0") + _fault("dropout", 63, 3.5)
-    sim += _fault("overheat", 90, 4, "by_c = 12.0") + _fault("silence", 90, 9, 'command = "alarm_flags"')
-    sim += _fault("overheat", 111, 3, "by_c = 20.0") + _fault("silence", 110.5, 6.5, 'command = "tip_temperature"')
+    sim += _fault("overheat", 90, 4, "by_c = 12.0") + _fault(
+        "silence", 90, 9, 'command = "alarm_flags"'
+    )
+    sim += _fault("overheat", 111, 3, "by_c = 20.0") + _fault(
+        "silence", 110.5, 6.5, 'command = "tip_temperature"'
+    )
     told = Metadata("M. Weber", "88123", "controller C4")
-    yield Example(datetime(2026, 11, 9, 6, 30, tzinfo=UTC), 130, (Station("dde-1", sim),), metadata=told)
+    yield Example(
+        datetime(2026, 11, 9, 6, 30, tzinfo=UTC), 130, (Station("dde-1", sim),), metadata=told
+    )
 
 
 def joints() -> Iterator[Example]:
     """Two minutes of joints with wire; in one of them the cable is out."""
-    sim = 'model = "ALE"\njoints_per_minute = 10\njoint_seconds = 1.8\nfeed_each_joint = true\n' + _fault("dropout", 79.6, 3.2)
+    sim = (
+        'model = "ALE"\njoints_per_minute = 10\njoint_seconds = 1.8\nfeed_each_joint = true\n'
+        + _fault("dropout", 79.6, 3.2)
+    )
     told = Metadata("M. Weber", "88130", "controller C4", wire_lots=("W-2291",), tips=("T-0231",))
     recipe = RECIPE.format(more=FEEDER)
-    yield Example(datetime(2026, 11, 10, 9, 15, tzinfo=UTC), 120, (Station("ale-1", sim, "ale"),), recipe, metadata=told)
+    yield Example(
+        datetime(2026, 11, 10, 9, 15, tzinfo=UTC),
+        120,
+        (Station("ale-1", sim, "ale"),),
+        recipe,
+        metadata=told,
+    )
 
 
 NEW_TIP = 13
@@ -145,23 +170,31 @@ NEW_TIP = 13
 
 
 def capability() -> Iterator[Example]:
-    """Twenty days, a minute each: joints take dde-1 longer every day until its tip is exchanged, dde-2 stays as it is."""
+    """Twenty days, a minute each: joints take dde-1 longer every day until its tip is exchanged,
+    dde-2 stays as it is.
+    """
     scatter = random.Random(20261019)
     for day in range(20):
         worn = day if day < NEW_TIP else day - NEW_TIP
         tips = (f"dde-1:1={'T-0231' if day < NEW_TIP else 'T-0244'}", "dde-2:1=T-0198")
         took = (1.3 + 0.05 * worn + scatter.gauss(0, 0.05), 1.4 + scatter.gauss(0, 0.02))
         sim = "joints_per_minute = 12\njoint_seconds = {:.3f}\nseed = {}"
-        stations = (Station("dde-1", sim.format(took[0], 2 * day)), Station("dde-2", sim.format(took[1], 2 * day + 1)))
+        stations = (
+            Station("dde-1", sim.format(took[0], 2 * day)),
+            Station("dde-2", sim.format(took[1], 2 * day + 1)),
+        )
         began = datetime(2026, 10, 19, 7, 0, tzinfo=UTC) + timedelta(days=day)
-        yield Example(began, 60, stations, metadata=Metadata("A. Rossi", "88140", "controller C4", tips=tips))
+        yield Example(
+            began, 60, stations, metadata=Metadata("A. Rossi", "88140", "controller C4", tips=tips)
+        )
 
 
-# -- a ledger of the counter audit --------------------------------------------------------------------------------------------
+# -- a ledger of the counter audit -----------------------------------------------------------------
 
 LOOKED_AT = {"ale-1": (32, 48), "dde-1": (2, 168), "dde-2": (3, 168), "ucr-1": (38, 168)}
-"""The stations of the ledger: which of the simulated fleet's each is, and how many hours lie between two looks. One has a feeder
-whose counters run over, one was reset twice, one was exchanged and nobody told, at one nothing happened."""
+"""The stations of the ledger: which of the simulated fleet's each is, and how many hours lie
+between two looks. One has a feeder whose counters run over, one was reset twice, one was exchanged
+and nobody told, at one nothing happened."""
 
 TASKS = """# What has to be done after how much use.
 [[task]]
@@ -201,14 +234,18 @@ def ledger(home: Path = HOME) -> None:
     """The ledger and its tasks file, as one file."""
     folder = home / "counters"
     folder.mkdir(parents=True, exist_ok=True)
-    told = sorted((one for name, station in simulated().items() for one in _told(name, station)), key=lambda one: one[0])
+    told = sorted(
+        (one for name, station in simulated().items() for one in _told(name, station)),
+        key=lambda one: one[0],
+    )
     add(folder / "counters.jsonl", [entry for _, entry in told])
     (folder / "tasks.toml").write_text(TASKS)
     pack(folder)
 
 
 def _told(name: str, station: SimStation) -> list[tuple[str, Observation | Fact]]:
-    """What was seen, what people told of it, and that they changed each tip when it was nearly used up; each with when it was.
+    """What was seen, what people told of it, and that they changed each tip when it was nearly used
+    up; each with when it was.
 
     That is not the time that a line has: the clock was wrong now and then.
     """
@@ -233,15 +270,21 @@ EXAMPLES: dict[str, Callable[[], Iterator[Example]]] = {
 }
 
 
-# -- recording it -----------------------------------------------------------------------------------------------------------------
+# -- recording it ----------------------------------------------------------------------------------
 
 
 @contextmanager
 def _nowhere(seed: int) -> Iterator[None]:
-    """The record names no machine, and the letters at the end of its name are the same each time."""
+    """The record names no machine, and the letters at the end of its name are the same each
+    time.
+    """
     letters = random.Random(seed)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run_record, "_host", lambda: {"name": "bench-pc", "system": "virtual", "jbclog": __version__})
+        patch.setattr(
+            run_record,
+            "_host",
+            lambda: {"name": "bench-pc", "system": "virtual", "jbclog": __version__},
+        )
         patch.setattr(folders.secrets, "choice", letters.choice)
         yield
 
@@ -250,14 +293,20 @@ def record(one: Example, out: Path, seed: int) -> Path:
     """The run's folder below `out`."""
     with tempfile.TemporaryDirectory() as aside, _nowhere(seed):
         line, recipe = Path(aside, "line.toml"), Path(aside, "recipe.toml")
-        line.write_text('[line]\nname = "bench-3"\n' + "".join(station.text for station in one.stations))
+        line.write_text(
+            '[line]\nname = "bench-3"\n' + "".join(station.text for station in one.stations)
+        )
         recipe.write_text(one.recipe)
-        plan = make_plan(RunOptions(line, recipe, duration_s=one.seconds, rate=one.rate, metadata=one.metadata))
+        plan = make_plan(
+            RunOptions(line, recipe, duration_s=one.seconds, rate=one.rate, metadata=one.metadata)
+        )
         return RecordedRun(plan, out, VirtualClock(utc=one.began.timestamp())).result.folder
 
 
 def pack(folder: Path) -> None:
-    """Many runs as one file, which is a twentieth of their size; the same runs give the same bytes."""
+    """Many runs as one file, which is a twentieth of their size; the same runs give the same
+    bytes.
+    """
     with (
         lzma.open(folder.with_suffix(".tar.xz"), "wb") as out,
         tarfile.open(fileobj=out, mode="w", format=tarfile.USTAR_FORMAT) as tar,

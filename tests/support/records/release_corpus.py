@@ -1,8 +1,9 @@
-"""A sealed run and one that a crash left open, as a release writes them, kept as data: every later jbclog has to read them.
+"""A sealed run and one that a crash left open, as a release writes them, kept as data: every later
+jbclog has to read them.
 
-``python tests/support records.release_corpus NAME`` makes them in tests/data/releases/NAME, with `noted.json` beside them: what
-was in the tables that day. Made once for each release whose record differs, and never made again. (That of 0.1.0 was made by
-this file with the package of 0.1.0.)
+``python tests/support records.release_corpus NAME`` makes them in tests/data/releases/NAME, with
+`noted.json` beside them: what was in the tables that day. Made once for each release whose record
+differs, and never made again. (That of 0.1.0 was made by this file with the package of 0.1.0.)
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from support.records.small_run import begin, fill, make_run
 HOME = Path(__file__).parents[2] / "data" / "releases"
 TABLES = ("samples", "events", "settings", "counters")
 SECONDS = 2.0
-LEFT_OUT = ("live.reserve", "live.sqlite-shm", "live.lock")  # of no use to anybody later, and of its own machine
+# of no use to anybody later, and of its own machine
+LEFT_OUT = ("live.reserve", "live.sqlite-shm", "live.lock")
 
 
 def table_text(folder: Path, table: str) -> str:
@@ -33,7 +35,10 @@ def table_text(folder: Path, table: str) -> str:
 
 def noted(folder: Path) -> dict[str, object]:
     texts = {table: table_text(folder, table) for table in TABLES}
-    return {table: {"rows": len(json.loads(text)), "sha256": _sha256(text)} for table, text in texts.items()}
+    return {
+        table: {"rows": len(json.loads(text)), "sha256": _sha256(text)}
+        for table, text in texts.items()
+    }
 
 
 def _sha256(text: str) -> str:
@@ -45,7 +50,13 @@ def _annotate(folder: Path) -> None:
         from jbclog.record.annotations import append
     except ImportError:  # 0.1.0 had none
         return
-    append(folder, who="A. Rossi", what="SN-001 was scrapped", why="cracked joint", utc_s=1_790_000_100.0)
+    append(
+        folder,
+        who="A. Rossi",
+        what="SN-001 was scrapped",
+        why="cracked joint",
+        utc_s=1_790_000_100.0,
+    )
 
 
 def _left_open(home: Path) -> None:

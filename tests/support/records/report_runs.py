@@ -1,7 +1,8 @@
-"""Four runs whose reports are to be looked at: a calm one, a bad one, eight hours, and one of sixteen stations.
+"""Four runs whose reports are to be looked at: a calm one, a bad one, eight hours, and one of
+sixteen stations.
 
-``python tests/support records.report_runs DIR [NAME...]`` records them on virtual stations and a clock that jumps, and writes their
-reports. Eight hours take minutes.
+``python tests/support records.report_runs DIR [NAME...]`` records them on virtual stations and a
+clock that jumps, and writes their reports. Eight hours take minutes.
 """
 
 from __future__ import annotations
@@ -87,9 +88,15 @@ class Wish:
 
 RUNS = {
     "calm": Wish((("dde", ""),), 150.0, 10.0),
-    "bad": Wish((("dde", BAD), ("ale", "feed_each_joint = true\n" + fault("nak", at_s=40.0, for_s=30.0))), 240.0, 10.0),
+    "bad": Wish(
+        (("dde", BAD), ("ale", "feed_each_joint = true\n" + fault("nak", at_s=40.0, for_s=30.0))),
+        240.0,
+        10.0,
+    ),
     "eight_hours": Wish((("ale", "feed_each_joint = true\n" + DAY),), 8 * 3600.0, 5.0),
-    "sixteen": Wish(tuple(("dde", BAD if number == 11 else "") for number in range(16)), 240.0, 5.0),
+    "sixteen": Wish(
+        tuple(("dde", BAD if number == 11 else "") for number in range(16)), 240.0, 5.0
+    ),
 }
 
 
@@ -98,10 +105,15 @@ def recorded(name: str, out: Path) -> Path:
     request, home = RUNS[name], out / name
     home.mkdir(parents=True)
     line, recipe = home / "line.toml", home / "tht.toml"
-    stations = [STATION.format(family=family, number=n, sim=sim) for n, (family, sim) in enumerate(request.stations, 1)]
+    stations = [
+        STATION.format(family=family, number=n, sim=sim)
+        for n, (family, sim) in enumerate(request.stations, 1)
+    ]
     line.write_text('[line]\nname = "bench-3"\n' + "".join(stations))
     recipe.write_text(RECIPE)
-    plan = make_plan(RunOptions(line, recipe, duration_s=request.seconds, rate=request.hz, metadata=SAID))
+    plan = make_plan(
+        RunOptions(line, recipe, duration_s=request.seconds, rate=request.hz, metadata=SAID)
+    )
     return RecordedRun(plan, home / "runs").result.folder
 
 

@@ -1,4 +1,6 @@
-"""A sealed run from arrays, without recording it: long ones in a second, and ones that no station would give."""
+"""A sealed run from arrays, without recording it: long ones in a second, and ones that no station
+would give.
+"""
 
 from __future__ import annotations
 
@@ -36,10 +38,20 @@ def micros(second: float) -> int:
     return round((T0_UTC_S + second) * 1e6)
 
 
-def station(name: str = "dde-1", ports: Sequence[int] = (1,), rows: int = 0, hz: float = 10.0) -> StationFacts:
+def station(
+    name: str = "dde-1", ports: Sequence[int] = (1,), rows: int = 0, hz: float = 10.0
+) -> StationFacts:
     """A station that was recorded to the end."""
     facts = StationFacts(
-        name, f"{name}.pty", "dde", "DDE", "8886000", 1, ports=list(ports), touched=list(ports), outcome="completed"
+        name,
+        f"{name}.pty",
+        "dde",
+        "DDE",
+        "8886000",
+        1,
+        ports=list(ports),
+        touched=list(ports),
+        outcome="completed",
     )
     facts.tools = dict.fromkeys(ports, "T245/T470")
     facts.safe_state = dict.fromkeys(ports, "verified")
@@ -49,12 +61,18 @@ def station(name: str = "dde-1", ports: Sequence[int] = (1,), rows: int = 0, hz:
     return facts
 
 
-def samples(rows: int, name: str = "dde-1", port: int = 1, hz: float = 10.0, seed: int = 1) -> dict[str, NDArray[np.generic]]:
-    """Columns of one port that solders a joint each five seconds after heating up; change them as you like, then `table`."""
+def samples(
+    rows: int, name: str = "dde-1", port: int = 1, hz: float = 10.0, seed: int = 1
+) -> dict[str, NDArray[np.generic]]:
+    """Columns of one port that solders a joint each five seconds after heating up; change them as
+    you like, then `table`.
+    """
     rng, second = np.random.default_rng(seed), np.arange(rows) / hz
     joint = (second % 5 > 3.5) & (second > 5)
     temperature = (
-        350 + np.round(rng.normal(0, 1, rows)) - np.where(joint, np.round(15 * np.sin((second % 5 - 3.5) / 1.5 * np.pi)), 0)
+        350
+        + np.round(rng.normal(0, 1, rows))
+        - np.where(joint, np.round(15 * np.sin((second % 5 - 3.5) / 1.5 * np.pi)), 0)
     )
     heating = second < 3
     temperature[heating] = np.round(25 + 108 * second[heating])
@@ -78,7 +96,9 @@ def samples(rows: int, name: str = "dde-1", port: int = 1, hz: float = 10.0, see
     }
 
 
-def lose(columns: dict[str, NDArray[np.generic]], rows: slice, reason: str = "disconnected") -> None:
+def lose(
+    columns: dict[str, NDArray[np.generic]], rows: slice, reason: str = "disconnected"
+) -> None:
     """Nothing was read in these rows."""
     fast = ("temperature_c", "power_permille", "status")
     for name in (*fast[:2], "set_c", "alarm_high", "late_us", "scan_us"):
@@ -90,12 +110,16 @@ def lose(columns: dict[str, NDArray[np.generic]], rows: slice, reason: str = "di
 
 def table(*ports: dict[str, NDArray[np.generic]]) -> pa.Table:
     """The `samples` of these ports, one after the other; what was not given is null."""
-    return pa.concat_tables([_table(columns) for columns in ports] or [SCHEMAS["samples"].empty_table()])
+    return pa.concat_tables(
+        [_table(columns) for columns in ports] or [SCHEMAS["samples"].empty_table()]
+    )
 
 
 def _table(columns: dict[str, NDArray[np.generic]]) -> pa.Table:
     schema, count = SCHEMAS["samples"], len(columns["tick"])
-    return pa.table([_array(columns.get(field.name), field.type, count) for field in schema], schema=schema)
+    return pa.table(
+        [_array(columns.get(field.name), field.type, count) for field in schema], schema=schema
+    )
 
 
 def _array(values: NDArray[np.generic] | None, kind: pa.DataType, count: int) -> pa.Array:
@@ -103,7 +127,9 @@ def _array(values: NDArray[np.generic] | None, kind: pa.DataType, count: int) ->
         return pa.nulls(count, kind)
     if values.dtype.kind == "f":
         return pa.array(values, pa.float64(), from_pandas=True).cast(kind)
-    return pa.array(values.tolist(), kind) if values.dtype.kind == "O" else pa.array(values).cast(kind)
+    return (
+        pa.array(values.tolist(), kind) if values.dtype.kind == "O" else pa.array(values).cast(kind)
+    )
 
 
 def seal(
@@ -121,9 +147,21 @@ def seal(
     (folder / "recipes").mkdir(parents=True)
     (folder / "recipes" / "tht.toml").write_text(recipe)
     (folder / "line.toml").write_text('[line]\nname = "bench"\n')
-    told = [dict(zip(EventRow._fields, event, strict=True), seq=seq, prev_sha256="0" * 64) for seq, event in enumerate(events)]
-    others = {"events": told, "settings": [row._asdict() for row in settings], "counters": [row._asdict() for row in counters]}
-    write_part(folder, "samples", lambda: [rows[i : i + ROWS_A_GROUP] for i in range(0, rows.num_rows, ROWS_A_GROUP)], 0)
+    told = [
+        dict(zip(EventRow._fields, event, strict=True), seq=seq, prev_sha256="0" * 64)
+        for seq, event in enumerate(events)
+    ]
+    others = {
+        "events": told,
+        "settings": [row._asdict() for row in settings],
+        "counters": [row._asdict() for row in counters],
+    }
+    write_part(
+        folder,
+        "samples",
+        lambda: [rows[i : i + ROWS_A_GROUP] for i in range(0, rows.num_rows, ROWS_A_GROUP)],
+        0,
+    )
     for name, lines in others.items():
         piece = pa.Table.from_pylist([{**line, **_times(line)} for line in lines], SCHEMAS[name])
         write_part(folder, name, lambda piece=piece: [piece] if piece.num_rows else [], 0)
@@ -134,11 +172,19 @@ def seal(
 
 def _times(line: dict[str, object]) -> dict[str, object]:
     stamp = pa.timestamp("us", tz="UTC")
-    return {name: pa.scalar(line[name], pa.int64()).cast(stamp).as_py() for name in ("time", "earliest") if name in line}
+    return {
+        name: pa.scalar(line[name], pa.int64()).cast(stamp).as_py()
+        for name in ("time", "earliest")
+        if name in line
+    }
 
 
-def _manifest(folder: Path, stations: list[StationFacts], recipe: str, said: dict[str, object]) -> Manifest:
-    ends = [facts.last_tick * facts.period_s for facts in stations if facts.last_tick and facts.period_s]
+def _manifest(
+    folder: Path, stations: list[StationFacts], recipe: str, said: dict[str, object]
+) -> Manifest:
+    ends = [
+        facts.last_tick * facts.period_s for facts in stations if facts.last_tick and facts.period_s
+    ]
     found = Manifest(
         folder.name,
         state="sealed",
@@ -149,7 +195,9 @@ def _manifest(folder: Path, stations: list[StationFacts], recipe: str, said: dic
         t0_mono=5000.0,
         t0_utc=T0_UTC_S,
         line=LineFile("bench", "line.toml", "0" * 64),
-        recipes=[RecipeFile("recipes/tht.toml", sha256(recipe.encode()).hexdigest(), "sn100c-tht", 7)],
+        recipes=[
+            RecipeFile("recipes/tht.toml", sha256(recipe.encode()).hexdigest(), "sn100c-tht", 7)
+        ],
         metadata=Metadata("M. Weber", "4711", "controller"),
         host={"jbclog": "0.1.0"},
         rate=10.0,
@@ -163,13 +211,40 @@ def _manifest(folder: Path, stations: list[StationFacts], recipe: str, said: dic
     return found
 
 
-def alarm(second: float, station_name: str = "dde-1", port: int = 1, text: str = "Port 1: high-temperature alarm.") -> EventRow:
+def alarm(
+    second: float,
+    station_name: str = "dde-1",
+    port: int = 1,
+    text: str = "Port 1: high-temperature alarm.",
+) -> EventRow:
     return EventRow(
-        micros(second), "alarm.high", Severity.ERROR, text, station_name, port, micros(second - 2), None, 390.0, 380.0, "high"
+        micros(second),
+        "alarm.high",
+        Severity.ERROR,
+        text,
+        station_name,
+        port,
+        micros(second - 2),
+        None,
+        390.0,
+        380.0,
+        "high",
     )
 
 
-def limit(side: str, celsius: str, second: float = -1, station_name: str = "dde-1", port: int = 1) -> SettingRow:
+def limit(
+    side: str, celsius: str, second: float = -1, station_name: str = "dde-1", port: int = 1
+) -> SettingRow:
     return SettingRow(
-        micros(second), station_name, port, None, f"alarm_{side}_limit", "°C", celsius, celsius, celsius, None, "confirmed"
+        micros(second),
+        station_name,
+        port,
+        None,
+        f"alarm_{side}_limit",
+        "°C",
+        celsius,
+        celsius,
+        celsius,
+        None,
+        "confirmed",
     )

@@ -1,7 +1,8 @@
 """Makes a small run folder through the real live store, for tests of whatever reads runs.
 
-``python tests/support records.small_run DIR`` makes one to look at. Two stations: ``dde-1`` with two ports, solder joints and
-a high-temperature alarm on port 1; ``ale-1`` with its feeder, which drops out for 3 s and comes back.
+``python tests/support records.small_run DIR`` makes one to look at. Two stations: ``dde-1`` with
+two ports, solder joints and a high-temperature alarm on port 1; ``ale-1`` with its feeder, which
+drops out for 3 s and comes back.
 """
 
 from __future__ import annotations
@@ -81,7 +82,9 @@ def micros(second: float) -> int:
 
 @dataclass
 class Port:
-    """One tool as it is sampled: around its setting; a tip of 9 ‰·s/K that gives 600 ‰ away in a joint, and is back."""
+    """One tool as it is sampled: around its setting; a tip of 9 ‰·s/K that gives 600 ‰ away in a
+    joint, and is back.
+    """
 
     station: str
     number: int
@@ -106,16 +109,29 @@ class Port:
         for column, value in values.items():
             row[COLUMN[column]] = None if column in reasons else value
         row[COLUMN["time"]] = micros(second) + (0 if gone else late + scan // 3)
-        row[COLUMN["tick"]], row[COLUMN["station"]], row[COLUMN["port"]] = tick, self.station, self.number
+        row[COLUMN["tick"]], row[COLUMN["station"]], row[COLUMN["port"]] = (
+            tick,
+            self.station,
+            self.number,
+        )
         row[COLUMN["late_us"]], row[COLUMN["scan_us"]] = (None, None) if gone else (late, scan)
         row[COLUMN["quality"]], row[COLUMN["reasons"]] = quality_of(reasons), reasons_text(reasons)
         return row
 
     def due_at(self, tick: int) -> list[str]:
         """The signals that are due, by name."""
-        slow = {"alarm_high": 20, "port_error": 20, "set_c": 50, "tool": 50, "transistor_c": 100, "delay_s": 100}
+        slow = {
+            "alarm_high": 20,
+            "port_error": 20,
+            "set_c": 50,
+            "tool": 50,
+            "transistor_c": 100,
+            "delay_s": 100,
+        }
         if self.number == 1:
-            slow |= {"station_error": 50, "transformer_c": 100} | ({"feeding": 20} if self.has_feeder else {})
+            slow |= {"station_error": 50, "transformer_c": 100} | (
+                {"feeding": 20} if self.has_feeder else {}
+            )
         return [*FAST, *(name for name, every in slow.items() if tick % every == 0)]
 
     def _values(self, second: float, due: list[str]) -> dict[str, object]:
@@ -135,7 +151,14 @@ class Port:
         }
         if self.has_feeder:
             every["status"]["motor"] = "forward" if joint else "off"
-        plain = {"port_error": 0, "set_c": self.set_c, "tool": 2, "transistor_c": 31, "station_error": 0, "transformer_c": 44}
+        plain = {
+            "port_error": 0,
+            "set_c": self.set_c,
+            "tool": 2,
+            "transistor_c": 31,
+            "station_error": 0,
+            "transformer_c": 44,
+        }
         values: dict[str, object] = {}
         for signal in due:
             values |= every.get(signal, {signal: plain.get(signal)})
@@ -200,32 +223,123 @@ def events(seconds: float) -> Iterator[EventRow]:
         "00001",
     )
     yield EventRow(
-        at(28.0), "port.error", Severity.WARNING, "dde-1 port 2: warning: overload (MOS)", "dde-1", 2, at(26.0), 9, raw="00009"
+        at(28.0),
+        "port.error",
+        Severity.WARNING,
+        "dde-1 port 2: warning: overload (MOS)",
+        "dde-1",
+        2,
+        at(26.0),
+        9,
+        raw="00009",
     )
-    yield EventRow(at(30.0), "port.error", info, "dde-1 port 2: ok again", "dde-1", 2, at(28.0), 0, raw="00000")
-    yield EventRow(at(33.2), "link.lost", Severity.CRITICAL, "ale-1 does not answer; its tool was hot.", "ale-1", None, at(33.0))
-    yield EventRow(at(36.0), "link.back", info, "ale-1 answers again; identity and settings are as before.", "ale-1")
+    yield EventRow(
+        at(30.0), "port.error", info, "dde-1 port 2: ok again", "dde-1", 2, at(28.0), 0, raw="00000"
+    )
+    yield EventRow(
+        at(33.2),
+        "link.lost",
+        Severity.CRITICAL,
+        "ale-1 does not answer; its tool was hot.",
+        "ale-1",
+        None,
+        at(33.0),
+    )
+    yield EventRow(
+        at(36.0),
+        "link.back",
+        info,
+        "ale-1 answers again; identity and settings are as before.",
+        "ale-1",
+    )
     for station, port in (("dde-1", 1), ("dde-1", 2), ("ale-1", 1)):
-        yield EventRow(at(seconds + 0.1), "safety.safe_state", info, f"{station} port {port} stands, read back.", station, port)
+        yield EventRow(
+            at(seconds + 0.1),
+            "safety.safe_state",
+            info,
+            f"{station} port {port} stands, read back.",
+            station,
+            port,
+        )
     yield EventRow(at(seconds + 0.2), "run.end", info, "The run ended as planned.")
 
 
 def settings() -> Iterator[SettingRow]:
     at = micros(-1.0)
-    yield SettingRow(at, "dde-1", 1, "T245/T470", "selected_temperature", "°C", "350", "350", "350", None, "confirmed")
-    yield SettingRow(at, "dde-1", 2, "T245/T470", "selected_temperature", "°C", "330", "330", "330", None, "confirmed")
-    yield SettingRow(at, "dde-1", 1, "T245/T470", "alarm_high_limit", "°C", "380", None, "380", None, "unchanged")
+    yield SettingRow(
+        at,
+        "dde-1",
+        1,
+        "T245/T470",
+        "selected_temperature",
+        "°C",
+        "350",
+        "350",
+        "350",
+        None,
+        "confirmed",
+    )
+    yield SettingRow(
+        at,
+        "dde-1",
+        2,
+        "T245/T470",
+        "selected_temperature",
+        "°C",
+        "330",
+        "330",
+        "330",
+        None,
+        "confirmed",
+    )
+    yield SettingRow(
+        at, "dde-1", 1, "T245/T470", "alarm_high_limit", "°C", "380", None, "380", None, "unchanged"
+    )
     yield SettingRow(at, "dde-1", 1, "T245/T470", "adjust", "°C", None, None, "-3", None, "read")
-    yield SettingRow(at, "ale-1", 1, "T245/T470", "selected_temperature", "°C", "350", "350", "350", None, "confirmed")
-    yield SettingRow(at, "ale-1", 1, "T245/T470", "feeder_length", "mm", "5.00", "5.00", "5.00", None, "confirmed")
-    yield SettingRow(at, "ale-1", 1, "T245/T470", "clog_detection", "", "on", None, None, None, "unsupported")
+    yield SettingRow(
+        at,
+        "ale-1",
+        1,
+        "T245/T470",
+        "selected_temperature",
+        "°C",
+        "350",
+        "350",
+        "350",
+        None,
+        "confirmed",
+    )
+    yield SettingRow(
+        at,
+        "ale-1",
+        1,
+        "T245/T470",
+        "feeder_length",
+        "mm",
+        "5.00",
+        "5.00",
+        "5.00",
+        None,
+        "confirmed",
+    )
+    yield SettingRow(
+        at, "ale-1", 1, "T245/T470", "clog_detection", "", "on", None, None, None, "unsupported"
+    )
 
 
 def counters(second: float) -> Iterator[CounterRow]:
     for station, port in (("dde-1", 1), ("dde-1", 2), ("ale-1", 1)):
-        for name, value, unit in (("plugged_h", 1203, "h"), ("work_h", 811, "h"), ("sleep_cycles", 4211, "count")):
-            yield CounterRow(micros(second), station, port, name, float(value), unit, f"{value:05d}")
-    yield CounterRow(micros(second), "ale-1", 1, "dispensed_mm", 4096.0 + second, "mm", "0x0000000A000")
+        for name, value, unit in (
+            ("plugged_h", 1203, "h"),
+            ("work_h", 811, "h"),
+            ("sleep_cycles", 4211, "count"),
+        ):
+            yield CounterRow(
+                micros(second), station, port, name, float(value), unit, f"{value:05d}"
+            )
+    yield CounterRow(
+        micros(second), "ale-1", 1, "dispensed_mm", 4096.0 + second, "mm", "0x0000000A000"
+    )
     yield CounterRow(micros(second), "ale-1", 1, "dispensed_cycles", None, "count", "<timeout>")
 
 
@@ -240,8 +354,12 @@ def begin(out: Path, seconds: float) -> tuple[Path, Manifest]:
         t0_mono=T0_MONO_S,
         t0_utc=T0_UTC_S,
         line=LineFile("bench", "line.toml", sha256(LINE.encode()).hexdigest()),
-        recipes=[RecipeFile("recipes/tht.toml", sha256(RECIPE.encode()).hexdigest(), "sn100c-tht", 7)],
-        metadata=Metadata("M. Weber", "4711", "controller <B>", ["SN-001", "SN-002"], {"shift": "2"}),
+        recipes=[
+            RecipeFile("recipes/tht.toml", sha256(RECIPE.encode()).hexdigest(), "sn100c-tht", 7)
+        ],
+        metadata=Metadata(
+            "M. Weber", "4711", "controller <B>", ["SN-001", "SN-002"], {"shift": "2"}
+        ),
         host={"jbclog": "0.1.0", "python": "3.11.7", "system": "Linux"},
         rate=float(HZ),
     )
@@ -250,7 +368,9 @@ def begin(out: Path, seconds: float) -> tuple[Path, Manifest]:
 
 
 def fill(store: LiveStore, seconds: float, seed: int = 1) -> list[StationFacts]:
-    """Hand over everything that happened in `seconds`, in the order in which it did; give what is known of the stations."""
+    """Hand over everything that happened in `seconds`, in the order in which it did; give what is
+    known of the stations.
+    """
     ports = make_ports(seed)
     told = list(events(seconds))
     for setting in settings():
@@ -286,7 +406,10 @@ def make_run(out: Path, seconds: float = 60.0, seed: int = 1) -> Path:
     write_manifest(folder, manifest)
     seal_rows(folder)
     targets = {name: Targets(frozenset({1, 2, 3, 4}), None) for name in ("dde-1", "ale-1")}
-    judgement = judge(Evidence(folder, stations, ledger_of(folder, stations), targets=targets), dict.fromkeys(targets, LIMITS))
+    judgement = judge(
+        Evidence(folder, stations, ledger_of(folder, stations), targets=targets),
+        dict.fromkeys(targets, LIMITS),
+    )
     manifest.rules, manifest.verdict = RULES, judgement.verdict.value
     manifest.verdict_rules = judgement.rules_as_dicts()
     conclude(folder, manifest, store.lock)

@@ -1,10 +1,13 @@
-"""Sealed runs with their verdicts and reports as a release gives them, kept as data: no later jbclog may call them changed.
+"""Sealed runs with their verdicts and reports as a release gives them, kept as data: no later
+jbclog may call them changed.
 
-``python tests/support records.verdict_corpus NAME`` makes them in tests/data/verdicts/NAME, with `noted.json` beside them: what
-each was judged. Made once for each version of the rules, by the package of that day, and never made again. (Those of rules-1 were
-made by the package of commit 9c5b716.)
+``python tests/support records.verdict_corpus NAME`` makes them in tests/data/verdicts/NAME, with
+`noted.json` beside them: what each was judged. Made once for each version of the rules, by the
+package of that day, and never made again. (Those of rules-1 were made by the package of commit
+9c5b716.)
 
-Each is a small run of virtual stations on a clock that jumps, packed. Between them they have every verdict and most families.
+Each is a small run of virtual stations on a clock that jumps, packed. Between them they have every
+verdict and most families.
 """
 
 from __future__ import annotations
@@ -62,7 +65,10 @@ limit_c = 390
 delay_s = 1.6
 """
 WORKING = '\n[run]\nstatus = "working"\n'
-ASKED = "\n[acceptance]\ncoverage_percent = {coverage}\nlongest_gap_s = 5\nidle_error_c = 15\nidle_sd_c = 5\nalarms_max = 0\n"
+ASKED = (
+    "\n[acceptance]\ncoverage_percent = {coverage}\nlongest_gap_s = 5\nidle_error_c = 15\nidle_sd_c"
+    " = 5\nalarms_max = 0\n"
+)
 ONLY_COVERAGE = "\n[acceptance]\ncoverage_percent = 99.5\n"
 OF_JOINTS = ASKED + "recovery_p95_s = 4\njoints_against_counter_percent = 5\n"
 HOT_AIR = """[recipe]
@@ -86,7 +92,9 @@ idle_error_c = 10
 
 
 class StallingClock(VirtualClock):
-    """One that stands still for the program `for_s` at each of these seconds: the host was busy with something else."""
+    """One that stands still for the program `for_s` at each of these seconds: the host was busy
+    with something else.
+    """
 
     def __init__(self, at_s: Sequence[float], for_s: float) -> None:
         super().__init__()
@@ -122,15 +130,38 @@ RUNS = {
         _soldering("deviations", WORKING, OF_JOINTS, coverage=95),
         220.0,
         4.0,
-        "joints_per_minute = 20\nfeed_each_joint = true\n" + fault("dropout", at_s=100.0, for_s=2.0),
+        "joints_per_minute = 20\nfeed_each_joint = true\n"
+        + fault("dropout", at_s=100.0, for_s=2.0),
     ),
-    "rejected": Wish("jtse", HOT_AIR, 40.0, 4.0, "tool = 1\n" + fault("dropout", at_s=25.0, for_s=3.0)),
-    "inconclusive": Wish("soldering", _soldering("inconclusive", WORKING, ASKED), 14.0, 2.0, "tool = 2", has_report=False),
-    "not_judged": Wish("omega", (PROFILES / "omega-point.toml").read_text().split("[acceptance]")[0], 20.0, 1.0),
+    "rejected": Wish(
+        "jtse", HOT_AIR, 40.0, 4.0, "tool = 1\n" + fault("dropout", at_s=25.0, for_s=3.0)
+    ),
+    "inconclusive": Wish(
+        "soldering",
+        _soldering("inconclusive", WORKING, ASKED),
+        14.0,
+        2.0,
+        "tool = 2",
+        has_report=False,
+    ),
+    "not_judged": Wish(
+        "omega", (PROFILES / "omega-point.toml").read_text().split("[acceptance]")[0], 20.0, 1.0
+    ),
     "cold": Wish("dde", _soldering("cold", ONLY_COVERAGE), 40.0, 4.0),
-    "busy_host": Wish("ucr", _soldering("busy", WORKING, ONLY_COVERAGE), 48.5, 4.0, "tool = 2", (15.0, 25.0, 35.0), False),
+    "busy_host": Wish(
+        "ucr",
+        _soldering("busy", WORKING, ONLY_COVERAGE),
+        48.5,
+        4.0,
+        "tool = 2",
+        (15.0, 25.0, 35.0),
+        False,
+    ),
 }
-OMEGA_SIM = 'settings = { condition_101 = "0065 0  003 014 064 005 064  008 01E 050 005 064  00A 000 000 00A 0C8" }'
+OMEGA_SIM = (
+    'settings = { condition_101 = "0065 0  003 014 064 005 064  008 01E 050 005 064  00A 000 000'
+    ' 00A 0C8" }'
+)
 
 
 def record(name: str, home: Path) -> Path:
@@ -141,9 +172,17 @@ def record(name: str, home: Path) -> Path:
     line.write_text('[line]\nname = "bench"\n' + STATION.format(family=request.family, sim=sim))
     recipe.write_text(request.recipe)
     said = Metadata("M. Weber", "WO-88123", "PCB-4711 rev C", ("SN-001",), {"shift": "B"})
-    plan = make_plan(RunOptions(line, recipe, duration_s=request.seconds, rate=request.hz, metadata=said))
+    plan = make_plan(
+        RunOptions(line, recipe, duration_s=request.seconds, rate=request.hz, metadata=said)
+    )
     folder = RecordedRun(plan, home / "runs", StallingClock(request.stalls_s, 0.6)).result.folder
-    append(folder, who="A. Rossi", what="SN-001 was scrapped", why="cracked joint", utc_s=EPOCH_S + 1000)
+    append(
+        folder,
+        who="A. Rossi",
+        what="SN-001 was scrapped",
+        why="cracked joint",
+        utc_s=EPOCH_S + 1000,
+    )
     if request.has_report:
         write_report(folder)
     return folder
@@ -161,7 +200,10 @@ def cut_off(home: Path) -> Path:
 def judged(folder: Path) -> dict[str, object]:
     """Its verdict and the result of each rule, as its manifest says."""
     manifest = read_manifest(folder)
-    rules = [" ".join(str(rule[key]) for key in ("name", "station", "port", "result")) for rule in manifest.verdict_rules]
+    rules = [
+        " ".join(str(rule[key]) for key in ("name", "station", "port", "result"))
+        for rule in manifest.verdict_rules
+    ]
     return {"verdict": manifest.verdict, "exit_code": manifest.exit_code, "rules": rules}
 
 
@@ -173,7 +215,8 @@ def pack(folder: Path, archive: Path) -> None:
 def unpack(archive: Path, out: Path) -> Path:
     """The run in it, below `out`."""
     with tarfile.open(archive) as kept:
-        kept.extraction_filter = getattr(tarfile, "data_filter", None)  # Python before 3.11.4 has none
+        # Python before 3.11.4 has none
+        kept.extraction_filter = getattr(tarfile, "data_filter", None)
         kept.extractall(out)
         return out / kept.getnames()[0]
 

@@ -1,4 +1,6 @@
-"""An audit's looks at virtual stations in memory, on a clock that jumps: ``see(Bench(folder, station_text(...)))``."""
+"""An audit's looks at virtual stations in memory, on a clock that jumps: ``see(Bench(folder,
+station_text(...)))``.
+"""
 
 from __future__ import annotations
 

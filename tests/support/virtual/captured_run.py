@@ -1,4 +1,6 @@
-"""Runs on a virtual clock whose wires are kept as `run --wire` keeps them, and runs lived through once more from that."""
+"""Runs on a virtual clock whose wires are kept as `run --wire` keeps them, and runs lived through
+once more from that.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,9 @@ WRITE_EVERY_S = 0.5
 
 
 class TapedCable:
-    """A cable of the virtual driver, with what passes through it noted as a `Tee` and the reactor would."""
+    """A cable of the virtual driver, with what passes through it noted as a `Tee` and the reactor
+    would.
+    """
 
     def __init__(self, cable: Peer, keep: Keep) -> None:
         self._cable = cable
@@ -45,7 +49,9 @@ class TapedCable:
         return self._cable.is_unplugged(now)
 
     def told(self, row: ResultRow) -> None:
-        """Note what came up to this moment, or became of the link; then what the session is told."""
+        """Note what came up to this moment, or became of the link; then what the session is
+        told.
+        """
         now, reopened = row.at_s, row.request == "reopen"
         if row.what == "broke":
             self._keep(LinkRow(now, "failed" if reopened else "lost", text=row.text))
@@ -69,13 +75,17 @@ def recorded(
     *,
     allow_omega_write: bool = False,
 ) -> VirtualRun:
-    """Run to the end, and have the wires in `folder`, with line file and recipe. `arrange` sees the run before it goes."""
+    """Run to the end, and have the wires in `folder`, with line file and recipe. `arrange` sees the
+    run before it goes.
+    """
     (folder / "recipes").mkdir(parents=True)
     (folder / "line.toml").write_text(line)
     (folder / "recipes" / RECIPE_FILE).write_text(recipe)
     wires, clock = WireRecorder(folder), VirtualClock()
 
-    def pulled(order: StationTask, session: Steps[StationFacts], cable: Peer) -> tuple[Steps[StationFacts], Peer]:
+    def pulled(
+        order: StationTask, session: Steps[StationFacts], cable: Peer
+    ) -> tuple[Steps[StationFacts], Peer]:
         given = order.duration_s, order.rate, order.allow_omega_write
         head = Head(order.name, order.url, RECIPE_FILE, order.t0, clock.utc(), *given)
         taped = TapedCable(cable, wires.begin(head))
@@ -85,7 +95,9 @@ def recorded(
         wires.write()
         run.driver.at(run.driver.clock.monotonic() + WRITE_EVERY_S, write)
 
-    run = prepare(line, recipe, duration_s, rate, allow_omega_write=allow_omega_write, pulled=pulled)
+    run = prepare(
+        line, recipe, duration_s, rate, allow_omega_write=allow_omega_write, pulled=pulled
+    )
     write()
     arrange(run)
     run.go()
@@ -97,27 +109,43 @@ def recorded(
 def kept(folder: Path, line: str, **keys: object) -> Memory:
     """A run with its wires and its manifest in `folder`; what it told."""
     run = recorded(folder, line, **keys)  # type: ignore[arg-type]
-    write_manifest(folder, Manifest(folder.name, state="sealed", stations=[context.facts for context in run.contexts.values()]))
+    write_manifest(
+        folder,
+        Manifest(
+            folder.name,
+            state="sealed",
+            stations=[context.facts for context in run.contexts.values()],
+        ),
+    )
     return run.memory
 
 
 def relived(folder: Path) -> tuple[Memory, dict[str, Divergence]]:
-    """A recorded run once more: what its sessions tell, and where they left the recording, if they did."""
+    """A recorded run once more: what its sessions tell, and where they left the recording, if they
+    did.
+    """
     recording = open_recording(folder)
     memory, clock = Memory(), VirtualClock(recording.first.t0_mono, recording.first.t0_utc)
     return memory, reproduce(recording, desks_of(recording, memory, clock), clock)
 
 
 def desks_of(recording: Recording, memory: Memory, clock: VirtualClock) -> list[SessionContext]:
-    return [SessionContext(order, memory, UtcOffset(clock)) for order in station_tasks(plan_of(recording), clock.monotonic())]
+    return [
+        SessionContext(order, memory, UtcOffset(clock))
+        for order in station_tasks(plan_of(recording), clock.monotonic())
+    ]
 
 
 class Handing:
-    """A taped station behind a port: each answer comes a little before or after its moment, and some come much later, as on a
-    host that does other things."""
+    """A taped station behind a port: each answer comes a little before or after its moment, and
+    some come much later, as on a host that does other things."""
 
-    def __init__(self, station: ReplayedStation, most_s: float, stalls: Sequence[float] = (), seed: int = 1) -> None:
-        """`stalls`: seconds that every hundredth answer is held up, one after the other, again from the first."""
+    def __init__(
+        self, station: ReplayedStation, most_s: float, stalls: Sequence[float] = (), seed: int = 1
+    ) -> None:
+        """`stalls`: seconds that every hundredth answer is held up, one after the other, again from
+        the first.
+        """
         self.station = station
         self._most_s = most_s
         self._stalls = stalls
@@ -142,7 +170,8 @@ class Handing:
 def recorded_again(
     folder: Path, most_s: float = 0.0, stalls: Sequence[float] = (), longer_s: float = 0.0
 ) -> tuple[Memory, dict[str, ReplayedStation]]:
-    """A recorded run, served and recorded again by sessions that know nothing of it; each answer up to `most_s` early or late.
+    """A recorded run, served and recorded again by sessions that know nothing of it; each answer up
+    to `most_s` early or late.
 
     The new run has the rates that came of the recorded one, and goes on `longer_s` longer.
     """
@@ -152,7 +181,9 @@ def recorded_again(
     for order in station_tasks(plan_of(recording), clock.monotonic()):
         rate, name = replay.rate_hz.get(order.name, order.rate), order.name
         longer = None if order.duration_s is None else order.duration_s + longer_s
-        order = replace(order, rate=rate, duration_s=longer, is_replay=True, begin=replay.begin(name))
+        order = replace(
+            order, rate=rate, duration_s=longer, is_replay=True, begin=replay.begin(name)
+        )
         context = SessionContext(order, memory, UtcOffset(clock))
         stations[name] = station_of(recording, name)
         driver.add(run_station(context), Handing(stations[name], most_s, stalls))

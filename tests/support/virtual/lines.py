@@ -1,4 +1,6 @@
-"""Lines and runs of virtual stations made of few words: several DDEs with faults, one hot air station, odd answers."""
+"""Lines and runs of virtual stations made of few words: several DDEs with faults, one hot air
+station, odd answers.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +12,18 @@ from support.virtual.virtual_run import VirtualRun, line_text, prepare
 def line(*sims: str) -> str:
     """A line of DDEs, each with its own sim table."""
     texts = [line_text(f"seed = {number}\n{sim}") for number, sim in enumerate(sims, 1)]
-    stations = [text.replace("turnaround_ms = 1.0", "turnaround_ms = 0.9").split("[[station]]")[1] for text in texts]
+    stations = [
+        text.replace("turnaround_ms = 1.0", "turnaround_ms = 0.9").split("[[station]]")[1]
+        for text in texts
+    ]
     named = [text.replace("dde-1", f"dde-{number}") for number, text in enumerate(stations, 1)]
     return line_text().split("[[station]]")[0] + "".join(f"[[station]]{text}\n" for text in named)
 
 
 def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items())
+    return "\n[[station.sim.fault]]\n" + "".join(
+        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
+    )
 
 
 AIR = """
@@ -49,7 +56,9 @@ def plant(run: VirtualRun) -> AirStation:
 
 
 def one_port(sim: str = "", duration_s: float = 20, rate: float | None = None) -> VirtualRun:
-    return prepare(line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), duration_s=duration_s, rate=rate)
+    return prepare(
+        line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), duration_s=duration_s, rate=rate
+    )
 
 
 def say(run: VirtualRun, code: str, data: str, *moments: float, times: int = 1) -> None:
@@ -58,7 +67,14 @@ def say(run: VirtualRun, code: str, data: str, *moments: float, times: int = 1) 
 
     def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
         found = ask(header, text, now)
-        due = next((one for one in moments if header == "R" and text == code and now >= run.t0 + one and left[one]), None)
+        due = next(
+            (
+                one
+                for one in moments
+                if header == "R" and text == code and now >= run.t0 + one and left[one]
+            ),
+            None,
+        )
         if due is None:
             return found
         left[due] -= 1
@@ -68,8 +84,8 @@ def say(run: VirtualRun, code: str, data: str, *moments: float, times: int = 1) 
 
 
 def turn_over(run: VirtualRun, code: str, bit: int, places: tuple[int, int], moment: float) -> None:
-    """Let the first answer to a question from a moment on arrive with this bit turned over in two places of its data: the
-    check byte, an XOR, is the same."""
+    """Let the first answer to a question from a moment on arrive with this bit turned over in two
+    places of its data: the check byte, an XOR, is the same."""
     ask, left = run.station.device.answer, [moment]
 
     def answer(header: str, text: str, now: float) -> tuple[str, str] | None:
@@ -78,7 +94,9 @@ def turn_over(run: VirtualRun, code: str, bit: int, places: tuple[int, int], mom
             return found
         left.clear()
         flips = [bit if place in places else 0 for place in range(len(found[1]) - len(code))]
-        data = "".join(chr(ord(one) ^ flip) for one, flip in zip(found[1][len(code) :], flips, strict=True))
+        data = "".join(
+            chr(ord(one) ^ flip) for one, flip in zip(found[1][len(code) :], flips, strict=True)
+        )
         return found[0], code + data
 
     run.station.device.answer = answer  # type: ignore[method-assign]
@@ -89,7 +107,9 @@ def marks(run: VirtualRun) -> list[EventRow]:
 
 
 def first_sample_s() -> float:
-    """The second of the first tick of a run as `one_port` makes it: until then the tip is read for its turnaround."""
+    """The second of the first tick of a run as `one_port` makes it: until then the tip is read for
+    its turnaround.
+    """
     tick = one_port(duration_s=3).go().memory.samples[0][COLUMN["tick"]]
     assert isinstance(tick, int)
     return tick / 10

@@ -1,6 +1,8 @@
-"""`jbclog read` and `jbclog write` in this process, against virtual stations in memory, on a clock that jumps.
+"""`jbclog read` and `jbclog write` in this process, against virtual stations in memory, on a clock
+that jumps.
 
-``Bench(folder, line_text).do("read", "dde-1", "power")`` gives exit code, stdout and stderr; `heard` is what a station was asked.
+``Bench(folder, line_text).do("read", "dde-1", "power")`` gives exit code, stdout and stderr;
+`heard` is what a station was asked.
 """
 
 from __future__ import annotations
@@ -28,11 +30,15 @@ LINE = '[line]\nname = "hand"\n'
 
 def station_text(name: str, family: str, keys: str = "", sim: str = "") -> str:
     """One table of a line file."""
-    return f'[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "{family}"\n{keys}\n[station.sim]\n{sim}\n'
+    return (
+        f'[[station]]\nname = "{name}"\nurl = "{name}"\nfamily ='
+        f' "{family}"\n{keys}\n[station.sim]\n{sim}\n'
+    )
 
 
 class Wire:
-    """The cable to one virtual station. `watch` sees each question, and may pull the cable by raising.
+    """The cable to one virtual station. `watch` sees each question, and may pull the cable by
+    raising.
 
     What begins with `only_acknowledged` is acknowledged, and never comes to the station.
     """
@@ -64,7 +70,8 @@ class Wire:
 
 
 def _text(frame: bytes) -> str:
-    body = frame[1 : -2 if frame[-2] == 0x03 else -3].decode()  # one byte behind ETX, or two of OMEGA's
+    # one byte behind ETX, or two of OMEGA's
+    body = frame[1 : -2 if frame[-2] == 0x03 else -3].decode()
     return body[4:] if body[:4].isdigit() else body
 
 
@@ -110,7 +117,9 @@ class Ended:
 
 
 class Bench:
-    """A line file in `folder` and its virtual stations, which `read` and `write` find there through `access`."""
+    """A line file in `folder` and its virtual stations, which `read` and `write` find there through
+    `access`.
+    """
 
     def __init__(self, folder: Path, *stations: str) -> None:
         self.line = folder / "line.toml"
@@ -119,7 +128,11 @@ class Bench:
         specs = parse_line(self.line.read_text(encoding="utf-8"), self.line).stations
         self.wires = {spec.name: Wire(spec, self.clock) for spec in specs}
         self._by_url = {spec.url: self.wires[spec.name] for spec in specs}
-        self.access = PortAccess(self._open, lambda seconds: self.clock.advance_to(self.clock.monotonic() + seconds), self.clock)
+        self.access = PortAccess(
+            self._open,
+            lambda seconds: self.clock.advance_to(self.clock.monotonic() + seconds),
+            self.clock,
+        )
 
     def _open(self, url: str, line: LineFormat) -> MemoryPort:
         wire = self._by_url[url]
@@ -134,7 +147,9 @@ class Bench:
         return self.call(*words, "--line", str(self.line))
 
     def call(self, *words: str) -> Ended:
-        """Call the program with these words, or with those of a call as it is told: ``jbclog write ...``."""
+        """Call the program with these words, or with those of a call as it is told: ``jbclog write
+        ...``.
+        """
         if len(words) == 1:
             words = tuple(shlex.split(words[0])[1:])
         ended = CliRunner().invoke(app, list(words), obj=self.access)

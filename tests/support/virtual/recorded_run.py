@@ -1,4 +1,6 @@
-"""A run as `jbclog run` makes it, recorded, sealed and judged, but of virtual stations on a clock that jumps: no time passes."""
+"""A run as `jbclog run` makes it, recorded, sealed and judged, but of virtual stations on a clock
+that jumps: no time passes.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,10 @@ class RecordedRun:
 
     def __init__(self, plan: Plan, out: Path, clock: VirtualClock | None = None) -> None:
         clock = clock or VirtualClock()
-        papers, driver = RunRecord(plan, out, Nobody(), clock, seal_every_s=None), VirtualDriver(clock)
+        papers, driver = (
+            RunRecord(plan, out, Nobody(), clock, seal_every_s=None),
+            VirtualDriver(clock),
+        )
         self.stations: dict[str, VirtualStation | VirtualOmega] = {}
         papers.begin()
         for station, context in zip(plan.stations, papers.contexts, strict=True):

@@ -1,4 +1,6 @@
-"""A line of virtual stations served on real pseudo-terminals by this process: their own log and physics can be looked at."""
+"""A line of virtual stations served on real pseudo-terminals by this process: their own log and
+physics can be looked at.
+"""
 
 from __future__ import annotations
 
@@ -146,10 +148,13 @@ class Order:
 class ServedLine:
     """Serves `text` below `folder` while a `with` lasts, all tools hot and in stand at first.
 
-    `path` is the line file for a run, `recipe` one that fits it; `log` holds all that passed on the wires, if it was asked for.
+    `path` is the line file for a run, `recipe` one that fits it; `log` holds all that passed on the
+    wires, if it was asked for.
     """
 
-    def __init__(self, folder: Path, text: str = LINE, recipe: str = RECIPE, *, logs: bool = False) -> None:
+    def __init__(
+        self, folder: Path, text: str = LINE, recipe: str = RECIPE, *, logs: bool = False
+    ) -> None:
         self.log = folder / "wire.jsonl" if logs else None
         source = folder / "source.toml"
         source.write_text(text, encoding="utf-8")
@@ -168,12 +173,19 @@ class ServedLine:
         for port in self.tools():
             port.order(STANDING, False)
             port.tip.temperature_c = HOT_C  # a robot waits for a hot tip
-        self._server = set_up(self._line, self.path.parent, None, self._wire_file, list(self.stations.values()))
+        self._server = set_up(
+            self._line, self.path.parent, None, self._wire_file, list(self.stations.values())
+        )
         self._thread = Thread(target=self._server.run, name="virtual-stations", daemon=True)
         self._thread.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         if self._server is not None and self._thread is not None:
             self._server.stop()
             self._thread.join(5.0)
@@ -184,8 +196,15 @@ class ServedLine:
         return str(self.path.parent / name)
 
     def orders(self, since: float = 0.0) -> list[Order]:
-        """What was written to the stations after `since` (monotonic seconds), in the order of time."""
-        found = [self._order(name, write) for name, one in self.stations.items() for write in one.log.writes if write.at > since]
+        """What was written to the stations after `since` (monotonic seconds), in the order of
+        time.
+        """
+        found = [
+            self._order(name, write)
+            for name, one in self.stations.items()
+            for write in one.log.writes
+            if write.at > since
+        ]
         return sorted(found, key=lambda order: order.at)
 
     @staticmethod
@@ -194,7 +213,9 @@ class ServedLine:
 
     def questions(self) -> int:
         """How many were answered so far, writes among them."""
-        return sum(station.log.reads + len(station.log.writes) for station in self.stations.values())
+        return sum(
+            station.log.reads + len(station.log.writes) for station in self.stations.values()
+        )
 
     def motor(self, name: str) -> bool:
         """Whether the feeder of this station turns now."""
@@ -202,9 +223,13 @@ class ServedLine:
 
     def tools(self) -> list[SimPort]:
         """All tools, with the ports that they are in."""
-        soldering = (one for one in self.stations.values() if isinstance(one.device.face, SolderingModel))
+        soldering = (
+            one for one in self.stations.values() if isinstance(one.device.face, SolderingModel)
+        )
         return [port for station in soldering for port in station.plant.ports.values() if port.tool]
 
     def at_work(self) -> int:
         """How many tools are at work now."""
-        return sum(port.doing.state == WORKING and not port.doing.extractor for port in self.tools())
+        return sum(
+            port.doing.state == WORKING and not port.doing.extractor for port in self.tools()
+        )

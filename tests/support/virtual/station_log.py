@@ -1,4 +1,6 @@
-"""What virtual stations noted of their wires (`jbclog sim --log`, or a `WireFile`), as questions with their answers."""
+"""What virtual stations noted of their wires (`jbclog sim --log`, or a `WireFile`), as questions
+with their answers.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ FRAME = re.compile(rb"\x02(?:\d{4})?([RWAN][ -~]*)\x03[\x00-\xff]", re.DOTALL)
 
 @dataclass
 class _Side:
-    """One direction of one wire: pieces of frames come in, whole texts with the moment of their last byte go out."""
+    """One direction of one wire: pieces of frames come in, whole texts with the moment of their
+    last byte go out.
+    """
 
     held: bytes = b""
 
@@ -54,12 +58,19 @@ class _Wire:
 
 
 def is_answer(text: str, question: str) -> bool:
-    """Whether `text` can be the answer to `question`: its code is the beginning of the one, or all of the other."""
-    return text[:1] in "AN" and (text[1:].startswith(question[1:]) if question[0] == "R" else question[1:].startswith(text[1:4]))
+    """Whether `text` can be the answer to `question`: its code is the beginning of the one, or all
+    of the other.
+    """
+    return text[:1] in "AN" and (
+        text[1:].startswith(question[1:])
+        if question[0] == "R"
+        else question[1:].startswith(text[1:4])
+    )
 
 
 def heard_in(path: Path, begin: int = 0) -> dict[str, list[Heard]]:
-    """By station: every question in the order of time, in monotonic seconds, with the answer that went out, if one did.
+    """By station: every question in the order of time, in monotonic seconds, with the answer that
+    went out, if one did.
 
     `begin`: the size that the file had when the run began that is looked at.
     """

@@ -1,7 +1,9 @@
-"""Virtual stations in a process of their own, with a note of each question and what was said to it, faults or none.
+"""Virtual stations in a process of their own, with a note of each question and what was said to it,
+faults or none.
 
-``python tests/support virtual.tapped_sim LINE DIR NOTES [PART ...]``, ended as `jbclog.sim` is when its stdin is closed. `jbclog
-sim --log` notes bytes as they pass, which do not tell to which question an answer belongs where others went unanswered; these do.
+``python tests/support virtual.tapped_sim LINE DIR NOTES [PART ...]``, ended as `jbclog.sim` is when
+its stdin is closed. `jbclog sim --log` notes bytes as they pass, which do not tell to which
+question an answer belongs where others went unanswered; these do.
 """
 
 from __future__ import annotations
@@ -46,8 +48,8 @@ class Tapped:
 class TappedSim(SimProcess):
     """The process, for as long as a `with` lasts.
 
-    `parts` are line files that have the line's stations between them, in its order, with their faults: an hour's faults of
-    sixteen stations are more than one file may have.
+    `parts` are line files that have the line's stations between them, in its order, with their
+    faults: an hour's faults of sixteen stations are more than one file may have.
     """
 
     def __init__(self, line: Path, folder: Path, notes: Path, parts: Sequence[Path] = ()) -> None:
@@ -67,8 +69,15 @@ def heard_in(notes: Path) -> dict[str, list[Heard]]:
 
 def main() -> None:
     path, folder, notes, *parts = map(Path, sys.argv[1:])
-    specs, now = [spec for part in parts or [path] for spec in load_line(part).stations], monotonic()
-    server = set_up(load_line(path), folder, stations=[Tapped(virtual_station(spec, now=now), notes) for spec in specs])
+    specs, now = (
+        [spec for part in parts or [path] for spec in load_line(part).stations],
+        monotonic(),
+    )
+    server = set_up(
+        load_line(path),
+        folder,
+        stations=[Tapped(virtual_station(spec, now=now), notes) for spec in specs],
+    )
     server.stop_on_signals()
     server.stop_at_end_of(sys.stdin.fileno())
     print((folder / SERVED_LINE).absolute(), flush=True)

@@ -102,7 +102,9 @@ class Memory:
 
 @dataclass(frozen=True)
 class Heard:
-    """A question as it reached the station: when it was sent, its text, and its answer without and with what faults did."""
+    """A question as it reached the station: when it was sent, its text, and its answer without and
+    with what faults did.
+    """
 
     at: float
     text: str
@@ -136,7 +138,8 @@ class Tap:
 
 def _text(frame: bytes) -> str:
     """Header, code and data; of a frame with addresses they are left out."""
-    body = frame[1:-2].decode("ascii", "replace").removesuffix("\x03")  # OMEGA's sum has two characters
+    # OMEGA's sum has two characters
+    body = frame[1:-2].decode("ascii", "replace").removesuffix("\x03")
     return body[4:] if body[:1].isdigit() else body
 
 
@@ -213,14 +216,18 @@ def prepare(
     allow_missing: bool = False,
     pulled: Pulled = lambda _order, session, cable: (session, cable),
 ) -> VirtualRun:
-    """A run that is ready to go: `prepare(line_text(sim=...)).go()`. `pulled` may put itself around session and cable."""
+    """A run that is ready to go: `prepare(line_text(sim=...)).go()`. `pulled` may put itself around
+    session and cable.
+    """
     clock = VirtualClock()
     memory, driver = Memory(), VirtualDriver(clock, allow_missing=allow_missing)
     stations, contexts, taps, t0 = {}, {}, {}, clock.monotonic()
     loaded = parse_recipe(recipe)
     for spec in parse_line(line or line_text(), Path("line.toml")).stations:
         station = virtual_station(spec, now=clock.monotonic())
-        order = order_for(spec, loaded, clock, duration_s, rate, allow_omega_write=allow_omega_write)
+        order = order_for(
+            spec, loaded, clock, duration_s, rate, allow_omega_write=allow_omega_write
+        )
         order = replace(order, may_be_missing=allow_missing)
         context = SessionContext(order, memory, UtcOffset(clock))
         taps[spec.name] = Tap(station)

@@ -42,7 +42,11 @@ class Served:
 
 @contextmanager
 def page(
-    answer: Answer, token: str | None = None, address: str = "127.0.0.1", path: Path = Path("none"), port: int = 0
+    answer: Answer,
+    token: str | None = None,
+    address: str = "127.0.0.1",
+    path: Path = Path("none"),
+    port: int = 0,
 ) -> Iterator[Served]:
     served = Served(answer)
     with listening("127.0.0.1", port) as opened:
@@ -62,4 +66,6 @@ def page(
 
 
 if __name__ == "__main__":
-    PageServer(live_states.run, Access("127.0.0.1", None), Path("runs")).run([listening("127.0.0.1", int(sys.argv[1]))])
+    PageServer(live_states.run, Access("127.0.0.1", None), Path("runs")).run(
+        [listening("127.0.0.1", int(sys.argv[1]))]
+    )

@@ -1,4 +1,6 @@
-"""Alarm episodes of a run in its folder: sealed, open, cut off; what the recorder told held against the record; acknowledging."""
+"""Alarm episodes of a run in its folder: sealed, open, cut off; what the recorder told held against
+the record; acknowledging.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +32,16 @@ def jbclog(*words: str | Path) -> Ended:
 HOT = "\n[[station.sim.fault]]\nkind = 'overheat'\nat_s = {at_s}\nfor_s = {for_s}\nby_c = {by_c}\n"
 
 
-def run_of(home: Path, sim: str, recipe: str = RECIPE, duration_s: float = 40.0, rate: str | None = None) -> Path:
-    (home / "line.toml").write_text(line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), encoding="utf-8")
+def run_of(
+    home: Path, sim: str, recipe: str = RECIPE, duration_s: float = 40.0, rate: str | None = None
+) -> Path:
+    (home / "line.toml").write_text(
+        line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), encoding="utf-8"
+    )
     (home / "recipe.toml").write_text(recipe, encoding="utf-8")
-    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=duration_s, rate=rate))
+    plan = make_plan(
+        RunOptions(home / "line.toml", home / "recipe.toml", duration_s=duration_s, rate=rate)
+    )
     return RecordedRun(plan, home / "runs").result.folder
 
 
@@ -46,7 +54,10 @@ def hot(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_run_as_it_is_recorded(hot: Path) -> None:
     found = open_run(hot).alarm_findings()
-    assert [[len(one.by[detector]) for detector in Detector] for one in found.incidents] == [[1, 1, 1], [1, 1, 1]]
+    assert [[len(one.by[detector]) for detector in Detector] for one in found.incidents] == [
+        [1, 1, 1],
+        [1, 1, 1],
+    ]
     assert found.findings() == []
     events = open_run(hot).events()
     raised = events[events["kind"] == "alarm.episode.raised"]
@@ -66,21 +77,30 @@ def test_the_table_has_its_columns_and_their_types(hot: Path) -> None:
 
 def test_a_run_without_alarms_has_the_same_columns(tmp_path: Path) -> None:
     none = open_run(recorded(Series().add(350, times=20), tmp_path / "none")).alarms()
-    some = open_run(recorded(Series().add(350, times=20).add(395, times=20), tmp_path / "some")).alarms()
+    some = open_run(
+        recorded(Series().add(350, times=20).add(395, times=20), tmp_path / "some")
+    ).alarms()
     assert (len(none), len(some)) == (0, 2)
     assert list(none.dtypes.items()) == list(some.dtypes.items())
 
 
 @pytest.mark.parametrize("rate", ["0.5", "10", "max"])
 def test_at_any_rate_the_record_gives_what_the_recorder_logged(tmp_path: Path, rate: str) -> None:
-    sim = HOT.format(at_s=12, for_s=9, by_c=25) + "\n[[station.sim.fault]]\nkind = 'dropout'\nat_s = 16\nfor_s = 2\n"
+    sim = (
+        HOT.format(at_s=12, for_s=9, by_c=25)
+        + "\n[[station.sim.fault]]\nkind = 'dropout'\nat_s = 16\nfor_s = 2\n"
+    )
     recipe = RECIPE + 'on_difference = "continue"\n'
-    found = open_run(run_of(tmp_path, sim, recipe, rate=rate if rate == "max" else float(rate))).alarm_findings()  # type: ignore[arg-type]
+    found = open_run(
+        run_of(tmp_path, sim, recipe, rate=rate if rate == "max" else float(rate))
+    ).alarm_findings()  # type: ignore[arg-type]
     assert sum(len(one.by[Detector.SAMPLES]) for one in found.incidents) == 1
     assert found.live == []
 
 
-@pytest.mark.parametrize("seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.campaign) for seed in range(4, 12))])
+@pytest.mark.parametrize(
+    "seed", [*range(4), *(pytest.param(seed, marks=pytest.mark.campaign) for seed in range(4, 12))]
+)
 def test_random_series_through_a_real_record(tmp_path: Path, seed: int) -> None:
     assert open_run(recorded(random_series(seed, 400), tmp_path)).alarm_findings().live == []
 
@@ -88,8 +108,16 @@ def test_random_series_through_a_real_record(tmp_path: Path, seed: int) -> None:
 @pytest.mark.parametrize("seconds", [-7200.0, -0.8, 0.8, 7200.0])
 def test_a_clock_that_is_stepped_changes_nothing(tmp_path: Path, seconds: float) -> None:
     """A limit is changed just before the step and just behind it; an alarm is pending over it."""
-    series = Series().add(350, times=20).change("alarm_high_limit", "360 °C").add(365, times=3).step_clock(seconds)
-    series.add(365, times=30).change("alarm_high_limit", "370 °C").add(350, times=30).add(365, times=20).add(375, times=20)
+    series = (
+        Series()
+        .add(350, times=20)
+        .change("alarm_high_limit", "360 °C")
+        .add(365, times=3)
+        .step_clock(seconds)
+    )
+    series.add(365, times=30).change("alarm_high_limit", "370 °C").add(350, times=30).add(
+        365, times=20
+    ).add(375, times=20)
     found = open_run(recorded(series, tmp_path)).alarm_findings()
     samples = [one for incident in found.incidents for one in incident.by[Detector.SAMPLES]]
     samples.sort(key=lambda one: one.limit_c or 0)
@@ -99,8 +127,16 @@ def test_a_clock_that_is_stepped_changes_nothing(tmp_path: Path, seconds: float)
 
 @pytest.mark.parametrize("seconds", [-7200.0, -0.8, 0.8, 7200.0])
 def test_nor_one_that_was_stepped_before_the_first_row(tmp_path: Path, seconds: float) -> None:
-    series = Series().step_clock(seconds).add(350, times=20).add(365, times=10).change("alarm_high_limit", "360 °C")
-    series.add(365, times=30).step_clock(-seconds).add(350, times=30).change("alarm_high_limit", "370 °C").add(365, times=20)
+    series = (
+        Series()
+        .step_clock(seconds)
+        .add(350, times=20)
+        .add(365, times=10)
+        .change("alarm_high_limit", "360 °C")
+    )
+    series.add(365, times=30).step_clock(-seconds).add(350, times=30).change(
+        "alarm_high_limit", "370 °C"
+    ).add(365, times=20)
     found = open_run(recorded(series, tmp_path)).alarm_findings()
     (one,) = (one for incident in found.incidents for one in incident.by[Detector.SAMPLES])
     assert (one.limit_c, one.seconds) == (360, 3.0)
@@ -112,17 +148,22 @@ def test_a_run_that_is_open_or_was_cut_off(tmp_path: Path) -> None:
     with being_recorded(series, tmp_path) as (folder, _):
         table = open_run(folder).alarms()
     assert list(table["state"]) == ["active", "active"]
-    assert list(open_run(folder).alarms()["episode"]) == list(table["episode"])  # the recorder is gone, nothing is sealed
+    # the recorder is gone, nothing is sealed
+    assert list(open_run(folder).alarms()["episode"]) == list(table["episode"])
 
 
-def test_an_episode_that_the_recorder_did_not_log_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_episode_that_the_recorder_did_not_log_is_a_finding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("jbclog.analysis.alarms.live.LiveAlarms._emit_all", lambda *_: None)
     series = Series().add(350, times=20).add(395, times=20)
     (told,) = open_run(recorded(series, tmp_path)).alarm_findings().live
     assert told.endswith("raised by the record, but the recorder logged no such event.")
 
 
-def test_a_fault_of_the_evaluation_does_not_end_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fault_of_the_evaluation_does_not_end_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("made up")
 
@@ -135,13 +176,15 @@ def test_a_fault_of_the_evaluation_does_not_end_the_recording(tmp_path: Path, mo
 
 
 def test_a_record_from_before_there_were_episodes(tmp_path: Path) -> None:
-    """Its facts have no rules: nobody evaluated, so nothing is missing. Its delay was not read: no alarm on samples."""
+    """Its facts have no rules: nobody evaluated, so nothing is missing. Its delay was not read: no
+    alarm on samples.
+    """
     found = open_run(small_run.make_run(tmp_path)).alarm_findings()
     assert [len(one.by[Detector.STATION]) for one in found.incidents] == [1]
     assert found.live == []
 
 
-# -- acknowledging ---------------------------------------------------------------------------------------------------------------
+# -- acknowledging ---------------------------------------------------------------------------------
 
 
 def test_alarms_on_the_command_line(hot: Path) -> None:
@@ -158,7 +201,9 @@ def test_alarms_on_the_command_line(hot: Path) -> None:
 def test_acknowledging_with_a_name_and_a_reason(tmp_path: Path) -> None:
     folder = run_of(tmp_path, HOT.format(at_s=12, for_s=6, by_c=20), duration_s=25)
     (name,) = json.loads(jbclog("alarms", folder, "--json").out)["not_acknowledged"]
-    done = jbclog("alarms", "ack", folder, name, "--by", "A. Rossi", "--reason", "hot air near the tip")
+    done = jbclog(
+        "alarms", "ack", folder, name, "--by", "A. Rossi", "--reason", "hot air near the tip"
+    )
     assert (done.code, done.err) == (0, "")
     assert [(one.kind, one.who, one.what, one.why) for one in read(folder).said] == [
         ("alarm.acknowledged", "A. Rossi", name, "hot air near the tip")
@@ -175,7 +220,9 @@ def test_acknowledging_with_a_name_and_a_reason(tmp_path: Path) -> None:
     waited = open_run(folder).alarms().set_index("detector").loc["B"]
     seconds = (waited["acknowledged_at"] - waited["raised"]).total_seconds()
     assert {one["detector"]: one["ack_p50"]["n"] for one in facts} == {"A": 1, "B": 1, "C": 1}
-    assert next(one["ack_p95"]["value"] for one in facts if one["detector"] == "B") == pytest.approx(seconds, abs=0.01)
+    assert next(
+        one["ack_p95"]["value"] for one in facts if one["detector"] == "B"
+    ) == pytest.approx(seconds, abs=0.01)
     again = jbclog("alarms", "ack", folder, name.replace("B-", "C-"), "--by", "B", "--reason", "C")
     assert again.code == 2
     assert jbclog("check", folder).code == 0
@@ -185,8 +232,14 @@ def test_acknowledging_with_a_name_and_a_reason(tmp_path: Path) -> None:
     ("words", "said"),
     [
         (("ack", "RUN", "B-high-x", "--by", "A", "--reason", "B"), "has no such episode"),
-        (("ack", "RUN", "B-high-x", "--by", "A"), "alarms ack: --reason TEXT is required; nothing was added"),
-        (("ack", "RUN", "B-high-x", "--by", " ", "--reason", "B"), "alarms ack: --by WHO is required; nothing was added"),
+        (
+            ("ack", "RUN", "B-high-x", "--by", "A"),
+            "alarms ack: --reason TEXT is required; nothing was added",
+        ),
+        (
+            ("ack", "RUN", "B-high-x", "--by", " ", "--reason", "B"),
+            "alarms ack: --by WHO is required; nothing was added",
+        ),
         (("ack", "RUN", "--by", "A", "--reason", "B"), "give RUN, or ack RUN EPISODE"),
         (("RUN", "RUN"), "give RUN, or ack RUN EPISODE"),
         (("RUN", "--by", "A"), "belong to `alarms ack"),
@@ -221,7 +274,9 @@ def test_changed_acknowledgements_are_reported(tmp_path: Path) -> None:
     name = open_run(folder).alarm_findings().incidents[0].name
     append(folder, who="A. Rossi", what=name, why="B", kind="alarm.acknowledged")
     path = folder / "annotations.jsonl"
-    path.write_text(path.read_text(encoding="utf-8").replace("A. Rossi", "B. Rossi"), encoding="utf-8")
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("A. Rossi", "B. Rossi"), encoding="utf-8"
+    )
     shown = jbclog("alarms", folder)
     assert shown.code == 1  # it counts for nothing
     assert "annotations.jsonl: line 1 is no annotation, or was changed" in shown.err

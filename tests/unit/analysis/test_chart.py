@@ -14,7 +14,16 @@ from typer.testing import CliRunner, Result
 
 from jbclog.analysis import spc
 from jbclog.analysis.chart_words import lines
-from jbclog.analysis.charts import Fixed, Series, charted, joined, joint_metrics, loss_counts, ranked, series_of_run
+from jbclog.analysis.charts import (
+    Fixed,
+    Series,
+    charted,
+    joined,
+    joint_metrics,
+    loss_counts,
+    ranked,
+    series_of_run,
+)
 from jbclog.analysis.control_limits import learn
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.spc.refusal import there_are
@@ -27,12 +36,23 @@ STEADY = np.random.default_rng(15).lognormal(0.3, 0.5, 60)
 
 
 def made(values: list[float], port: int = 1) -> Series:
-    return Series("dde-1", port, "dwell_s", "s", "joint", np.array(values), [f"joint {n}" for n in range(1, len(values) + 1)])
+    return Series(
+        "dde-1",
+        port,
+        "dwell_s",
+        "s",
+        "joint",
+        np.array(values),
+        [f"joint {n}" for n in range(1, len(values) + 1)],
+    )
 
 
 def joints(values: list[float]) -> pd.DataFrame:
     """The joints of a port, whose dwell is these values."""
-    rows = [dict.fromkeys(JOINTS_SCHEMA.names) | {"station": "dde-1", "port": 1, "joint": n} for n in range(1, len(values) + 1)]
+    rows = [
+        dict.fromkeys(JOINTS_SCHEMA.names) | {"station": "dde-1", "port": 1, "joint": n}
+        for n in range(1, len(values) + 1)
+    ]
     table = pd.DataFrame(rows)
     return table.assign(dwell_s=pd.array(values, dtype="Float64"))
 
@@ -44,7 +64,9 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def dwells(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """What the joints of every run dwell, until a test says otherwise: what is made of joints is looked at, not their finding."""
+    """What the joints of every run dwell, until a test says otherwise: what is made of joints is
+    looked at, not their finding.
+    """
     values = list(STEADY)
     monkeypatch.setattr(Run, "joints", lambda _, station=None: joints(values))
     return values
@@ -60,17 +82,24 @@ def test_a_chart_within_a_run(home: Path, dwells: list[float]) -> None:
     assert ended.exit_code == 0
     assert "dde-1 port 1  dwell_s  60 joints" in ended.stdout
     assert "joint 41: test 1: one point beyond three sigma" in ended.stdout
-    assert "0.87 false alarms in 100 points, the first after 118 on average; 53 % of series of 100 have one" in ended.stdout
+    assert (
+        "0.87 false alarms in 100 points, the first after 118 on average; 53 % of series of 100"
+        " have one" in ended.stdout
+    )
     assert "1.5 false alarms" in call("chart", home, "-m", "dwell_s", "--all-tests").stdout
 
 
-def test_a_joint_without_the_metric_is_counted_and_no_point(home: Path, dwells: list[float]) -> None:
+def test_a_joint_without_the_metric_is_counted_and_no_point(
+    home: Path, dwells: list[float]
+) -> None:
     dwells[3] = np.nan
     (series,) = series_of_run(open_run(home), "dwell_s")
     assert (len(series.values), series.missing, series.names[3]) == (59, 1, "joint 5")
 
 
-def test_capability_of_a_skewed_feature_is_given_with_its_distribution(home: Path, dwells: list[float]) -> None:
+def test_capability_of_a_skewed_feature_is_given_with_its_distribution(
+    home: Path, dwells: list[float]
+) -> None:
     assert "lognormal" in call("chart", home, "-m", "dwell_s", "--upper", "9").stdout
     found = json.loads(call("chart", home, "-m", "dwell_s", "--upper", "9", "--json").stdout)
     (one,) = found["charts"]
@@ -83,7 +112,11 @@ def test_capability_of_a_skewed_feature_is_given_with_its_distribution(home: Pat
 def test_every_kind_of_values(home: Path, dwells: list[float], tmp_path: Path) -> None:
     dwells[:] = list(np.random.default_rng(16).normal(2, 0.2, 123))
     dwells[100:] = [value + 0.3 for value in dwells[100:]]
-    for kind, said in (("ewma", "EWMA"), ("cusum", "CUSUM up"), ("xbar-s", "subgroup standard deviations")):
+    for kind, said in (
+        ("ewma", "EWMA"),
+        ("cusum", "CUSUM up"),
+        ("xbar-s", "subgroup standard deviations"),
+    ):
         ended = call("chart", home, "-m", "dwell_s", "-k", kind, "--plot", tmp_path / f"{kind}.svg")
         assert (ended.exit_code, ended.exception) == (0, None)
         assert f"  {said}: centre" in ended.stdout
@@ -99,7 +132,8 @@ def test_a_shift_shows_in_sums_before_it_shows_in_values() -> None:
     fixed = Fixed("dde-1", 1, 0.0, -3.0, 3.0, "normal", 100)
     found = charted(made(list(np.where(np.arange(60) == 0, 0.0, values))), "cusum", fixed=fixed)
     if isinstance(found.charts, spc.Refused):
-        assert found.charts.kind == "autocorrelated"  # its own limits: the shift makes neighbours alike
+        # its own limits: the shift makes neighbours alike
+        assert found.charts.kind == "autocorrelated"
     assert [one.last for one in spc.cusum(values, centre=0, sigma=1)[0].signals]
 
 
@@ -114,10 +148,14 @@ def test_limits_are_learnt_kept_and_cited(home: Path, dwells: list[float], tmp_p
     assert document["sources"][0]["run"] == home.name
     chart = spc.phase_one(STEADY)
     assert isinstance(chart, spc.Chart)
-    assert (document["limits"][0]["upper"], document["limits"][0]["distribution"]) == (chart.upper[0], "lognormal")
+    assert (document["limits"][0]["upper"], document["limits"][0]["distribution"]) == (
+        chart.upper[0],
+        "lognormal",
+    )
     again = call("limits", "learn", home, "-m", "dwell_s", "--out", file)
     assert (again.exit_code, "exists; charts cite" in again.stderr) == (2, True)
-    dwells[:] = [value * 4 for value in dwells]  # later, everything takes four times as long: no signal by its own limits
+    # later, everything takes four times as long: no signal by its own limits
+    dwells[:] = [value * 4 for value in dwells]
     later = json.loads(call("chart", home, "-m", "dwell_s", "--limits", file, "--json").stdout)
     assert later["limits_sha256"] == sha256
     assert len(later["charts"][0]["fixed"]["signals"]) > 20
@@ -126,32 +164,60 @@ def test_limits_are_learnt_kept_and_cited(home: Path, dwells: list[float], tmp_p
     assert (wrong.exit_code, "the limits are of dwell_s" in wrong.stderr) == (2, True)
 
 
-def test_a_recovery_that_most_joints_lack_has_no_chart_no_capability_and_teaches_no_limits() -> None:
+def test_a_recovery_that_most_joints_lack_has_no_chart_no_capability_no_limits() -> None:
     few, many = (
-        Series("dde-1", 1, "recovery_s", "s", "joint", STEADY, [str(n) for n in range(60)], late, late=late) for late in (3, 4)
+        Series(
+            "dde-1",
+            1,
+            "recovery_s",
+            "s",
+            "joint",
+            STEADY,
+            [str(n) for n in range(60)],
+            late,
+            late=late,
+        )
+        for late in (3, 4)
     )
     kept, refused = charted(few, upper=9), charted(many, upper=9)
     assert not isinstance(kept.charts, spc.Refused)
     assert "3 joints left out: the next one came before the tip was back" in " ".join(lines(kept))
     assert isinstance(refused.charts, spc.Refused)
     assert isinstance(refused.capability, spc.Refused)
-    assert "After 4 of 64 joints the next one came before the tip was back." in " ".join(lines(refused))
+    assert "After 4 of 64 joints the next one came before the tip was back." in " ".join(
+        lines(refused)
+    )
     assert isinstance(learn(many), spc.Refused)
     assert joined([few, many])[0].late == 7
 
 
-def test_a_port_whose_joints_are_not_known_is_named_with_the_reason(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = [("joints", 0, "Only 2.0 s of the record are without contact."), ("power_mean_permille", 900, None)]
-    metrics = pd.DataFrame([{"station": "dde-1", "port": 1, "metric": name, "n": n, "why": why} for name, n, why in rows])
+def test_a_port_whose_joints_are_not_known_is_named_with_the_reason(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [
+        ("joints", 0, "Only 2.0 s of the record are without contact."),
+        ("power_mean_permille", 900, None),
+    ]
+    metrics = pd.DataFrame(
+        [
+            {"station": "dde-1", "port": 1, "metric": name, "n": n, "why": why}
+            for name, n, why in rows
+        ]
+    )
     monkeypatch.setattr(Run, "joints", lambda *_: JOINTS_SCHEMA.empty_table().to_pandas())
     monkeypatch.setattr(Run, "metrics", lambda *_: metrics)
     (series,) = series_of_run(open_run(home), "recovery_s")
-    assert "chart: none. Joints are not known: only 2.0 s of the record are without contact." in " ".join(lines(charted(series)))
+    assert (
+        "chart: none. Joints are not known: only 2.0 s of the record are without contact."
+        in " ".join(lines(charted(series)))
+    )
     metrics.loc[0, "why"] = None  # there are none, and that is known
     assert series_of_run(open_run(home), "recovery_s") == []
 
 
-@pytest.mark.parametrize(("count", "text"), [(1, "There is 1 day with alarms"), (0, "There are 0 days with alarms")])
+@pytest.mark.parametrize(
+    ("count", "text"), [(1, "There is 1 day with alarms"), (0, "There are 0 days with alarms")]
+)
 def test_one_is_one(count: int, text: str) -> None:
     assert there_are(count, "days with alarms") == text
     assert there_are(1, "stretches") == "There is 1 stretch"
@@ -177,12 +243,21 @@ def test_every_kind_states_its_false_alarms(kind: str) -> None:
     generator, lengths = np.random.default_rng(3), []
     for _ in range(60):
         points = generator.normal(size=4000)
-        found = (spc.ewma(points, centre=0, sigma=1),) if kind == "ewma" else spc.cusum(points, centre=0, sigma=1)
-        lengths.append(min((signal.last for one in found for signal in one.signals), default=3999) + 1)
-    assert np.mean(lengths) == pytest.approx(spc.RUN_LENGTHS[chart[0].name], rel=0.45)  # 60 of them: 13 % by chance
+        found = (
+            (spc.ewma(points, centre=0, sigma=1),)
+            if kind == "ewma"
+            else spc.cusum(points, centre=0, sigma=1)
+        )
+        lengths.append(
+            min((signal.last for one in found for signal in one.signals), default=3999) + 1
+        )
+    # 60 of them: 13 % by chance
+    assert np.mean(lengths) == pytest.approx(spc.RUN_LENGTHS[chart[0].name], rel=0.45)
 
 
-def test_what_is_not_stable_teaches_no_limits(home: Path, dwells: list[float], tmp_path: Path) -> None:
+def test_what_is_not_stable_teaches_no_limits(
+    home: Path, dwells: list[float], tmp_path: Path
+) -> None:
     dwells[30:] = [value * 2.5 for value in dwells[30:]]
     ended = call("limits", "learn", home, "-m", "dwell_s", "--out", tmp_path / "none.json")
     assert ended.exit_code == 1
@@ -208,7 +283,10 @@ def test_alarms_and_losses_of_a_run(home: Path) -> None:
     assert ended.exit_code == 0
     assert ended.stdout.startswith("alarms: 0 in 0.00")
     assert "u: centre 0" in ended.stdout
-    assert "There is 1 stretch; a chart of counts takes at least 10." in call("chart", home, "-m", "alarms").stdout
+    assert (
+        "There is 1 stretch; a chart of counts takes at least 10."
+        in call("chart", home, "-m", "alarms").stdout
+    )
     assert call("chart", home, "-m", "losses").stdout.startswith("losses: ")
 
 
@@ -226,9 +304,15 @@ def test_rejects_by_day(tmp_path: Path) -> None:
     for number, folder in enumerate(folders):
         manifest = read_manifest(folder)
         day = f"2026-09-{10 + number}T06:00:00.000000Z"
-        write_manifest(folder, replace(manifest, verdict="REJECT" if number == 4 else "ACCEPT", started=day))
+        write_manifest(
+            folder, replace(manifest, verdict="REJECT" if number == 4 else "ACCEPT", started=day)
+        )
     found = json.loads(call("chart", tmp_path, "-m", "rejects", "--json").stdout)["charts"][0]
-    assert (sum(found["counts"]), sum(found["sizes"]), found["names"][4]) == (1.0, 12.0, "2026-09-14")
+    assert (sum(found["counts"]), sum(found["sizes"]), found["names"][4]) == (
+        1.0,
+        12.0,
+        "2026-09-14",
+    )
     assert found["chart"]["centre"] == pytest.approx(1 / 12)
 
 

@@ -11,7 +11,13 @@ from jbclog.analysis.spc import Refused
 from jbclog.analysis.trend import Point, Trend
 from jbclog.core.text import exact, exact_figures
 
-DUST = 0.1 + 0.2, 10.000000000000002 - 10.0, 5.2896540000000005, 91.99999999999999, -6931.5999999999985
+DUST = (
+    0.1 + 0.2,
+    10.000000000000002 - 10.0,
+    5.2896540000000005,
+    91.99999999999999,
+    -6931.5999999999985,
+)
 
 
 def test_what_arithmetic_adds_is_rounded_off_and_nothing_else() -> None:
@@ -36,8 +42,16 @@ def test_equal_metrics_differ_by_nothing() -> None:
             self.speed = speed
 
         def metrics(self) -> pd.DataFrame:
-            names = [{"station": "ale-1", "port": 1, "metric": name, "unit": "mm/s"} for name in ("wire_speed_mm_s", "other")]
-            return pd.DataFrame([{**one, "value": value} for one, value in zip(names, (self.speed, None), strict=True)])
+            names = [
+                {"station": "ale-1", "port": 1, "metric": name, "unit": "mm/s"}
+                for name in ("wire_speed_mm_s", "other")
+            ]
+            return pd.DataFrame(
+                [
+                    {**one, "value": value}
+                    for one, value in zip(names, (self.speed, None), strict=True)
+                ]
+            )
 
     table = compare._metrics(Measured(10.000000000000002), Measured(10.0))  # type: ignore[arg-type]
     assert table.set_index("metric")["difference"]["wire_speed_mm_s"] == 0.0
@@ -46,7 +60,10 @@ def test_equal_metrics_differ_by_nothing() -> None:
 
 
 def test_a_mean_of_figures_that_cancel_is_zero() -> None:
-    points = [Point(f"r{at}", None, value, 1, None, None, None) for at, value in enumerate((0.1, 0.2, -0.3))]
+    points = [
+        Point(f"r{at}", None, value, 1, None, None, None)
+        for at, value in enumerate((0.1, 0.2, -0.3))
+    ]
     trend = Trend("dde-1", 1, "idle_error_c", "°C", points, Refused("too_few", "none"), None)
     assert sum(point.value or 0 for point in points) != 0
     assert trend.mean == 0.0

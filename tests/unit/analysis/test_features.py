@@ -1,4 +1,6 @@
-"""Joints and metrics of runs in their folders: as virtual stations were recorded, sealed, open; the file `joints.parquet`."""
+"""Joints and metrics of runs in their folders: as virtual stations were recorded, sealed, open; the
+file `joints.parquet`.
+"""
 
 from __future__ import annotations
 
@@ -29,20 +31,29 @@ from support.virtual.virtual_run import RECIPE, line_text
 
 FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
 OMEGA = "[recipe]\nname = 'states'\nrevision = 1\nfamilies = ['omega']\n[sampling]\nrate_hz = 1\n"
-AIR = "[recipe]\nname = 'air'\nrevision = 1\nfamilies = ['jtse']\n[air]\ntemperature_c = 300\n[run]\nstatus = 'on'\n"
+AIR = (
+    "[recipe]\nname = 'air'\nrevision = 1\nfamilies = ['jtse']\n[air]\ntemperature_c ="
+    " 300\n[run]\nstatus = 'on'\n"
+)
 
 
-def recorded(home: Path, line: str, recipe: str = RECIPE, seconds: float = 120.0, rate: str | None = None) -> Path:
+def recorded(
+    home: Path, line: str, recipe: str = RECIPE, seconds: float = 120.0, rate: str | None = None
+) -> Path:
     (home / "line.toml").write_text(line, encoding="utf-8")
     (home / "recipe.toml").write_text(recipe, encoding="utf-8")
-    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=seconds, rate=rate))
+    plan = make_plan(
+        RunOptions(home / "line.toml", home / "recipe.toml", duration_s=seconds, rate=rate)
+    )
     return RecordedRun(plan, home / "runs").result.folder
 
 
 @pytest.fixture(scope="module")
 def soldered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two minutes of a virtual station that solders twelve joints a minute."""
-    line = line_text("joints_per_minute = 12\njoint_seconds = 1.5\nseed = 3", "ports = [1]\nrated_power_w = 130")
+    line = line_text(
+        "joints_per_minute = 12\njoint_seconds = 1.5\nseed = 3", "ports = [1]\nrated_power_w = 130"
+    )
     return recorded(tmp_path_factory.mktemp("soldered"), line)
 
 
@@ -92,20 +103,25 @@ def test_the_file_is_what_was_found_and_names_its_manifest(soldered: Path) -> No
     assert len(pd.read_parquet(path)) == len(before)
     path.write_bytes(b"no parquet")
     pd.testing.assert_frame_equal(run.joints(), before)
-    made_up = pq.read_table(pa.BufferReader(first)).slice(1)  # of this manifest, with these columns, and not what was written
+    # of this manifest, with these columns, and not what was written
+    made_up = pq.read_table(pa.BufferReader(first)).slice(1)
     pq.write_table(made_up, path)
     pd.testing.assert_frame_equal(run.joints(), before)
     path.unlink()
 
 
-def test_metrics_that_a_report_left_are_taken_and_others_are_not(soldered: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_metrics_that_a_report_left_are_taken_and_others_are_not(
+    soldered: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = open_run(soldered)
     path = soldered / "report.json"
     path.unlink(missing_ok=True)
     before = run.metrics()
     write_report(soldered)
     text, computed = path.read_text(encoding="utf-8"), []
-    monkeypatch.setattr(run_metrics, "PortMeasuring", lambda *those: computed.append(1) or PortMeasuring(*those))
+    monkeypatch.setattr(
+        run_metrics, "PortMeasuring", lambda *those: computed.append(1) or PortMeasuring(*those)
+    )
     pd.testing.assert_frame_equal(run.metrics(), before)
     pd.testing.assert_frame_equal(run.metrics("dde-1"), before)
     with pytest.raises(UsageError, match="has no station 'another'; it has dde-1"):
@@ -126,7 +142,8 @@ def test_metrics_that_a_report_left_are_taken_and_others_are_not(soldered: Path,
         vouch(soldered, sha256(path.read_bytes()).hexdigest())
         pd.testing.assert_frame_equal(run.metrics(), before)
         assert len(computed) == number
-    path.write_text(text.replace('"joints"', '"jOints"'), encoding="utf-8")  # nobody vouches for that
+    # nobody vouches for that
+    path.write_text(text.replace('"joints"', '"jOints"'), encoding="utf-8")
     pd.testing.assert_frame_equal(run.metrics(), before)
     assert len(computed) == len(others) + 1
     path.write_text("[" * 100_000, encoding="utf-8")
@@ -151,7 +168,9 @@ def test_wire_of_an_ale(tmp_path: Path) -> None:
 def test_stations_that_report_little(tmp_path: Path) -> None:
     for name, recipe in (("omega", OMEGA), ("jtse", AIR)):
         (tmp_path / name).mkdir()
-        folder = recorded(tmp_path / name, line_text().replace('"dde"', f'"{name}"'), recipe, seconds=60.0)
+        folder = recorded(
+            tmp_path / name, line_text().replace('"dde"', f'"{name}"'), recipe, seconds=60.0
+        )
         table = open_run(folder).metrics()
         assert len(open_run(folder).joints()) == 0
         assert table.set_index("metric").loc["joints", "why"]

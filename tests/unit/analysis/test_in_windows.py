@@ -1,4 +1,6 @@
-"""A run is measured row group by row group: the figures of its whole, in memory that does not grow with its length."""
+"""A run is measured row group by row group: the figures of its whole, in memory that does not grow
+with its length.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +34,12 @@ def whole(run: LongRun) -> dict[str, tuple[float | None, int, float | None, str 
     return {one.name: (one.value, one.n, one.coverage, one.why) for one in measured.figures}
 
 
-@pytest.mark.parametrize(("family", "hz", "is_free"), [("dde", 10.0, False), ("dde", 10.0, True), ("jtse", 1.0, False)])
-def test_the_figures_are_those_of_the_whole_record(family: str, hz: float, is_free: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("family", "hz", "is_free"), [("dde", 10.0, False), ("dde", 10.0, True), ("jtse", 1.0, False)]
+)
+def test_the_figures_are_those_of_the_whole_record(
+    family: str, hz: float, is_free: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     seconds = 2500.0
     known = whole(LongRun(seconds, hz, family, is_free, group=1_000_000))
     for most_rows, most_kept, group in ((1, 1000, 777), (1_000_000, 50_000, 12_345)):
@@ -42,11 +48,21 @@ def test_the_figures_are_those_of_the_whole_record(family: str, hz: float, is_fr
         joints, metrics, _ = joints_and_metrics(LongRun(seconds, hz, family, is_free, group))
         for row in metrics:
             value, n, coverage, why = known[str(row["metric"])]
-            assert (row["n"], row["coverage"], row["why"]) == (n, pytest.approx(coverage, nan_ok=True), why), row
+            assert (row["n"], row["coverage"], row["why"]) == (
+                n,
+                pytest.approx(coverage, nan_ok=True),
+                why,
+            ), row
             assert (row["value"] is None) == (value is None)
-            assert row["value"] == pytest.approx(value, rel=1e-6, abs=1e-9, nan_ok=True) if value is not None else True
+            assert (
+                row["value"] == pytest.approx(value, rel=1e-6, abs=1e-9, nan_ok=True)
+                if value is not None
+                else True
+            )
         assert joints.num_rows == (known["joints"][0] or 0)
-    assert known["joints"][0] is None if family == "jtse" else 380 < (known["joints"][0] or nan) < 425
+    assert (
+        known["joints"][0] is None if family == "jtse" else 380 < (known["joints"][0] or nan) < 425
+    )
 
 
 @pytest.mark.parametrize("window_s", [3.0, 11.0, 13.0, 20.0])
@@ -64,8 +80,13 @@ def test_a_heat_up_on_the_edge_of_windows_is_one(window_s: float) -> None:
     assert found["heat_up_time_s"].n == 1
 
 
-def test_values_are_the_same_as_they_are_and_as_they_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    pieces = [np.random.default_rng(7).integers(-4, 9, size).astype(np.float64) for size in (3, 400, 1, 350, 2)]
+def test_values_are_the_same_as_they_are_and_as_they_are_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pieces = [
+        np.random.default_rng(7).integers(-4, 9, size).astype(np.float64)
+        for size in (3, 400, 1, 350, 2)
+    ]
     monkeypatch.setattr(values, "MOST_KEPT", 500)
     counted = values.Values(3)
     for piece in pieces:
@@ -100,7 +121,9 @@ def memory(run: LongRun) -> tuple[float, int, float]:
 
 
 @pytest.mark.parametrize(("family", "is_free"), [("dde", True), ("jtse", False)])
-def test_memory_is_the_same_for_three_hours_and_half_a_day(family: str, is_free: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_the_same_for_three_hours_and_half_a_day(
+    family: str, is_free: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
     monkeypatch.setattr(values, "MOST_KEPT", 1000)
     few, _, _ = memory(LongRun(THREE_HOURS_S, 0.1, family, is_free, 500))
@@ -115,5 +138,8 @@ def test_half_a_day_and_two_days_of_a_port_at_10_hz(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
     for seconds in (HALF_A_DAY_S, TWO_DAYS_S):
         most, joints, cpu = memory(LongRun(seconds, 10.0))
-        print(f"{seconds / 86400:g} days: {most / 1e6:.0f} MB, {joints} joints, {cpu:.1f} µs a row (traced)")
+        print(
+            f"{seconds / 86400:g} days: {most / 1e6:.0f} MB, {joints} joints, {cpu:.1f} µs a row"
+            " (traced)"
+        )
         assert most - BYTES_A_JOINT * joints < MOST_BYTES_AT_10_HZ

@@ -1,4 +1,6 @@
-"""Limits about joints from a recorded run to its verdict: recorder, report and `--verify` come to the same from the same files."""
+"""Limits about joints from a recorded run to its verdict: recorder, report and `--verify` come to
+the same from the same files.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ SIM = "joints_per_minute = 24\njoint_seconds = 0.8\nfeed_each_joint = true"
 
 
 def recorded(home: Path, recipe: str, seconds: float, sim: str = SIM, family: str = "ale") -> Path:
-    (home / "line.toml").write_text(line_text(sim).replace('"dde"', f'"{family}"'), encoding="utf-8")
+    (home / "line.toml").write_text(
+        line_text(sim).replace('"dde"', f'"{family}"'), encoding="utf-8"
+    )
     (home / "recipe.toml").write_text(recipe, encoding="utf-8")
     plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=seconds))
     return RecordedRun(plan, home / "runs").result.folder
@@ -47,7 +51,11 @@ def soldered(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rules(manifest: Manifest) -> dict[object, dict[str, object]]:
-    return {rule["name"]: rule for rule in manifest.verdict_rules if "joint" in str(rule["name"]) or "recov" in str(rule["name"])}
+    return {
+        rule["name"]: rule
+        for rule in manifest.verdict_rules
+        if "joint" in str(rule["name"]) or "recov" in str(rule["name"])
+    }
 
 
 def test_the_recorder_judges_joints(soldered: Path) -> None:
@@ -56,16 +64,22 @@ def test_the_recorder_judges_joints(soldered: Path) -> None:
     joints = open_run(soldered).joints()
     assert len(joints) > 60
     assert manifest.verdict == "ACCEPT"
-    observed = np.sort(joints["recovery_s"].dropna())[int(np.ceil(0.95 * joints["recovery_s"].notna().sum())) - 1]
+    observed = np.sort(joints["recovery_s"].dropna())[
+        int(np.ceil(0.95 * joints["recovery_s"].notna().sum())) - 1
+    ]
     assert recovery["observed"] == pytest.approx(observed, abs=1e-3)
     bound = recovery["bound"]
     assert isinstance(bound, dict)
     assert bound["n"] == len(joints) - 1  # with the last one the record ended
     assert (counted["observed"], counted["result"]) == (0, "pass")
-    assert str(counted["text"]).startswith(f"{len(joints)} joints found, {len(joints)} feeds counted: ")
+    assert str(counted["text"]).startswith(
+        f"{len(joints)} joints found, {len(joints)} feeds counted: "
+    )
 
 
-def test_the_joints_judged_are_those_of_the_table(soldered: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_joints_judged_are_those_of_the_table(
+    soldered: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     manifest, joints = read_manifest(soldered), open_run(soldered).joints()
     found = joint_evidence(soldered, manifest.stations, manifest.t0_utc)
     back = [one.seconds for one in found["dde-1", 1].recoveries if one is not None and one.back]
@@ -75,9 +89,13 @@ def test_the_joints_judged_are_those_of_the_table(soldered: Path, monkeypatch: p
     assert joint_evidence(soldered, twice, manifest.t0_utc)["dde-1", 1] == found["dde-1", 1]
 
 
-def test_evidence_does_not_depend_on_row_groups_and_is_what_the_joints_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_evidence_does_not_depend_on_row_groups_and_is_what_the_joints_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sim = "joints_per_minute = 24\njoint_seconds = 0.8"
-    folder = recorded(tmp_path, RECIPE + "\n[acceptance]\nrecovery_p95_s = 2.0\n", 60.0, sim, family="dde")
+    folder = recorded(
+        tmp_path, RECIPE + "\n[acceptance]\nrecovery_p95_s = 2.0\n", 60.0, sim, family="dde"
+    )
     manifest, joints = read_manifest(folder), open_run(folder).joints()
     found = joint_evidence(folder, manifest.stations, manifest.t0_utc)
     told = [one.seconds for one in found["dde-1", 1].recoveries if one is not None and one.back]
@@ -85,7 +103,8 @@ def test_evidence_does_not_depend_on_row_groups_and_is_what_the_joints_say(tmp_p
     assert len(told) > 10
     part = part_paths(folder, "samples")[0]
     pq.write_table(pq.read_table(part, partitioning=None), part, row_group_size=37)
-    monkeypatch.setattr(evidence_of, "MOST_ROWS", 100)  # so that each sweep reads the row groups anew
+    # so that each sweep reads the row groups anew
+    monkeypatch.setattr(evidence_of, "MOST_ROWS", 100)
     assert joint_evidence(folder, manifest.stations, manifest.t0_utc) == found
 
 
@@ -105,10 +124,15 @@ def test_report_comes_to_the_same_and_says_where_it_does_not(
         "verdict, recovery_p95 of dde-1 port 1: was missing, its record gives pass",
     ]
     manifest.host["jbclog"] = "0.0.1"
-    assert check_verdict(folder, manifest).differing[0].endswith("gives ACCEPT; it was judged by jbclog 0.0.1")
+    assert (
+        check_verdict(folder, manifest)
+        .differing[0]
+        .endswith("gives ACCEPT; it was judged by jbclog 0.0.1")
+    )
     manifest.host["jbclog"] = __version__
     monkeypatch.setattr(write, "report_files", lambda _: {})
-    of_verdict = [one for one in verify_report(folder) if one.startswith("verdict")]  # the seal of the file is another matter
+    # the seal of the file is another matter
+    of_verdict = [one for one in verify_report(folder) if one.startswith("verdict")]
     assert of_verdict == check_verdict(folder, manifest).differing
 
 
@@ -118,10 +142,17 @@ def test_too_few_joints_are_not_accepted_and_slow_ones_rejected(tmp_path: Path) 
         home.mkdir()
     assert read_manifest(recorded(few, RECIPE + FEEDER + ASKED, 40.0)).verdict == "INCONCLUSIVE"
     strict = ASKED.replace("2.0", "0.5")
-    assert rules(read_manifest(recorded(slow, RECIPE + FEEDER + strict, 40.0)))["recovery_p95"]["result"] == "fail"
+    assert (
+        rules(read_manifest(recorded(slow, RECIPE + FEEDER + strict, 40.0)))["recovery_p95"][
+            "result"
+        ]
+        == "fail"
+    )
 
 
-def test_what_this_program_cannot_do_ends_no_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_this_program_cannot_do_ends_no_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(*_: object) -> None:
         raise ZeroDivisionError("for the test")
 
@@ -131,7 +162,7 @@ def test_what_this_program_cannot_do_ends_no_record(tmp_path: Path, monkeypatch:
     assert "ZeroDivisionError: for the test" in str(rules(manifest)["recovery_p95"]["text"])
 
 
-# -- joints and feeds between two readings of the counter -------------------------------------------------------------------
+# -- joints and feeds between two readings of the counter ------------------------------------------
 
 
 def feeds(series: Series, times: list[float], counts: list[float], stepped_s: float = 0.0) -> Feeds:
@@ -140,19 +171,26 @@ def feeds(series: Series, times: list[float], counts: list[float], stepped_s: fl
 
 
 def made(lose: tuple[float, float] = (0.0, 0.0)) -> Series:
-    """Two minutes of a tip at 10 Hz that gives heat away for 1.5 s each six seconds, from 10 s on, and is fed: 18 joints."""
+    """Two minutes of a tip at 10 Hz that gives heat away for 1.5 s each six seconds, from 10 s on,
+    and is fed: 18 joints.
+    """
     series = made_series.made(120, *joints_at([10.0 + 6 * number for number in range(18)]))
-    busy = ((series.seconds % 6 >= 4.2) & (series.seconds % 6 < 4.9) & (series.seconds > 9)).astype(np.float64)
+    busy = ((series.seconds % 6 >= 4.2) & (series.seconds % 6 < 4.9) & (series.seconds > 9)).astype(
+        np.float64
+    )
     return made_series.lose(replace(series, feeding=busy), lose)
 
 
 def test_feeds_are_counted_between_the_first_and_the_last_reading() -> None:
     assert feeds(made(), [0.0, 120.0], [5, 23]).counted == 18
     whole = feeds(made(), [0.0, 121.0], [5, 23])
-    assert (whole.at_edges, whole.beyond, whole.lost_s) == (0, 1, 0)  # one may begin with the last row, and shows no heat yet
+    # one may begin with the last row, and shows no heat yet
+    assert (whole.at_edges, whole.beyond, whole.lost_s) == (0, 1, 0)
     half = feeds(made(), [0.0, 62.0, 119.0], [5, 14, 23])
     assert half.found == whole.found
-    assert feeds(made(), [0.0, 62.0], [5, 14]).found == sum(5 < start < 62 for start in range(10, 120, 6))
+    assert feeds(made(), [0.0, 62.0], [5, 14]).found == sum(
+        5 < start < 62 for start in range(10, 120, 6)
+    )
 
 
 @pytest.mark.parametrize(("last", "at_edges", "beyond"), [(62.0, 0, 0), (65.5, 1, 0), (63.5, 0, 1)])

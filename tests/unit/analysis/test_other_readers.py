@@ -1,6 +1,8 @@
-"""The tables of a run as other programs read them, without jbclog: pandas, DuckDB and Polars, cell by cell.
+"""The tables of a run as other programs read them, without jbclog: pandas, DuckDB and Polars, cell
+by cell.
 
-DuckDB gives a time with a zone in the session's zone, Polars and pandas in UTC; the moment is the same.
+DuckDB gives a time with a zone in the session's zone, Polars and pandas in UTC; the moment is the
+same.
 """
 
 from __future__ import annotations
@@ -32,7 +34,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> jbclog.Run:
 
 def told(run: jbclog.Run, table: str) -> Cells:
     """What jbclog gives, in Python's own values; times as microseconds."""
-    frame = {"samples": run.samples, "events": run.events, "settings": run.settings, "counters": run.counters}[table]()
+    frame = {
+        "samples": run.samples,
+        "events": run.events,
+        "settings": run.settings,
+        "counters": run.counters,
+    }[table]()
     return cells(frame.astype(object).where(frame.notna(), None).to_dict("records"))
 
 
@@ -54,7 +61,9 @@ def by_pandas(folder: Path) -> Cells:
 
 
 def by_duckdb(folder: Path) -> Cells:
-    found = duckdb.connect().sql(f"SELECT * FROM read_parquet('{folder}/*.parquet')").to_arrow_table()
+    found = (
+        duckdb.connect().sql(f"SELECT * FROM read_parquet('{folder}/*.parquet')").to_arrow_table()
+    )
     return cells(found.to_pylist())
 
 
@@ -66,7 +75,12 @@ def by_lazy_polars(folder: Path) -> Cells:
     return cells(pl.scan_parquet(folder).collect().to_dicts())
 
 
-READERS = {"pandas": by_pandas, "DuckDB": by_duckdb, "Polars": by_polars, "Polars, lazily": by_lazy_polars}
+READERS = {
+    "pandas": by_pandas,
+    "DuckDB": by_duckdb,
+    "Polars": by_polars,
+    "Polars, lazily": by_lazy_polars,
+}
 
 
 @pytest.mark.parametrize("table", TABLES)
@@ -83,7 +97,9 @@ def test_nulls_are_nulls_and_not_zero(run: jbclog.Run) -> None:
     samples = run.samples()
     nulls = {name: int(samples[name].isna().sum()) for name in samples}
     assert min(nulls["temperature_c"], nulls["set_c"], nulls["alarm_high"]) > 0
-    by_duck = duckdb.connect().sql(f"SELECT * FROM '{run.folder}/samples/*.parquet'").to_arrow_table()
+    by_duck = (
+        duckdb.connect().sql(f"SELECT * FROM '{run.folder}/samples/*.parquet'").to_arrow_table()
+    )
     assert {name: by_duck[name].null_count for name in by_duck.column_names} == nulls
     assert pl.read_parquet(run.folder / "samples" / "*.parquet").null_count().to_dicts() == [nulls]
 
@@ -92,7 +108,11 @@ def test_types_and_the_zone_come_through(run: jbclog.Run) -> None:
     schema = pl.read_parquet_schema(next((run.folder / "samples").iterdir()))
     types = (schema["time"], schema["tick"], schema["station"], schema["alarm_high"])
     assert types == (pl.Datetime("us", "UTC"), pl.Int64, pl.String, pl.Boolean)
-    described = duckdb.connect().execute(f"DESCRIBE SELECT * FROM '{run.folder}/samples/*.parquet'").fetchall()
+    described = (
+        duckdb.connect()
+        .execute(f"DESCRIBE SELECT * FROM '{run.folder}/samples/*.parquet'")
+        .fetchall()
+    )
     by_name = {name: kind for name, kind, *_ in described}
     found = [by_name[name] for name in ("time", "tick", "station", "temperature_c", "alarm_high")]
     assert found == ["TIMESTAMP WITH TIME ZONE", "BIGINT", "VARCHAR", "BIGINT", "BOOLEAN"]
@@ -106,15 +126,27 @@ def test_a_question_in_sql_has_the_answer_that_pandas_gives(run: jbclog.Run) -> 
     samples = run.samples()
     by = samples[samples["quality"] == "ok"].groupby(["station", "port"])["temperature_c"]
     expected = [
-        (station, port, n, pytest.approx(mean)) for (station, port), n, mean in zip(by.groups, by.count(), by.mean(), strict=True)
+        (station, port, n, pytest.approx(mean))
+        for (station, port), n, mean in zip(by.groups, by.count(), by.mean(), strict=True)
     ]
     assert duckdb.connect().execute(asked).fetchall() == expected
-    lazily = pl.scan_parquet(run.folder / "samples").filter(pl.col("quality") == "ok").group_by("station", "port")
-    means = lazily.agg(pl.len().alias("rows"), pl.col("temperature_c").mean().alias("mean")).sort("station", "port").collect()
+    lazily = (
+        pl.scan_parquet(run.folder / "samples")
+        .filter(pl.col("quality") == "ok")
+        .group_by("station", "port")
+    )
+    means = (
+        lazily.agg(pl.len().alias("rows"), pl.col("temperature_c").mean().alias("mean"))
+        .sort("station", "port")
+        .collect()
+    )
     assert means["mean"].to_list() == [row[3] for row in expected]
 
 
 def test_pandas_needs_no_jbclog(run: jbclog.Run) -> None:
-    asked = f"import pandas, sys; print(len(pandas.read_parquet({str(run.folder / 'samples')!r})), 'jbclog' in sys.modules)"
+    asked = (
+        f"import pandas, sys; print(len(pandas.read_parquet({str(run.folder / 'samples')!r})),"
+        " 'jbclog' in sys.modules)"
+    )
     done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
     assert done.stdout == f"{len(run.samples())} False\n"

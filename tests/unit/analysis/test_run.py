@@ -1,4 +1,6 @@
-"""A run as DataFrames: sealed, being recorded, cut off; without writing into it and without making the recorder wait."""
+"""A run as DataFrames: sealed, being recorded, cut off; without writing into it and without making
+the recorder wait.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,12 @@ def run(folder: Path) -> jbclog.Run:
 
 
 def test_all_tables_have_their_columns(run: jbclog.Run) -> None:
-    frames = {"samples": run.samples(), "events": run.events(), "settings": run.settings(), "counters": run.counters()}
+    frames = {
+        "samples": run.samples(),
+        "events": run.events(),
+        "settings": run.settings(),
+        "counters": run.counters(),
+    }
     for table, frame in frames.items():
         assert list(frame.columns) == SCHEMAS[table].names
         assert len(frame)
@@ -65,7 +72,19 @@ def test_by_station_and_port(run: jbclog.Run) -> None:
 
 
 @pytest.mark.parametrize(
-    "method", ["samples", "stream", "events", "settings", "counters", "wire", "joints", "each_joint", "metrics", "plot"]
+    "method",
+    [
+        "samples",
+        "stream",
+        "events",
+        "settings",
+        "counters",
+        "wire",
+        "joints",
+        "each_joint",
+        "metrics",
+        "plot",
+    ],
 )
 def test_an_unknown_station_is_an_error_with_the_known_ones(run: jbclog.Run, method: str) -> None:
     named = {"station": "nobody"}
@@ -89,7 +108,9 @@ def test_by_time_the_start_included_and_the_stop_not(run: jbclog.Run, zone: str)
     found = run.samples(start=text, stop=stop)["time"]
     assert found.min() == start
     assert found.max() < stop
-    same = run.samples(start=start.to_pydatetime(), stop=datetime.fromtimestamp(stop.timestamp(), UTC))
+    same = run.samples(
+        start=start.to_pydatetime(), stop=datetime.fromtimestamp(stop.timestamp(), UTC)
+    )
     assert len(same) == len(found)
     madrid = start.tz_convert("Europe/Madrid")
     assert len(run.samples(start=madrid, stop=stop)) == len(found)
@@ -115,7 +136,7 @@ def test_what_is_no_run(tmp_path: Path, name: str) -> None:
         jbclog.open_run(tmp_path / name)
 
 
-# -- not sealed ------------------------------------------------------------------------------------------------------------
+# -- not sealed ------------------------------------------------------------------------------------
 
 
 def test_a_run_that_is_being_recorded_grows(tmp_path: Path) -> None:
@@ -137,11 +158,15 @@ def test_a_run_that_is_being_recorded_grows(tmp_path: Path) -> None:
 
 def test_a_run_that_crashed_is_read_without_touching_it(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
-    before = {path: path.read_bytes() for path in folder.iterdir() if not path.name.endswith("-shm")}
+    before = {
+        path: path.read_bytes() for path in folder.iterdir() if not path.name.endswith("-shm")
+    }
     run = jbclog.open_run(folder)
     assert list(run.samples()["tick"]) == list(range(150))
     assert run.manifest.state == "open"
-    assert {path: path.read_bytes() for path in folder.iterdir() if not path.name.endswith("-shm")} == before
+    assert {
+        path: path.read_bytes() for path in folder.iterdir() if not path.name.endswith("-shm")
+    } == before
     recover(folder)
     assert list(run.samples()["tick"]) == list(range(150))
     assert run.manifest.exit_status == "lost"
@@ -153,7 +178,10 @@ def test_a_run_that_is_closed_and_not_yet_sealed(tmp_path: Path) -> None:
     store.close()
     before = {path.name for path in store.folder.iterdir()}
     assert list(jbclog.open_run(store.folder).samples()["tick"]) == list(range(30))
-    assert {path.name for path in store.folder.iterdir()} - before <= {"live.sqlite-shm", "live.sqlite-wal"}
+    assert {path.name for path in store.folder.iterdir()} - before <= {
+        "live.sqlite-shm",
+        "live.sqlite-wal",
+    }
     store.release()
 
 
@@ -166,7 +194,9 @@ def test_damage_is_reported(tmp_path: Path) -> None:
 
 
 def test_every_look_at_a_run_while_it_is_sealed_sees_each_row_once(tmp_path: Path) -> None:
-    """A reader goes on without pause while parts appear, batches disappear and the run is concluded."""
+    """A reader goes on without pause while parts appear, batches disappear and the run is
+    concluded.
+    """
     store = few_rows.begun(tmp_path)
     committed, done, seen = [0], threading.Event(), []
 
@@ -201,15 +231,26 @@ def test_every_look_at_a_run_while_it_is_sealed_sees_each_row_once(tmp_path: Pat
         assert len(ticks) >= least
 
 
-# -- the plot ----------------------------------------------------------------------------------------------------------------
+# -- the plot --------------------------------------------------------------------------------------
 
 
-def test_the_plot_shows_each_port_with_its_gap_as_the_report_does(run: jbclog.Run, tmp_path: Path) -> None:
+def test_the_plot_shows_each_port_with_its_gap_as_the_report_does(
+    run: jbclog.Run, tmp_path: Path
+) -> None:
     figure = run.plot()
-    assert [text.get_text() for text in figure.texts] == ["ale-1 port 1", "dde-1 port 1", "dde-1 port 2"]
-    ports = [[axes for axes in figure.axes if axes.get_label() == text.get_text()] for text in figure.texts]
+    assert [text.get_text() for text in figure.texts] == [
+        "ale-1 port 1",
+        "dde-1 port 1",
+        "dde-1 port 2",
+    ]
+    ports = [
+        [axes for axes in figure.axes if axes.get_label() == text.get_text()]
+        for text in figure.texts
+    ]
     assert [len(panels) for panels in ports] == [3, 3, 3]  # temperature, power, lanes
-    gaps = [sum(one.get_gid() == "gap" for axes in panels for one in axes.patches) for panels in ports]
+    gaps = [
+        sum(one.get_gid() == "gap" for axes in panels for one in axes.patches) for panels in ports
+    ]
     assert gaps == [2, 0, 0]
     figure.savefig(tmp_path / "run.png")
     assert (tmp_path / "run.png").stat().st_size > 10_000

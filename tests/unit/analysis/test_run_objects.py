@@ -1,4 +1,6 @@
-"""A run as objects: its verdict, duration, stations and units, its joints with their slice of the samples, and its figure."""
+"""A run as objects: its verdict, duration, stations and units, its joints with their slice of the
+samples, and its figure.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,9 @@ def test_a_run_without_an_end_has_no_duration_and_no_verdict(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("crashes", [False, True])
 def test_units_have_their_time_on_the_bench(tmp_path: Path, *, crashes: bool) -> None:
-    units = jbclog.open_run(event_run.run_with(tmp_path, READ, Metadata(units=["SN-0"]), crashes=crashes)).units()
+    units = jbclog.open_run(
+        event_run.run_with(tmp_path, READ, Metadata(units=["SN-0"]), crashes=crashes)
+    ).units()
     assert list(units["unit"]) == ["SN-1", "SN-2", "SN-0"]
     assert list(units["begin"][:2]) == [at(10), at(30)]
     assert units["end"][0] == at(20)
@@ -54,10 +58,16 @@ def test_units_have_their_time_on_the_bench(tmp_path: Path, *, crashes: bool) ->
     assert pd.isna(units["begin"][2])  # it was only named: nobody knows when it was there
 
 
-def test_one_unit_that_was_named_is_there_for_the_whole_run_of_several_nobody_knows(tmp_path: Path) -> None:
+def test_one_unit_that_was_named_is_there_for_the_whole_run_of_several_nobody_knows(
+    tmp_path: Path,
+) -> None:
     run = jbclog.open_run(event_run.run_with(tmp_path, [], Metadata(units=["SN-0"])))
     (row,) = run.units().itertuples()
-    assert (row.unit, row.begin, row.end) == ("SN-0", pd.Timestamp(run.manifest.started), pd.Timestamp(run.manifest.ended))
+    assert (row.unit, row.begin, row.end) == (
+        "SN-0",
+        pd.Timestamp(run.manifest.started),
+        pd.Timestamp(run.manifest.ended),
+    )
     append(run.folder, who="A. Rossi", what="SN-7", why="the reader was off", kind="unit.late")
     both = run.units()
     assert list(both["unit"]) == ["SN-0", "SN-7"]
@@ -78,14 +88,18 @@ def test_joints_are_the_rows_of_the_table_as_objects(run: jbclog.Run) -> None:
     for name in JOINTS_SCHEMA.names:
         values = [getattr(joint, name) for joint in joints]
         assert [None if pd.isna(value) else value for value in table[name]] == values
-    assert run.each_joint("dde-1", 2) == [one for one in joints if (one.station, one.port) == ("dde-1", 2)]
+    assert run.each_joint("dde-1", 2) == [
+        one for one in joints if (one.station, one.port) == ("dde-1", 2)
+    ]
 
 
 def test_a_joint_has_its_unit(tmp_path: Path) -> None:
     run = jbclog.open_run(small_run.make_run(tmp_path, 40.0))
     append(run.folder, who="A. Rossi", what="SN-7", why="the reader was off", kind="unit.late")
     expected = run.unit_at(run.joints()["start"])
-    assert [one.unit for one in run.each_joint()] == [None if pd.isna(unit) else unit for unit in expected]
+    assert [one.unit for one in run.each_joint()] == [
+        None if pd.isna(unit) else unit for unit in expected
+    ]
 
 
 def test_a_joint_has_its_slice_of_the_samples(run: jbclog.Run) -> None:

@@ -1,4 +1,6 @@
-"""Many runs: found by their manifests, lazily, read piece by piece; and how notebooks show one and many."""
+"""Many runs: found by their manifests, lazily, read piece by piece; and how notebooks show one and
+many.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +36,24 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_runs_are_found_by_their_metadata(home: Path) -> None:
     assert len(jbclog.open_runs(home)) == 3
-    assert [run.name for run in jbclog.open_runs(home, order="88123")] == ["20260921T141320Z-bench-k7qd"]
-    assert len(jbclog.open_runs(home, unit="SN-*", tags={"shift": "late"}, operator="A. Rossi", product="controller")) == 1
+    assert [run.name for run in jbclog.open_runs(home, order="88123")] == [
+        "20260921T141320Z-bench-k7qd"
+    ]
+    assert (
+        len(
+            jbclog.open_runs(
+                home, unit="SN-*", tags={"shift": "late"}, operator="A. Rossi", product="controller"
+            )
+        )
+        == 1
+    )
     assert len(jbclog.open_runs(home, line="bench", recipe="sn100c-tht@7", station="dde-1")) == 3
     assert len(jbclog.open_runs(home, station="ale-1")) == 2
     assert len(jbclog.open_runs(home, since="2026-09-22")) == 0
-    assert len(jbclog.open_runs(home, since="2026-09-21", until=pd.Timestamp("2026-09-22", tz="UTC"))) == 3
+    assert (
+        len(jbclog.open_runs(home, since="2026-09-21", until=pd.Timestamp("2026-09-22", tz="UTC")))
+        == 3
+    )
 
 
 def test_an_unknown_filter_and_a_missing_folder_are_errors(home: Path) -> None:
@@ -49,10 +63,16 @@ def test_an_unknown_filter_and_a_missing_folder_are_errors(home: Path) -> None:
         jbclog.open_runs(home / "nothing")
 
 
-def test_nothing_is_read_before_it_is_asked_for(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_read_before_it_is_asked_for(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     read: list[Path] = []
     summary_of = find_runs.summary_of
-    monkeypatch.setattr(find_runs, "summary_of", lambda folder, wanted: read.append(folder) or summary_of(folder, wanted))
+    monkeypatch.setattr(
+        find_runs,
+        "summary_of",
+        lambda folder, wanted: read.append(folder) or summary_of(folder, wanted),
+    )
     runs = jbclog.open_runs(home, line="bench")
     assert read == []
     assert len(runs) == len(list(runs)) == 3
@@ -87,14 +107,18 @@ def test_samples_of_all_runs_are_those_of_each(home: Path) -> None:
     assert list(whole.columns) == ["run", "tick", "temperature_c"]
     for run in runs:
         mine = whole[whole["run"] == run.name].drop(columns="run").reset_index(drop=True)
-        pd.testing.assert_frame_equal(mine, run.samples("dde-1", 1, columns=["tick", "temperature_c"]))
+        pd.testing.assert_frame_equal(
+            mine, run.samples("dde-1", 1, columns=["tick", "temperature_c"])
+        )
 
 
 def test_metrics_and_joints_name_their_run(home: Path) -> None:
     runs = jbclog.open_runs(home, order="88123")
     metrics = runs.metrics()
     assert set(metrics["run"]) == {"20260921T141320Z-bench-k7qd"}
-    assert {"started", "station", "port", "metric", "value", "unit", "n", "why"} <= set(metrics.columns)
+    assert {"started", "station", "port", "metric", "value", "unit", "n", "why"} <= set(
+        metrics.columns
+    )
     assert len(runs.joints()) == len(runs[0].joints()) > 5
     assert len(jbclog.open_runs(home, order="none").joints()) == 0
 
@@ -106,14 +130,18 @@ def test_a_station_that_no_run_has_is_an_error(home: Path) -> None:
             read("nobody")
 
 
-def test_metrics_of_a_report_are_those_of_the_run_without_opening_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_metrics_of_a_report_are_those_of_the_run_without_opening_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = small_run.make_run(tmp_path, 5.0)
     computed = jbclog.open_runs(tmp_path).metrics()
     write_report(folder)
     monkeypatch.setattr("jbclog.analysis.runs.open_run", None)
     pd.testing.assert_frame_equal(jbclog.open_runs(tmp_path).metrics(), computed)
     only = jbclog.open_runs(tmp_path).metrics("ale-1")
-    pd.testing.assert_frame_equal(only, computed[computed["station"] == "ale-1"].reset_index(drop=True))
+    pd.testing.assert_frame_equal(
+        only, computed[computed["station"] == "ale-1"].reset_index(drop=True)
+    )
 
 
 def test_a_manifest_that_is_changed_after_the_search_is_noticed(tmp_path: Path) -> None:
@@ -135,12 +163,16 @@ def test_a_folder_that_cannot_be_read_is_named_and_the_others_are_there(tmp_path
     assert "1 unreadable" in repr(runs)
 
 
-# -- piece by piece ---------------------------------------------------------------------------------------------------------
+# -- piece by piece --------------------------------------------------------------------------------
 
 
 def test_a_stream_is_the_table(home: Path) -> None:
     for run in jbclog.open_runs(home):
-        for table, whole in (("samples", run.samples()), ("events", run.events()), ("counters", run.counters())):
+        for table, whole in (
+            ("samples", run.samples()),
+            ("events", run.events()),
+            ("counters", run.counters()),
+        ):
             pieces = list(run.stream(table))
             together = pd.concat(pieces, ignore_index=True) if pieces else whole.head(0)
             pd.testing.assert_frame_equal(together, whole)
@@ -150,19 +182,27 @@ def test_a_stream_of_a_run_that_is_open_has_what_is_not_sealed_yet(tmp_path: Pat
     store = few_rows.begun(tmp_path)
     few_rows.hand_over(store, range(70))
     store.commit_now()
-    ticks = [tick for piece in jbclog.open_run(store.folder).stream(columns=["tick"]) for tick in piece["tick"]]
+    ticks = [
+        tick
+        for piece in jbclog.open_run(store.folder).stream(columns=["tick"])
+        for tick in piece["tick"]
+    ]
     few_rows.vanish(store)
     assert ticks == list(range(70))
 
 
-def test_only_parts_of_the_time_asked_for_are_read(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_parts_of_the_time_asked_for_are_read(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = jbclog.open_runs(home, order="88123")[0]
     times = run.samples(columns=["time"])["time"]
     read: list[Path] = []
     from jbclog.analysis import run_tables as module
 
     groups_of = module.groups_of
-    monkeypatch.setattr(module, "groups_of", lambda parts, columns: read.extend(parts) or groups_of(parts, columns))
+    monkeypatch.setattr(
+        module, "groups_of", lambda parts, columns: read.extend(parts) or groups_of(parts, columns)
+    )
     assert len(run.samples(start=times.iloc[-1])) == 1
     assert len(read) == 1
     assert len(run.samples(start=times.iloc[-1] + pd.Timedelta(microseconds=1))) == 0
@@ -171,7 +211,9 @@ def test_only_parts_of_the_time_asked_for_are_read(home: Path, monkeypatch: pyte
     assert len(run.samples(stop=times.iloc[1], columns=["tick"])) == 1
 
 
-def test_a_stream_reads_no_further_than_it_is_asked(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stream_reads_no_further_than_it_is_asked(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from jbclog.analysis import run_tables as module
 
     given: list[int] = []
@@ -192,7 +234,7 @@ def test_a_stream_reads_no_further_than_it_is_asked(home: Path, monkeypatch: pyt
     assert given == [0, 100]
 
 
-# -- in a notebook ----------------------------------------------------------------------------------------------------------
+# -- in a notebook ---------------------------------------------------------------------------------
 
 
 class Seen(HTMLParser):
@@ -225,7 +267,13 @@ def test_they_show_what_matters(home: Path) -> None:
 def test_hostile_texts_are_only_shown(tmp_path: Path, name: str) -> None:
     text = HOSTILE[name]
     said = Metadata(text, text, text, units=[text, text], tags={text: text})
-    sealed_run.seal(tmp_path, [sealed_run.station(rows=2)], sealed_run.table(sealed_run.samples(2)), metadata=said, verdict=text)
+    sealed_run.seal(
+        tmp_path,
+        [sealed_run.station(rows=2)],
+        sealed_run.table(sealed_run.samples(2)),
+        metadata=said,
+        verdict=text,
+    )
     runs = jbclog.open_runs(tmp_path)
     for shown in (runs._repr_html_(), runs[0]._repr_html_()):
         seen = Seen(shown)

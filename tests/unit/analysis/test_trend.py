@@ -36,7 +36,9 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module", autouse=True)
 def _measured_once() -> Iterator[None]:
-    """A sealed run is measured once for all tests: they are of what is made of the figures, not of the measuring."""
+    """A sealed run is measured once for all tests: they are of what is made of the figures, not of
+    the measuring.
+    """
     measure, kept = run_metrics.metric_rows_of, dict[tuple[bytes, str | None], list[MetricRow]]()
 
     def once(run: Run, station: str | None = None) -> list[MetricRow]:
@@ -56,12 +58,18 @@ def trend(*words: str | Path) -> Result:
 
 def test_a_point_is_a_runs_metric_in_the_order_of_the_runs(home: Path) -> None:
     (found,) = trends(open_runs(home))
-    assert (found.station, found.port, found.metric, found.unit) == ("dde-1", 1, "idle_error_c", "°C")
+    assert (found.station, found.port, found.metric, found.unit) == (
+        "dde-1",
+        1,
+        "idle_error_c",
+        "°C",
+    )
     assert len(found.points) == 30
     assert [one.run for one in found.points] == sorted(one.run for one in found.points)
     own = open_runs(home)[7].metrics().set_index("metric").loc["idle_error_c", "value"]
     assert found.points[7].value == own
-    assert found.values == pytest.approx(STEADY, abs=0.5)  # whole degrees, dithered; noise of the readings
+    # whole degrees, dithered; noise of the readings
+    assert found.values == pytest.approx(STEADY, abs=0.5)
 
 
 def test_chart_and_capability_are_those_of_spc(home: Path) -> None:
@@ -96,7 +104,9 @@ def test_what_would_mislead_is_refused_in_a_sentence(home: Path, tmp_path: Path)
     assert "chart: none. The values come in steps" in trend(tmp_path, "-m", "recovery_s").stdout
 
 
-def test_a_mean_of_readings_that_do_not_spread_shows_no_less_than_their_step(tmp_path: Path) -> None:
+def test_a_mean_of_readings_that_do_not_spread_shows_no_less_than_their_step(
+    tmp_path: Path,
+) -> None:
     for number in range(3):
         one_run(tmp_path, number, still=number == 0)
     (found,) = trends(open_runs(tmp_path))
@@ -104,11 +114,16 @@ def test_a_mean_of_readings_that_do_not_spread_shows_no_less_than_their_step(tmp
     assert found.points[1].resolution == pytest.approx(1 / found.points[1].n ** 0.5)
 
 
-def test_a_run_without_the_metric_is_no_point_and_is_counted_with_its_reason(tmp_path: Path) -> None:
+def test_a_run_without_the_metric_is_no_point_and_is_counted_with_its_reason(
+    tmp_path: Path,
+) -> None:
     many_runs(tmp_path, STEADY[:3])
     one_run(tmp_path, 5, rows=20)  # two seconds: never idle
     (found,) = trends(open_runs(tmp_path))
-    assert ([one.value is None for one in found.points], len(found.values)) == ([False, False, False, True], 3)
+    assert ([one.value is None for one in found.points], len(found.values)) == (
+        [False, False, False, True],
+        3,
+    )
     assert re.search(r"no value in 1 run: \S", trend(tmp_path).stdout)
 
 
@@ -116,7 +131,10 @@ def test_runs_that_were_not_sampled_as_often_are_warned_of(tmp_path: Path) -> No
     folders = many_runs(tmp_path, STEADY[:4])
     assert trends(open_runs(tmp_path))[0].warnings == []
     manifest = read_manifest(folders[2])
-    write_manifest(folders[2], replace(manifest, stations=[replace(facts, period_s=0.2) for facts in manifest.stations]))
+    write_manifest(
+        folders[2],
+        replace(manifest, stations=[replace(facts, period_s=0.2) for facts in manifest.stations]),
+    )
     (found,) = trends(open_runs(tmp_path))
     (warning,) = found.warnings
     assert warning.startswith("rates differ: 10 Hz in 3 runs, 5 Hz in 1 run; results (joints")
@@ -128,7 +146,9 @@ def test_changes_of_recipe_and_tip_are_listed(tmp_path: Path) -> None:
     for number, tip in enumerate(("dde-1:1=T-1", "dde-1=T-1", "T-2")):
         one_run(tmp_path, number, metadata=told(tips=[tip]))
     (found,) = trends(open_runs(tmp_path))
-    assert [change.partition(": ")[2] for change in found.changes] == ["the tip is T-2, before it was T-1"]
+    assert [change.partition(": ")[2] for change in found.changes] == [
+        "the tip is T-2, before it was T-1"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -149,9 +169,22 @@ def test_json_has_points_chart_and_refusals(home: Path) -> None:
     found = json.loads(trend(home, "--json", "--upper", "15").stdout)
     (one,) = found["trends"]
     assert (found["runs"], one["n"], len(one["points"])) == (30, 30, 30)
-    assert one["points"][0].keys() == {"run", "started", "value", "n", "coverage", "resolution", "why"}
+    assert one["points"][0].keys() == {
+        "run",
+        "started",
+        "value",
+        "n",
+        "coverage",
+        "resolution",
+        "why",
+    }
     assert one["capability"]["cp"] is None
-    assert json.loads(trend(home, "--json", "-m", "energy_j").stdout)["trends"][0]["chart"]["refused"]["kind"] == "too_few"
+    assert (
+        json.loads(trend(home, "--json", "-m", "energy_j").stdout)["trends"][0]["chart"]["refused"][
+            "kind"
+        ]
+        == "too_few"
+    )
 
 
 def test_filters_leave_runs_out(home: Path) -> None:
@@ -162,7 +195,15 @@ def test_filters_leave_runs_out(home: Path) -> None:
 
 def test_picture_and_page_are_written_and_the_same_again(home: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
-        ended = trend(home, "--plot", tmp_path / f"{name}.png", "--html", tmp_path / f"{name}.html", "--upper", "15")
+        ended = trend(
+            home,
+            "--plot",
+            tmp_path / f"{name}.png",
+            "--html",
+            tmp_path / f"{name}.html",
+            "--upper",
+            "15",
+        )
         assert ended.exit_code == 0, ended.stderr
     page = (tmp_path / "a.html").read_text(encoding="utf-8")
     assert page == (tmp_path / "b.html").read_text(encoding="utf-8")
@@ -173,7 +214,10 @@ def test_picture_and_page_are_written_and_the_same_again(home: Path, tmp_path: P
 
 def test_every_metric_has_a_unit_and_a_title() -> None:
     assert metric_unit("recovery_s") == "s"
-    assert [title_of(name) for name in ("recovery_s", "joint_energy_permille_s")] == ["recovery", "joint energy"]
+    assert [title_of(name) for name in ("recovery_s", "joint_energy_permille_s")] == [
+        "recovery",
+        "joint energy",
+    ]
     with pytest.raises(UsageError):
         metric_unit("goodness")
     assert "recovery_p95_s" in trend("x", "-m", "list").stdout

@@ -1,4 +1,6 @@
-"""Whose joints are whose: the unit on the bench at a moment, in runs with serials read meanwhile, named, told late, or none."""
+"""Whose joints are whose: the unit on the bench at a moment, in runs with serials read meanwhile,
+named, told late, or none.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +18,16 @@ from support.records.few_rows import T0
 READ = [(10, "unit.begin", "SN-1"), (20, "unit.end", "SN-1"), (30, "unit.begin", "SN-2")]
 
 
-def run_with(out: Path, told: list[tuple[int, str, str]], named: list[str], *, is_open: bool = False) -> Path:
+def run_with(
+    out: Path, told: list[tuple[int, str, str]], named: list[str], *, is_open: bool = False
+) -> Path:
     return event_run.run_with(out, told, Metadata(units=named), crashes=is_open)
 
 
 def moments(*seconds: float) -> pd.Series:
-    return pd.Series(pd.to_datetime([T0 + round(second * 1e6) for second in seconds], unit="us", utc=True))
+    return pd.Series(
+        pd.to_datetime([T0 + round(second * 1e6) for second in seconds], unit="us", utc=True)
+    )
 
 
 def units(folder: Path, *seconds: float) -> list[str | None]:
@@ -31,14 +37,24 @@ def units(folder: Path, *seconds: float) -> list[str | None]:
 @pytest.mark.parametrize("is_open", [False, True])
 def test_the_unit_is_the_one_that_was_on_the_bench_then(tmp_path: Path, is_open: bool) -> None:
     folder = run_with(tmp_path, READ, [], is_open=is_open)
-    assert units(folder, 5, 10, 19.9, 20, 29, 30, 99) == [None, "SN-1", "SN-1", None, None, "SN-2", "SN-2"]
+    assert units(folder, 5, 10, 19.9, 20, 29, 30, 99) == [
+        None,
+        "SN-1",
+        "SN-1",
+        None,
+        None,
+        "SN-2",
+        "SN-2",
+    ]
 
 
 def test_what_was_read_counts_and_not_what_was_named(tmp_path: Path) -> None:
     assert units(run_with(tmp_path, READ, ["SN-0"]), 5, 15) == [None, "SN-1"]
 
 
-@pytest.mark.parametrize(("named", "unit"), [(["SN-0"], "SN-0"), (["SN-0", "SN-1"], None), ([], None)])
+@pytest.mark.parametrize(
+    ("named", "unit"), [(["SN-0"], "SN-0"), (["SN-0", "SN-1"], None), ([], None)]
+)
 def test_a_run_of_one_unit_is_all_of_it(tmp_path: Path, named: list[str], unit: str | None) -> None:
     assert units(run_with(tmp_path, [], named), 5, 15) == [unit, unit]
 

@@ -22,7 +22,9 @@ def test_every_byte_with_its_time_in_utc(tmp_path: Path) -> None:
     asked = wire[wire["what"] == "sent"]
     assert len(asked) == len(run.heard)
     assert asked["data"].iloc[0] == b"\x020001RSMN\x03\x02"
-    assert asked["time"].iloc[-1] == pd.Timestamp(run.utc_s(run.heard[-1].at), unit="s", tz="UTC").round("us")
+    assert asked["time"].iloc[-1] == pd.Timestamp(
+        run.utc_s(run.heard[-1].at), unit="s", tz="UTC"
+    ).round("us")
 
 
 def test_a_run_whose_wires_were_not_kept(tmp_path: Path) -> None:

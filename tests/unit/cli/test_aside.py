@@ -1,4 +1,6 @@
-"""Who looks on cannot hold a run: not by a terminal that is held, not by a pipe that nobody reads, not by failing."""
+"""Who looks on cannot hold a run: not by a terminal that is held, not by a pipe that nobody reads,
+not by failing.
+"""
 
 from __future__ import annotations
 
@@ -67,7 +69,9 @@ def test_all_is_told_in_order_whatever_fails(pipe: tuple[int, int]) -> None:
     assert shown.missed() == 1  # the one that failed
 
 
-def test_nobody_waits_for_a_stderr_that_takes_nothing(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_waits_for_a_stderr_that_takes_nothing(
+    pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(progress, "CLOSE_S", 0.05)
     monkeypatch.setattr(progress, "LOOK_S", 0.01)
     fill(pipe[1])

@@ -1,4 +1,6 @@
-"""What the shell offers for `read` and `write`: asked for as the shell does, through the program's own variable."""
+"""What the shell offers for `read` and `write`: asked for as the shell does, through the program's
+own variable.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,11 @@ from jbclog.protocol.commands.family import FAMILIES
 from support.virtual.manual import Make, station_text
 
 AS_INSTALLED = "import sys; sys.argv[0] = 'jbclog'; from jbclog.cli import main; main()"
-BENCH = (station_text("dde-1", "dde"), station_text("ale-1", "ale"), station_text("x", "auto", sim='model = "UCR245"'))
+BENCH = (
+    station_text("dde-1", "dde"),
+    station_text("ale-1", "ale"),
+    station_text("x", "auto", sim='model = "UCR245"'),
+)
 
 
 def offered(words: str) -> list[str]:
@@ -51,15 +57,23 @@ def test_signals_are_those_of_the_station_s_family(make: Make) -> None:
     assert offered("jbclog read --line line.toml dde-1 ti") == ["tip_temperature", "time_to_sleep"]
     assert offered("jbclog read --line line.toml dde-1 feed") == []
     assert "feeding" in offered("jbclog read --line line.toml ale-1 feed")
-    everything = {name for family in FAMILIES.values() for name, command in family.commands.items() if command.readable}
-    assert set(offered("jbclog read --line line.toml x ")) == everything  # its family is not known yet
+    everything = {
+        name
+        for family in FAMILIES.values()
+        for name, command in family.commands.items()
+        if command.readable
+    }
+    # its family is not known yet
+    assert set(offered("jbclog read --line line.toml x ")) == everything
     assert set(offered("jbclog read nobody ")) == everything
 
 
 def test_settings_are_what_can_be_written(make: Make) -> None:
     make(*BENCH)
     dde = FAMILIES["dde"].commands.values()
-    assert offered("jbclog write --line line.toml dde-1 ") == [command.name for command in dde if command.writable]
+    assert offered("jbclog write --line line.toml dde-1 ") == [
+        command.name for command in dde if command.writable
+    ]
 
 
 def test_the_help_beside_a_name_has_unit_and_range(make: Make) -> None:
@@ -95,7 +109,11 @@ def test_the_name_that_is_to_be_meant_is_a_station_s(make: Make) -> None:
 
 def test_the_program_itself_completes(make: Make) -> None:
     bench = make(*BENCH)
-    variables = {"_JBCLOG_COMPLETE": "complete_bash", "COMP_WORDS": "jbclog read --line line.toml al", "COMP_CWORD": "4"}
+    variables = {
+        "_JBCLOG_COMPLETE": "complete_bash",
+        "COMP_WORDS": "jbclog read --line line.toml al",
+        "COMP_CWORD": "4",
+    }
     ended = subprocess.run(
         [sys.executable, "-c", AS_INSTALLED],
         env=os.environ | variables,

@@ -41,15 +41,21 @@ def test_a_machine_where_everything_is_fine(place: Path) -> None:
 
 
 def test_a_line_whose_station_answers(place: Path) -> None:
-    code, lines = said("--line", "line.toml", access=access_to({"/dev/ttyJBC": station_cable("dde")}))
+    code, lines = said(
+        "--line", "line.toml", access=access_to({"/dev/ttyJBC": station_cable("dde")})
+    )
     assert code == 0
     assert lines[2].startswith("fine     s-1: DDE answers at 19200 8N1, address 01 in 1.0 ms")
 
 
 def test_each_finding_has_its_step(place: Path) -> None:
-    code, lines = said("--line", "line.toml", access=access_to({"/dev/ttyJBC": Cable(Silence(), LineFormat())}))
+    code, lines = said(
+        "--line", "line.toml", access=access_to({"/dev/ttyJBC": Cable(Silence(), LineFormat())})
+    )
     assert code == 1
-    assert lines[2].startswith("FINDING  s-1 (/dev/ttyJBC): nothing answers in 12 line formats (19200 8N1")
+    assert lines[2].startswith(
+        "FINDING  s-1 (/dev/ttyJBC): nothing answers in 12 line formats (19200 8N1"
+    )
     assert lines[3].startswith("  step   see that the station is on")
     assert lines[-1] == "1 finding"
 

@@ -1,4 +1,6 @@
-"""`jbclog export`: where it writes, what it refuses, and what becomes of runs that are open, recovered, damaged or annotated."""
+"""`jbclog export`: where it writes, what it refuses, and what becomes of runs that are open,
+recovered, damaged or annotated.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,11 @@ def export(*words: str | Path) -> Result:
 
 
 def seen(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +100,8 @@ def test_force_replaces_no_folder_with_anything_but_exports(run: Path, tmp_path:
     assert sorted(seen(out)) == ["old.csv", "thesis.odt"]
     (out / "thesis.odt").unlink()
     assert export(run, "--to", "qdas", "--out", out, "--force").exit_code == 0
-    assert sorted(seen(out)) == ["ale-1-port1.dfq", "dde-1-port1.dfq", "dde-1-port2.dfq"]  # and no older file between them
+    # and no older file between them
+    assert sorted(seen(out)) == ["ale-1-port1.dfq", "dde-1-port1.dfq", "dde-1-port2.dfq"]
 
 
 @pytest.mark.parametrize("place", ["run/x.xlsx", "run/figures", "link/x", "run", ".", "gone/x"])
@@ -111,13 +118,22 @@ def test_never_into_a_run_or_over_it(run: Path, tmp_path: Path, place: str, to: 
 def test_a_file_takes_no_folder_and_a_folder_no_file(run: Path, tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     (tmp_path / "file").write_text("x")
-    assert "must be a file" in export(run, "--to", "mf4", "--out", tmp_path / "folder", "--force").stderr
-    assert "must be a folder" in export(run, "--to", "csv", "--out", tmp_path / "file", "--force").stderr
-    assert export(run, "--to", "csv", "--out", tmp_path / "folder").exit_code == 0  # an empty one is taken
+    assert (
+        "must be a file"
+        in export(run, "--to", "mf4", "--out", tmp_path / "folder", "--force").stderr
+    )
+    assert (
+        "must be a folder"
+        in export(run, "--to", "csv", "--out", tmp_path / "file", "--force").stderr
+    )
+    # an empty one is taken
+    assert export(run, "--to", "csv", "--out", tmp_path / "folder").exit_code == 0
 
 
 @pytest.mark.parametrize("to", FORMATS)
-def test_a_damaged_run_is_refused_and_tables_that_were_changed_always_are(run: Path, tmp_path: Path, to: str) -> None:
+def test_a_damaged_run_is_refused_and_tables_that_were_changed_always_are(
+    run: Path, tmp_path: Path, to: str
+) -> None:
     part = next((run / "samples").iterdir())
     data = bytearray(part.read_bytes())
     data[len(data) // 2] ^= 1
@@ -130,7 +146,9 @@ def test_a_damaged_run_is_refused_and_tables_that_were_changed_always_are(run: P
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]
 
 
-def test_what_the_tables_do_not_rest_on_is_exported_unchecked_and_says_so(run: Path, tmp_path: Path) -> None:
+def test_what_the_tables_do_not_rest_on_is_exported_unchecked_and_says_so(
+    run: Path, tmp_path: Path
+) -> None:
     (run / "notes.txt").write_text("somebody's")
     refused = export(run, "--to", "csv", "--out", tmp_path / "out")
     assert (refused.exit_code, (tmp_path / "out").exists()) == (4, False)
@@ -142,7 +160,10 @@ def test_what_the_tables_do_not_rest_on_is_exported_unchecked_and_says_so(run: P
 
 
 def test_a_run_that_is_being_recorded(tmp_path: Path) -> None:
-    with alarm_series.being_recorded(alarm_series.random_series(1, 100), tmp_path / "runs") as (folder, _):
+    with alarm_series.being_recorded(alarm_series.random_series(1, 100), tmp_path / "runs") as (
+        folder,
+        _,
+    ):
         refused = export(folder, "--to", "csv", "--out", tmp_path / "out")
         assert refused.exit_code == 4
         assert "not sealed" in refused.stderr
@@ -184,7 +205,11 @@ def test_annotations_of_a_run_are_exported(run: Path, tmp_path: Path) -> None:
 def test_a_library_that_is_missing_is_one_line_with_the_command_that_installs_it(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, to: str, library: str
 ) -> None:
-    for name in [name for name in sys.modules if name.split(".")[0] == library or name.startswith("jbclog.app.export")]:
+    for name in [
+        name
+        for name in sys.modules
+        if name.split(".")[0] == library or name.startswith("jbclog.app.export")
+    ]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, library, None)
     ended = export(run, "--to", to, "--out", tmp_path / "out")
@@ -194,13 +219,21 @@ def test_a_library_that_is_missing_is_one_line_with_the_command_that_installs_it
 
 
 def test_a_table_that_a_format_lacks_is_refused(run: Path, tmp_path: Path) -> None:
-    assert "qdas has joints" in export(run, "--to", "qdas", "--table", "samples", "--out", tmp_path / "out").stderr
-    assert "csv has samples, events" in export(run, "--to", "csv", "--table", "jonts", "--out", tmp_path / "out").stderr
+    assert (
+        "qdas has joints"
+        in export(run, "--to", "qdas", "--table", "samples", "--out", tmp_path / "out").stderr
+    )
+    assert (
+        "csv has samples, events"
+        in export(run, "--to", "csv", "--table", "jonts", "--out", tmp_path / "out").stderr
+    )
     assert export(run, "--to", "csv", "--table", "joints", "--out", tmp_path / "out").exit_code == 0
     assert [*sorted(seen(tmp_path / "out"))] == [csv_files.METADATA, "joints.csv"]
 
 
-def test_an_interrupted_export_leaves_nothing(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_export_leaves_nothing(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 

@@ -31,7 +31,11 @@ def test_each_family_gets_files_that_are_taken(tmp_path: Path, family: str) -> N
     assert answered(tmp_path, answers).exit_code == 0
     line = load_line(tmp_path / "line.toml")
     (station,) = line.stations
-    assert (station.name, station.family, station.baudrate) == (f"{family}-1", family, 9600 if family == "omega" else 19200)
+    assert (station.name, station.family, station.baudrate) == (
+        f"{family}-1",
+        family,
+        9600 if family == "omega" else 19200,
+    )
     assert station.recipe == tmp_path / "recipe.toml"
     assert load_recipe(tmp_path / "recipe.toml").families == (family,)
     planned = CliRunner().invoke(app, ["plan", "--line", str(tmp_path / "line.toml")])
@@ -48,7 +52,21 @@ def test_what_is_answered_is_in_the_files(tmp_path: Path) -> None:
 
 
 def test_a_wrong_answer_is_asked_for_again(tmp_path: Path) -> None:
-    answers = ["hnd", "hand", "DDDE", "DDE", "sockets://x", "/dev/ttyUSB7", "a name", "", "no", "", "352", "500", "350"]
+    answers = [
+        "hnd",
+        "hand",
+        "DDDE",
+        "DDE",
+        "sockets://x",
+        "/dev/ttyUSB7",
+        "a name",
+        "",
+        "no",
+        "",
+        "352",
+        "500",
+        "350",
+    ]
     done = answered(tmp_path, answers)
     assert done.exit_code == 0, done.output
     for text in (
@@ -62,17 +80,60 @@ def test_a_wrong_answer_is_asked_for_again(tmp_path: Path) -> None:
 
 
 def test_two_stations_on_one_port_are_refused_and_asked_for_again(tmp_path: Path) -> None:
-    answers = ["hand", "dde", "/dev/ttyUSB7", "", "yes", "nae", "/dev/ttyUSB7", "", "nae", "/dev/ttyUSB8", "", "no", "", ""]
+    answers = [
+        "hand",
+        "dde",
+        "/dev/ttyUSB7",
+        "",
+        "yes",
+        "nae",
+        "/dev/ttyUSB7",
+        "",
+        "nae",
+        "/dev/ttyUSB8",
+        "",
+        "no",
+        "",
+        "",
+    ]
     done = answered(tmp_path, answers)
     assert "This station is not taken; enter it again." in done.stderr
-    assert [one.url for one in load_line(tmp_path / "line.toml").stations] == ["/dev/ttyUSB7", "/dev/ttyUSB8"]
+    assert [one.url for one in load_line(tmp_path / "line.toml").stations] == [
+        "/dev/ttyUSB7",
+        "/dev/ttyUSB8",
+    ]
 
 
 def test_tips_hot_air_and_omega_have_a_recipe_each(tmp_path: Path) -> None:
-    answers = ["hand", "dde", "/dev/a", "", "y", "jtse", "/dev/b", "", "y", "omega", "/dev/c", "", "n", "x", "350", "300"]
+    answers = [
+        "hand",
+        "dde",
+        "/dev/a",
+        "",
+        "y",
+        "jtse",
+        "/dev/b",
+        "",
+        "y",
+        "omega",
+        "/dev/c",
+        "",
+        "n",
+        "x",
+        "350",
+        "300",
+    ]
     assert answered(tmp_path, answers).exit_code == 0
-    recipes = {one.family: one.recipe.name for one in load_line(tmp_path / "line.toml").stations if one.recipe}
-    assert recipes == {"dde": "recipe-tips.toml", "jtse": "recipe-hot-air.toml", "omega": "recipe-omega.toml"}
+    recipes = {
+        one.family: one.recipe.name
+        for one in load_line(tmp_path / "line.toml").stations
+        if one.recipe
+    }
+    assert recipes == {
+        "dde": "recipe-tips.toml",
+        "jtse": "recipe-hot-air.toml",
+        "omega": "recipe-omega.toml",
+    }
     assert CliRunner().invoke(app, ["plan", "--line", str(tmp_path / "line.toml")]).exit_code == 0
 
 
@@ -114,7 +175,9 @@ def test_a_scan_finds_a_station(tmp_path: Path) -> None:
 
 
 def interrupted(asking: subprocess.Popen[bytes]) -> int:
-    """What it ends with. Python does not see a signal that comes just before it reads; as anybody would, this presses again."""
+    """What it ends with. Python does not see a signal that comes just before it reads; as anybody
+    would, this presses again.
+    """
     for _ in range(6):
         asking.send_signal(signal.SIGINT)
         with suppress(subprocess.TimeoutExpired):

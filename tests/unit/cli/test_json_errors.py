@@ -1,4 +1,6 @@
-"""With --json every command that refuses what was typed prints one JSON object with the text of the error and the exit code."""
+"""With --json every command that refuses what was typed prints one JSON object with the text of the
+error and the exit code.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,21 @@ GONE = {
     "trend": ("gone",),
     "chart": ("gone",),
     "limits": ("show", "gone"),
-    "verify": ("dde-1", "-p1", *LINE, "--reading", "350", "--instrument", "A", "--due", "2099-01-01", "--tip", "T", "--by", "A"),
+    "verify": (
+        "dde-1",
+        "-p1",
+        *LINE,
+        "--reading",
+        "350",
+        "--instrument",
+        "A",
+        "--due",
+        "2099-01-01",
+        "--tip",
+        "T",
+        "--by",
+        "A",
+    ),
     "audit": (*LINE, "--ledger", "gone.jsonl"),
     "maintenance": ("done", "--station", "dde-1", "--task", "tip-change", "--ledger", "gone.jsonl"),
     "where-used": ("gone", "--station", "dde-1", "--port", "1"),
@@ -62,7 +78,9 @@ def test_each_command_with_json_is_tried() -> None:
 
 
 @pytest.mark.parametrize("verb", GONE)
-def test_what_is_not_there_is_named(verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_not_there_is_named(
+    verb: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     told, text = refused(verb, *GONE[verb])
     assert told["exit_code"] == 2
@@ -77,14 +95,17 @@ def test_an_option_that_does_not_exist_is_named(verb: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("verb", "option"), [("run", "--line"), ("audit", "--line"), ("verify", "--line"), ("where-used", "--station")]
+    ("verb", "option"),
+    [("run", "--line"), ("audit", "--line"), ("verify", "--line"), ("where-used", "--station")],
 )
 def test_an_option_that_is_missing_is_named(verb: str, option: str) -> None:
     arguments = {"verify": ("dde-1",)}.get(verb, ())
     assert option in refused(verb, *arguments)[1]
 
 
-def test_an_internal_error_has_its_text_too(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_internal_error_has_its_text_too(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.delenv("JBCLOG_TRACEBACK", raising=False)
 
     def fails(as_json: bool) -> None:

@@ -1,4 +1,6 @@
-"""The line file's key `model` in `write`, `safe`, `read` and `audit`: the same name, the same proof."""
+"""The line file's key `model` in `write`, `safe`, `read` and `audit`: the same name, the same
+proof.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,12 @@ def _no_run(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(safe_state, "runs_that_hold", lambda urls: [])
 
 
-def die(family: str = "dde", keys: str = 'ports = [1]\nmodel = "DIE"', sim: str = 'model = "DIE"', settings: str = DELAYS) -> str:
+def die(
+    family: str = "dde",
+    keys: str = 'ports = [1]\nmodel = "DIE"',
+    sim: str = 'model = "DIE"',
+    settings: str = DELAYS,
+) -> str:
     return DIE.format(family=family, keys=keys, sim=sim, settings=settings)
 
 
@@ -53,8 +60,12 @@ def test_its_tools_are_made_safe_as_the_family_says(make: Make) -> None:
     assert "WPS100001" in writes(bench)
 
 
-@pytest.mark.parametrize("words", [STAND, ("write", "s-1", "selected_temperature", "300", "--port", "1")])
-def test_hot_air_that_calls_itself_die_is_never_written_to(make: Make, words: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "words", [STAND, ("write", "s-1", "selected_temperature", "300", "--port", "1")]
+)
+def test_hot_air_that_calls_itself_die_is_never_written_to(
+    make: Make, words: tuple[str, ...]
+) -> None:
     bench = make(hot_air_called_die())
     ended = bench.do(*words)
     assert ended.code == 3
@@ -95,7 +106,10 @@ def test_without_the_key_the_refusal_says_what_to_write(make: Make) -> None:
 def test_another_name_than_the_accepted_one_is_not_written_to(make: Make) -> None:
     bench = make(die(sim='model = "ZZQ"'))
     ended = bench.do(*STAND)
-    assert (ended.code, "the line file accepts model DIE, the station says model ZZQ" in ended.err) == (3, True)
+    assert (
+        ended.code,
+        "the line file accepts model DIE, the station says model ZZQ" in ended.err,
+    ) == (3, True)
     assert bench.do("safe").code == 5
     assert writes(bench) == []
 

@@ -32,13 +32,17 @@ RECIPE = parse_recipe('[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\
 
 def context(name: str = "dde-1", outcome: str = "running") -> SessionContext:
     """A station with two ports; the first is known, the second not."""
-    order = StationTask(name, "nowhere", FAMILIES["dde"], LineFormat(), 1, None, RECIPE, "job.toml", FAMILIES, 0.0)
+    order = StationTask(
+        name, "nowhere", FAMILIES["dde"], LineFormat(), 1, None, RECIPE, "job.toml", FAMILIES, 0.0
+    )
     found = SessionContext(order, NoJournal(), UtcOffset(SystemClock()))
     found.ports = {number: PortState(number) for number in (1, 2)}
     found.ports[1].temperatures_c, found.ports[1].status = {"temperature_c": 349}, (0, 0, 0, 0, 0)
     found.ports[1].held["selected_temperature"] = 350
     found.connected, found.facts.outcome, found.facts.alarms = True, outcome, 2
-    found.count_readings = lambda port: ReadingCount(2000, 1999) if port == 1 else ReadingCount(0, 0)
+    found.count_readings = lambda port: (
+        ReadingCount(2000, 1999) if port == 1 else ReadingCount(0, 0)
+    )
     return found
 
 
@@ -54,12 +58,16 @@ def screen(monkeypatch: pytest.MonkeyPatch) -> progress.Screen:
     """The live table of a run of a minute."""
     for module in (progress, terminal):
         monkeypatch.setattr(module, "is_terminal", lambda: True)
-    shown = progress.observer(60.0, quiet=False, known=Metadata("A. Rossi", "88123", units=("SN-1",)))
+    shown = progress.observer(
+        60.0, quiet=False, known=Metadata("A. Rossi", "88123", units=("SN-1",))
+    )
     assert isinstance(shown, progress.Screen)
     return shown
 
 
-def drawn(screen: progress.Screen, *contexts: SessionContext, width: int = 100, goals: Sequence[Goal] = ()) -> list[str]:
+def drawn(
+    screen: progress.Screen, *contexts: SessionContext, width: int = 100, goals: Sequence[Goal] = ()
+) -> list[str]:
     """The table's lines, as a terminal of this width shows them."""
     screen._printer.console = console = Console(file=io.StringIO(), width=width)
     console.print(screen._table(list(contexts), goals))
@@ -69,13 +77,19 @@ def drawn(screen: progress.Screen, *contexts: SessionContext, width: int = 100, 
 def rows(screen: progress.Screen, *contexts: SessionContext) -> list[list[str]]:
     """The cells of its ports."""
     lines = drawn(screen, *contexts)
-    return [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "│" in line and "dde-" in line]
+    return [
+        [cell.strip() for cell in line.split("│")[1:-1]]
+        for line in lines
+        if "│" in line and "dde-" in line
+    ]
 
 
 def test_what_is_known_and_what_is_not(screen: progress.Screen) -> None:
     assert rows(screen, context()) == [
-        ["dde-1", "1", "349 °C", "350 °C", "working", "2", "", "99.9 %", "1"],  # never rounded up to all of them
-        ["dde-1", "2", "unknown", "", "unknown", "", "", "unknown", ""],  # alarms are the station's, shown once
+        # never rounded up to all of them
+        ["dde-1", "1", "349 °C", "350 °C", "working", "2", "", "99.9 %", "1"],
+        # alarms are the station's, shown once
+        ["dde-1", "2", "unknown", "", "unknown", "", "", "unknown", ""],
     ]
 
 
@@ -83,7 +97,8 @@ def test_joints_so_far(screen: progress.Screen, recording: Soldering) -> None:
     """Counted in the record of the run, by a process that ends with the table."""
     recording.solder(500)
     screen.begun(recording.folder)
-    assert [row[6] for row in rows(screen, context())] == ["–", "–"]  # before the first count: not 0
+    # before the first count: not 0
+    assert [row[6] for row in rows(screen, context())] == ["–", "–"]
     end = time.monotonic() + 60.0
     while (found := [row[6] for row in rows(screen, context())])[0] == "–":
         assert time.monotonic() < end
@@ -98,14 +113,28 @@ def test_joints_so_far(screen: progress.Screen, recording: Soldering) -> None:
 
 
 def test_notes_below_the_table_say_why_joints_are_unknown_and_how_old_a_count_is() -> None:
-    assert progress.joints_notes({("a", 1): Joints(3, 3, 4.0), ("b", 1): NOT_COUNTED, ("c", 1): Joints(why=OF_TIPS_ONLY)}) == []
-    found = {("a", port): Joints(None, 3, 40.0, "too short.") for port in (1, 2)} | {("b", 1): Joints(3, 3, 40.2)}
-    assert progress.joints_notes(found) == ["joints: counted 40 s ago", "joints unknown, a port 1, a port 2: too short."]
+    assert (
+        progress.joints_notes(
+            {("a", 1): Joints(3, 3, 4.0), ("b", 1): NOT_COUNTED, ("c", 1): Joints(why=OF_TIPS_ONLY)}
+        )
+        == []
+    )
+    found = {("a", port): Joints(None, 3, 40.0, "too short.") for port in (1, 2)} | {
+        ("b", 1): Joints(3, 3, 40.2)
+    }
+    assert progress.joints_notes(found) == [
+        "joints: counted 40 s ago",
+        "joints unknown, a port 1, a port 2: too short.",
+    ]
     many = {("a", port): Joints(why=f"reason {port}") for port in range(5)}
-    assert progress.joints_notes(many)[3:] == ["joints of other ports are unknown for 2 more reasons; `jbclog watch` has them"]
+    assert progress.joints_notes(many)[3:] == [
+        "joints of other ports are unknown for 2 more reasons; `jbclog watch` has them"
+    ]
 
 
-def test_units_named_at_the_start_stand_in_the_title_until_one_is_read(screen: progress.Screen) -> None:
+def test_units_named_at_the_start_stand_in_the_title_until_one_is_read(
+    screen: progress.Screen,
+) -> None:
     screen._units = [f"SN-{number}" for number in range(1, 6)]
     assert drawn(screen, context())[0].endswith(" · units SN-1, SN-2, SN-3 and 2 more")
     screen.happened(EventRow(0, "unit.begin", Severity.INFO, "", raw="SN-9"))
@@ -124,7 +153,8 @@ def test_the_title_has_time_goals_order_and_the_unit_on_the_bench(screen: progre
         assert title() == "order 88123" + (" · unit SN-2" if kind == "unit.begin" else "")
     ends = Goal(UNITS, 40, 3), Goal(JOINTS, 200, 17)
     assert title(*ends) == "3 of 40 units · 17 of 200 joints so far · order 88123"
-    assert title(Goal(JOINTS, 200)) == "to 200 joints · order 88123"  # not counted yet, which is not 0
+    # not counted yet, which is not 0
+    assert title(Goal(JOINTS, 200)) == "to 200 joints · order 88123"
 
 
 @pytest.mark.parametrize(
@@ -138,11 +168,17 @@ def test_the_title_has_time_goals_order_and_the_unit_on_the_bench(screen: progre
         (60, {"lost", "joints", "set", "coverage"}),
     ],
 )
-def test_a_narrow_terminal_shows_fewer_columns_and_cuts_none(screen: progress.Screen, width: int, gone: set[str]) -> None:
-    screen._joints = SimpleNamespace(look=lambda **_: {("dde-workplace-12", 1): Joints(12)}, not_counted=NOT_COUNTED)  # type: ignore[assignment]
+def test_a_narrow_terminal_shows_fewer_columns_and_cuts_none(
+    screen: progress.Screen, width: int, gone: set[str]
+) -> None:
+    screen._joints = SimpleNamespace(
+        look=lambda **_: {("dde-workplace-12", 1): Joints(12)}, not_counted=NOT_COUNTED
+    )  # type: ignore[assignment]
     lines = drawn(screen, context("dde-workplace-12"), width=width)
     (heads,) = (line for line in lines if "station" in line)
-    assert {column.name for column in progress.COLUMNS} - set(heads.replace("┃", " ").split()) == gone
+    assert {column.name for column in progress.COLUMNS} - set(
+        heads.replace("┃", " ").split()
+    ) == gone
     assert "…" not in "".join(lines)
     assert lines[0].endswith("order 88123 · unit SN-1")  # above the table, however narrow that is
     assert any("dde-workplace-12" in line for line in lines)
@@ -166,13 +202,17 @@ def test_more_than_all_of_a_duration_never_passes(passed: float, shown: str) -> 
 def test_an_omega_shows_its_states_in_its_own_words(screen: progress.Screen) -> None:
     omega, family = context(), FAMILIES["omega"]
     omega.family, omega.facts.alarms = family, 0
-    omega.ports = {1: PortState(1, states={"solder_shortage": ("normal", 1.0), "preparing": ("ready", 1.0)})}
+    omega.ports = {
+        1: PortState(1, states={"solder_shortage": ("normal", 1.0), "preparing": ("ready", 1.0)})
+    }
     assert rows(screen, omega) == [["dde-1", "1", "", "", "normal, ready", "", "", "99.9 %", "1"]]
 
 
 @pytest.mark.parametrize("outcome", ["refused", "gone", "stopped", "failed", "completed"])
 def test_a_station_that_has_ended_shows_how(screen: progress.Screen, outcome: str) -> None:
-    assert rows(screen, context(outcome=outcome)) == [["dde-1", "1, 2", "", "", outcome, "2", "", "", ""]]
+    assert rows(screen, context(outcome=outcome)) == [
+        ["dde-1", "1, 2", "", "", outcome, "2", "", "", ""]
+    ]
 
 
 def test_a_station_that_is_away(screen: progress.Screen) -> None:
@@ -181,7 +221,10 @@ def test_a_station_that_is_away(screen: progress.Screen) -> None:
     assert [row[2:5:2] for row in rows(screen, away)] == [["unknown", "disconnected"]] * 2
 
 
-TEXT = "dde-1: 20 Hz does not fit its wire: 84.8 % in use with 1.00 ms of turnaround, 95 % is the limit"
+TEXT = (
+    "dde-1: 20 Hz does not fit its wire: 84.8 % in use with 1.00 ms of turnaround, 95 % is the"
+    " limit"
+)
 
 
 def test_events_are_broken_between_words(
@@ -194,14 +237,18 @@ def test_events_are_broken_between_words(
     screen._printer.console.width = 50
     screen.happened(EventRow(0, "unit.begin", Severity.INFO, TEXT, "dde-1"))
     shown = capsys.readouterr().err.splitlines()
-    assert " ".join(shown).split() == ["05:30:00", "IST", "info", *TEXT.split()]  # the station's name once, no word in two pieces
+    # the station's name once, no word in two pieces
+    assert " ".join(shown).split() == ["05:30:00", "IST", "info", *TEXT.split()]
     assert max(map(len, shown)) < 50
     assert len(shown) == 3
     monkeypatch.undo()
     time.tzset()
 
 
-@pytest.mark.parametrize(("color", "no_color"), [(Color.ALWAYS, ""), (Color.ALWAYS, "1"), (Color.NEVER, ""), (Color.AUTO, "")])
+@pytest.mark.parametrize(
+    ("color", "no_color"),
+    [(Color.ALWAYS, ""), (Color.ALWAYS, "1"), (Color.NEVER, ""), (Color.AUTO, "")],
+)
 def test_events_have_the_colour_of_their_severity(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], color: Color, no_color: str
 ) -> None:
@@ -224,7 +271,9 @@ def test_lines_for_a_log_are_left_whole(capsys: pytest.CaptureFixture[str]) -> N
     assert len(capsys.readouterr().err.splitlines()) == 2
 
 
-def test_a_tool_that_could_not_be_made_safe_is_told_when_it_is_safe_at_last(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_tool_that_could_not_be_made_safe_is_told_when_it_is_safe_at_last(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     shown = progress.observer(None, quiet=True)
     for kind, severity, port in (
         ("safety.safe_state", Severity.INFO, 1),  # as a thousand times before
@@ -235,4 +284,7 @@ def test_a_tool_that_could_not_be_made_safe_is_told_when_it_is_safe_at_last(caps
     ):
         shown.happened(EventRow(0, kind, severity, f"{kind} of port {port}", "dde-1", port))
     told = capsys.readouterr().err.splitlines()
-    assert [line.partition("dde-1: ")[2] for line in told] == ["safety.not_safe of port 1", "safety.safe_state of port 1"]
+    assert [line.partition("dde-1: ")[2] for line in told] == [
+        "safety.not_safe of port 1",
+        "safety.safe_state of port 1",
+    ]

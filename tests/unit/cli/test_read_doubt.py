@@ -36,10 +36,14 @@ def asked(bench: Bench, code: str) -> int:
         ("time_to_sleep", "ED1", "00120", "not counting (99999)"),
     ],
 )
-def test_what_one_answer_alone_says_is_not_told(make: Make, name: str, code: str, data: str, told: str) -> None:
+def test_what_one_answer_alone_says_is_not_told(
+    make: Make, name: str, code: str, data: str, told: str
+) -> None:
     bench = make(DDE)
     says(bench, "dde-1", code, data)
-    ended = bench.do("read", "dde-1", name, *([] if code in ("SER", "SVR", "TT") else ["--port", "1"]))
+    ended = bench.do(
+        "read", "dde-1", name, *([] if code in ("SER", "SVR", "TT") else ["--port", "1"])
+    )
     assert (ended.code, ended.out) == (0, f"{told}\n")
     assert asked(bench, code) >= 3
 
@@ -59,7 +63,12 @@ def test_a_counter_that_goes_on_is_told_with_the_characters_of_its_own_answer(ma
 
 IMPOSSIBLE = [
     ("transformer_temperature", "TT", "04033", "transformer_temperature: the station says 4033 °C"),
-    ("transistor_temperature", "QT1", "00601", "transistor_temperature of port 1: the station says 601 °C"),
+    (
+        "transistor_temperature",
+        "QT1",
+        "00601",
+        "transistor_temperature of port 1: the station says 601 °C",
+    ),
     ("tip_temperature", "TT1", "04033", "tip_temperature of port 1: the station says 4033 °C"),
     ("power", "PP1", "09000", "power of port 1: the station says 9000 ‰"),
     ("time_to_sleep", "ED1", "98899", "time_to_sleep of port 1: the station says 98899 s"),
@@ -67,17 +76,26 @@ IMPOSSIBLE = [
 
 
 @pytest.mark.parametrize(("name", "code", "data", "told"), IMPOSSIBLE)
-def test_what_cannot_be_is_no_value_however_often_it_is_said(make: Make, name: str, code: str, data: str, told: str) -> None:
+def test_what_cannot_be_is_no_value_however_often_it_is_said(
+    make: Make, name: str, code: str, data: str, told: str
+) -> None:
     bench = make(DDE)
     says(bench, "dde-1", code, data, last=True)
     words = ("read", "dde-1", name, *([] if code == "TT" else ["--port", "1"]))
     ended = bench.do(*words)
-    assert (ended.code, ended.out, ended.err) == (3, "", f"error: dde-1: {told}, which cannot be; {DISPLAY}\n")
+    assert (ended.code, ended.out, ended.err) == (
+        3,
+        "",
+        f"error: dde-1: {told}, which cannot be; {DISPLAY}\n",
+    )
     assert asked(bench, code) == 2
     ended = bench.do(*words, "--json")
     facts = json.loads(ended.out)
     assert (ended.code, facts["value"], facts["text"], facts["raw"]) == (3, None, None, data)
-    assert (facts["reason"], facts["problem"]) == ("implausible", f"{told.partition(': ')[2]}, which cannot be; {DISPLAY}")
+    assert (facts["reason"], facts["problem"]) == (
+        "implausible",
+        f"{told.partition(': ')[2]}, which cannot be; {DISPLAY}",
+    )
 
 
 def test_among_everything_too(make: Make) -> None:
@@ -85,8 +103,13 @@ def test_among_everything_too(make: Make) -> None:
     says(bench, "dde-1", "TT", "04033", last=True)
     ended = bench.do("read", "dde-1", "--all")
     assert ended.code == 3
-    (line,) = [line for line in ended.out.splitlines() if line.startswith("transformer_temperature")]
-    assert line.split(maxsplit=1)[1] == f"not read: the station says 4033 °C, which cannot be; {DISPLAY}"
+    (line,) = [
+        line for line in ended.out.splitlines() if line.startswith("transformer_temperature")
+    ]
+    assert (
+        line.split(maxsplit=1)[1]
+        == f"not read: the station says 4033 °C, which cannot be; {DISPLAY}"
+    )
 
 
 def test_what_cannot_be_and_is_another_each_time_is_told_with_all_of_it(make: Make) -> None:
@@ -146,7 +169,9 @@ def test_what_reading_clears_is_asked_once(make: Make) -> None:
         ([100, 300, 200], None),
     ],
 )
-def test_two_that_are_near_or_the_middle_one_of_three_in_order(given: list[int], value: int | None) -> None:
+def test_two_that_are_near_or_the_middle_one_of_three_in_order(
+    given: list[int], value: int | None
+) -> None:
     assert settled(given, 25) == value
 
 

@@ -1,4 +1,6 @@
-"""`jbclog recover` on a folder of runs: a line for each that it finished, and silence about those that were finished already."""
+"""`jbclog recover` on a folder of runs: a line for each that it finished, and silence about those
+that were finished already.
+"""
 
 from __future__ import annotations
 

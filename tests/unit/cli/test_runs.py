@@ -16,7 +16,15 @@ from jbclog.cli.runs import STATES, VERDICTS, moment
 from jbclog.core.errors import UsageError
 from jbclog.core.rows import StationFacts
 from jbclog.record.check import check
-from jbclog.record.manifest import NAME, LineFile, Manifest, Metadata, RecipeFile, Unit, write_manifest
+from jbclog.record.manifest import (
+    NAME,
+    LineFile,
+    Manifest,
+    Metadata,
+    RecipeFile,
+    Unit,
+    write_manifest,
+)
 
 RUN = "20261121T013000Z-bench-3-k7qd"
 FULL = Manifest(
@@ -50,9 +58,11 @@ def told(*arguments: str) -> Result:
 def test_a_run_is_a_row_with_its_folder_last(runs: Path) -> None:
     shown = told()
     assert (shown.exit_code, shown.stderr) == (0, "")
-    assert shown.stdout == (
-        "started           line     recipe        operator  order  product  units    verdict  state  run\n"
-        f"2026-11-21 01:30  bench-3  sn100c-tht@7  陳        88123  -        SN-0 +1  ACCEPT   ended  runs/{RUN}\n"
+    assert (
+        shown.stdout
+        == "started           line     recipe        operator  order  product  units    verdict "
+        " state  run\n2026-11-21 01:30  bench-3  sn100c-tht@7  陳        88123  -        SN-0"
+        f" +1  ACCEPT   ended  runs/{RUN}\n"
     )
 
 
@@ -61,7 +71,9 @@ def test_the_unit_that_was_sought_is_the_one_that_is_shown(runs: Path) -> None:
 
 
 def test_json_is_a_line_a_run_with_everything_by_which_it_is_found(runs: Path) -> None:
-    (line,) = told("--json", "--wire-lot", "W-7", "--tip", "T1", "--tag", "shift=1").stdout.splitlines()
+    (line,) = told(
+        "--json", "--wire-lot", "W-7", "--tip", "T1", "--tag", "shift=1"
+    ).stdout.splitlines()
     one = json.loads(line)
     assert (one["run"], one["units"], one["tags"], one["recipes"]) == (
         f"runs/{RUN}",
@@ -72,7 +84,10 @@ def test_json_is_a_line_a_run_with_everything_by_which_it_is_found(runs: Path) -
     assert "folder" not in one
 
 
-@pytest.mark.parametrize("arguments", [["--order", "1"], ["--since", "2026-11-22"], ["--until", "2026-11-20"], ["--tag", "a=1"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["--order", "1"], ["--since", "2026-11-22"], ["--until", "2026-11-20"], ["--tag", "a=1"]],
+)
 def test_where_none_fits_that_is_said(runs: Path, arguments: list[str]) -> None:
     shown = told(*arguments)
     assert (shown.exit_code, shown.stdout, shown.stderr) == (0, "", "runs: no run matches\n")
@@ -111,17 +126,24 @@ def test_the_state_says_how_a_run_ended_and_nothing_of_its_verdict(
 ) -> None:
     write_manifest(runs / RUN, replace(FULL, exit_status=exit_status, verdict=verdict))
     row = told().stdout.splitlines()[1]
-    assert row.endswith(f"{verdict or '-'}{' ' * (len('verdict') - len(verdict or '-'))}  {state}  runs/{RUN}")
+    assert row.endswith(
+        f"{verdict or '-'}{' ' * (len('verdict') - len(verdict or '-'))}  {state}  runs/{RUN}"
+    )
     (line,) = told("--json").stdout.splitlines()
     one = json.loads(line)
-    assert (one["shown_state"], one["exit_status"], one["state"]) == (state, exit_status, "sealed")  # as in the manifest
+    # as in the manifest
+    assert (one["shown_state"], one["exit_status"], one["state"]) == (state, exit_status, "sealed")
     assert len(told("--state", state).stdout.splitlines()) == 2
     assert len(told("--state", exit_status or "sealed").stdout.splitlines()) == 2
     assert "no run matches" in told("--state", "crashed").stderr
 
 
 def test_no_state_is_a_word_of_success_or_failure() -> None:
-    assert not any(word in state for state in STATES for word in ("success", "fail", "accept", "reject", "good", "ok"))
+    assert not any(
+        word in state
+        for state in STATES
+        for word in ("success", "fail", "accept", "reject", "good", "ok")
+    )
 
 
 def test_what_people_said_steers_no_terminal(runs: Path) -> None:
@@ -138,7 +160,10 @@ def test_what_people_said_steers_no_terminal(runs: Path) -> None:
         (["nowhere"], "nowhere: no such folder"),
         (["--since", "yesterday"], "--since yesterday: give a day such as 2026-11-21"),
         (["--until", "9999-12-31"], "--until 9999-12-31: give a day"),
-        (["--verdict", "rejected"], "--verdict REJECTED: must be one of ACCEPT, ACCEPT WITH DEVIATIONS, REJECT"),
+        (
+            ["--verdict", "rejected"],
+            "--verdict REJECTED: must be one of ACCEPT, ACCEPT WITH DEVIATIONS, REJECT",
+        ),
         (["--state", "done"], "--state done: must be one of running, crashed"),
         (["--tag", "shift"], "--tag shift: must be NAME=VALUE"),
     ],
@@ -153,7 +178,9 @@ def test_verdicts_are_those_of_the_judge() -> None:
     assert set(VERDICTS) == {str(one) for one in Verdict}
 
 
-@pytest.mark.parametrize("text", ["2026-11-21T08:00", "2026-11-21 08:00", "2026-11-21T09:00+01:00", "2026-11-21T08:00Z"])
+@pytest.mark.parametrize(
+    "text", ["2026-11-21T08:00", "2026-11-21 08:00", "2026-11-21T09:00+01:00", "2026-11-21T08:00Z"]
+)
 def test_times_are_utc_where_they_name_no_zone(text: str) -> None:
     assert moment("--since", text) == datetime(2026, 11, 21, 8, tzinfo=UTC)
 
@@ -164,12 +191,22 @@ def test_no_time_is_none() -> None:
         moment("--since", "")
 
 
-# -- annotate --unit --------------------------------------------------------------------------------------------------------
+# -- annotate --unit -------------------------------------------------------------------------------
 
 
 def test_a_serial_told_late_is_found_and_the_record_is_as_it_was(runs: Path) -> None:
     said = CliRunner().invoke(
-        app, ["annotate", f"runs/{RUN}", "--unit", " SN-7 ", "--by", "A. Rossi", "--reason", "the reader was off"]
+        app,
+        [
+            "annotate",
+            f"runs/{RUN}",
+            "--unit",
+            " SN-7 ",
+            "--by",
+            "A. Rossi",
+            "--reason",
+            "the reader was off",
+        ],
     )
     assert said.exit_code == 0, said.output
     assert "SN-7 +2" in told("--unit", "SN-7").stdout
@@ -216,7 +253,9 @@ def test_a_note_names_all_that_it_lacks(runs: Path, given: list[str], why: str) 
         ("maintenance", ["-s, --station NAME", "--task NAME"], "with done"),
     ],
 )
-def test_help_marks_what_a_part_of_a_command_needs(verb: str, options: list[str], when: str) -> None:
+def test_help_marks_what_a_part_of_a_command_needs(
+    verb: str, options: list[str], when: str
+) -> None:
     shown = CliRunner().invoke(app, [verb, "--help"], terminal_width=200).stdout
     for option in options:
         (line,) = (line for line in shown.splitlines() if line.strip().startswith(option))

@@ -1,4 +1,6 @@
-"""`jbclog safe`: what it orders of whom, what it leaves alone, and what it does not take for safe."""
+"""`jbclog safe`: what it orders of whom, what it leaves alone, and what it does not take for
+safe.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,9 @@ def test_each_tool_is_told_to_stand_and_read_back(make: Make) -> None:
 
 
 @pytest.mark.parametrize(("last", "now"), [(False, ", 350 °C"), (True, ", temperature not known")])
-def test_no_temperature_is_told_that_one_answer_alone_says_or_that_cannot_be(make: Make, last: bool, now: str) -> None:
+def test_no_temperature_is_told_that_one_answer_alone_says_or_that_cannot_be(
+    make: Make, last: bool, now: str
+) -> None:
     bench = put_to_work(make(safe_text("dde-1", "dde", "tools = { 1 = 2, 2 = 0 }")))
     bench.wait(20)
     says(bench, "dde-1", "TT1", "04033", last=last)
@@ -94,7 +98,9 @@ def test_a_tool_that_rests_already_is_not_woken(make: Make, seconds: float, stat
 
 
 @pytest.mark.parametrize(("cools", "told"), [(True, []), (False, [STAND])])
-def test_an_extractor_state_is_left_alone_where_the_tip_cools(make: Make, cools: bool, told: list[str]) -> None:
+def test_an_extractor_state_is_left_alone_where_the_tip_cools(
+    make: Make, cools: bool, told: list[str]
+) -> None:
     bench = make(safe_text("ucr-1", "ucr", f"tool = 9\nextractor_cools = {str(cools).lower()}"))
     bench.wait(20)
     bench.do("write", "ucr-1", "status", "extractor")
@@ -106,8 +112,14 @@ def test_an_extractor_state_is_left_alone_where_the_tip_cools(make: Make, cools:
 
 @pytest.mark.parametrize("delay", ["5", '"off"'])
 def test_a_cold_tool_in_its_extractor_state_is_not_heated(make: Make, delay: str) -> None:
-    """Of no family: set to stand, it would be. Delays that are off keep no tool hot that does not stand."""
-    bench = make(station_text("dde-1", "dde", sim=f"tools = {{1 = 2, 2 = 0}}\nsettings = {{sleep_delay = {delay}}}"))
+    """Of no family: set to stand, it would be. Delays that are off keep no tool hot that does not
+    stand.
+    """
+    bench = make(
+        station_text(
+            "dde-1", "dde", sim=f"tools = {{1 = 2, 2 = 0}}\nsettings = {{sleep_delay = {delay}}}"
+        )
+    )
     bench.wires["dde-1"].station.plant.ports[1].order(WORKING, True)  # type: ignore[union-attr]
     bench.wait(3600)
     ended = bench.do("safe")
@@ -144,7 +156,13 @@ def test_hot_air_is_told_to_cool_and_keeps_what_it_holds(make: Make) -> None:
 )
 def test_a_tool_that_stands_and_never_cools_is_not_safe(make: Make, delays: str, off: str) -> None:
     bench = put_to_work(
-        make(station_text("dde-1", "dde", sim=f"tools = {{1 = 2, 2 = 0}}\nsettings = {{{delays}}}".replace("99999", '"off"')))
+        make(
+            station_text(
+                "dde-1",
+                "dde",
+                sim=f"tools = {{1 = 2, 2 = 0}}\nsettings = {{{delays}}}".replace("99999", '"off"'),
+            )
+        )
     )
     ended = bench.do("safe")
     assert writes(bench, "dde-1") == [STAND]
@@ -152,7 +170,10 @@ def test_a_tool_that_stands_and_never_cools_is_not_safe(make: Make, delays: str,
     assert f"port 1 ({T245}): NOT SAFE, set to stand, " in ended.out
     what = "hibernate" if off.startswith("hibernation") else "sleep"
     assert f"will not {what} by itself, its delay is off\n" in ended.out
-    assert f"error: dde-1 port 1: its {off} off, so it never cools down: switch the station off" in ended.err
+    assert (
+        f"error: dde-1 port 1: its {off} off, so it never cools down: switch the station off"
+        in ended.err
+    )
 
 
 def test_a_family_to_be_learnt_is_learnt(make: Make) -> None:
@@ -165,21 +186,30 @@ def test_what_really_is_there_counts_and_not_what_the_line_file_says(make: Make)
     bench = put_to_work(make(safe_text("dde-1", "dde", 'model = "NAE"')))
     ended = bench.do("safe")
     assert (ended.code, writes(bench, "dde-1")) == (0, [STAND, "WPS200001"])
-    assert "note: dde-1: the line file says family dde, the station says model NAE and was spoken to as such" in ended.err
+    assert (
+        "note: dde-1: the line file says family dde, the station says model NAE and was spoken to"
+        " as such" in ended.err
+    )
 
 
 def test_nothing_is_written_to_a_stranger(make: Make) -> None:
     bench = make(safe_text("dde-1", "dde", 'model = "XYZ"'))
     ended = bench.do("safe")
     assert (ended.code, writes(bench, "dde-1"), ended.out) == (5, [], "dde-1: NOT SAFE\n")
-    assert "the station says model XYZ; nothing was written to it. It may be hot: switch the station off" in ended.err
+    assert (
+        "the station says model XYZ; nothing was written to it. It may be hot: switch the"
+        " station off" in ended.err
+    )
 
 
 def test_an_omega_takes_no_such_order(make: Make) -> None:
     bench = make(station_text("omega-1", "omega", keys='baudrate = 9600\nformat = "8N1"'))
     ended = bench.do("safe")
     assert (ended.code, writes(bench, "omega-1")) == (5, [])
-    assert "has no safe state, it takes no order that would make it safe: stop it at its own panel" in ended.err
+    assert (
+        "has no safe state, it takes no order that would make it safe: stop it at its own panel"
+        in ended.err
+    )
     assert ended.out == "omega-1: NOT SAFE, no safe state, temperature not known\n"
 
 
@@ -210,15 +240,24 @@ def test_a_cable_that_stays_out_is_told_with_what_to_do(make: Make) -> None:
 
     bench.wires["dde-1"].watch = watch
     ended = bench.do("safe")
-    assert (ended.code, ended.err) == (5, "error: dde-1: the cable is out; its tools may be hot: switch the station off\n")
+    assert (ended.code, ended.err) == (
+        5,
+        "error: dde-1: the cable is out; its tools may be hot: switch the station off\n",
+    )
 
 
 def test_an_order_that_is_only_acknowledged_is_not_safe(make: Make) -> None:
     bench = put_to_work(make(safe_text("dde-1", "dde", "tools = {1 = 2, 2 = 0}")))
     bench.wires["dde-1"].only_acknowledged = "WPS1"
     ended = bench.do("safe")
-    assert (ended.code, ended.out.splitlines()[0].partition(" NOT SAFE")[0]) == (5, f"dde-1 port 1 ({T245}):")
-    assert "error: dde-1 port 1: it was ordered to rest and does not confirm it; it may be hot: switch the station off" in ended.err
+    assert (ended.code, ended.out.splitlines()[0].partition(" NOT SAFE")[0]) == (
+        5,
+        f"dde-1 port 1 ({T245}):",
+    )
+    assert (
+        "error: dde-1 port 1: it was ordered to rest and does not confirm it; it may be hot: switch"
+        " the station off" in ended.err
+    )
 
 
 def test_json_tells_it_tool_by_tool(make: Make) -> None:
@@ -226,17 +265,29 @@ def test_json_tells_it_tool_by_tool(make: Make) -> None:
     told = json.loads(bench.do("safe", "--json").out)
     (station,) = told["stations"]
     (tool,) = station["tools"]
-    assert (told["exit_code"], told["runs"], station["safe"], station["feeder"], station["model"]) == (
+    assert (
+        told["exit_code"],
+        told["runs"],
+        station["safe"],
+        station["feeder"],
+        station["model"],
+    ) == (
         0,
         [],
         True,
         "stopped",
         "ALE",
     )
-    assert (tool["port"], tool["state"], tool["safe"], tool["rested"], tool["problem"]) == (1, "stand", True, False, None)
+    assert (tool["port"], tool["state"], tool["safe"], tool["rested"], tool["problem"]) == (
+        1,
+        "stand",
+        True,
+        False,
+        None,
+    )
 
 
-# -- safe is not cold ---------------------------------------------------------------------------------------------------------
+# -- safe is not cold ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -270,10 +321,17 @@ def test_hot_air_says_that_its_heater_is_off(make: Make, order: str, first: str,
 
 
 @pytest.mark.parametrize(
-    ("silent", "unknown"), [("tip_temperature", "temperature not known"), ("time_to_sleep", "when it sleeps is not known")]
+    ("silent", "unknown"),
+    [
+        ("tip_temperature", "temperature not known"),
+        ("time_to_sleep", "when it sleeps is not known"),
+    ],
 )
 def test_what_cannot_be_read_is_said_as_not_known(make: Make, silent: str, unknown: str) -> None:
-    sim = f"tools = {{1 = 2, 2 = 0}}\n{DELAYS}\n[[station.sim.fault]]\nkind = 'silence'\ncommand = '{silent}'"
+    sim = (
+        f"tools = {{1 = 2, 2 = 0}}\n{DELAYS}\n[[station.sim.fault]]\nkind = 'silence'\ncommand ="
+        f" '{silent}'"
+    )
     bench = put_to_work(make(station_text("dde-1", "dde", sim=sim)))
     ended = bench.do("safe")
     assert (ended.code, unknown in ended.out) == (0, True)
@@ -298,17 +356,24 @@ def test_waiting_ends_when_all_are_below(make: Make) -> None:
         assert f"dde-1 port {number} " in ended.out
     assert ended.out.count("below 60 °C after ") == 2
     assert "waiting for dde-1 port 1 (" in ended.err
-    assert all(one.startswith("WPS") for one in writes(bench, "dde-1"))  # nothing but the orders is written
+    # nothing but the orders is written
+    assert all(one.startswith("WPS") for one in writes(bench, "dde-1"))
 
 
 def test_waiting_for_less_takes_less(make: Make) -> None:
     bench = cooling_bench(make)
     begun = bench.clock.monotonic()
     ended = bench.do("safe", "--wait", "--below", "200")
-    assert (ended.code, bench.clock.monotonic() - begun < 180, ended.out.count("below 200 °C")) == (0, True, 2)
+    assert (ended.code, bench.clock.monotonic() - begun < 180, ended.out.count("below 200 °C")) == (
+        0,
+        True,
+        2,
+    )
 
 
-def test_after_half_an_hour_what_is_still_above_is_named_with_its_last_temperature(make: Make) -> None:
+def test_after_half_an_hour_what_is_still_above_is_named_with_its_last_temperature(
+    make: Make,
+) -> None:
     bench = cooling_bench(make, 5, 60)
     begun = bench.clock.monotonic()
     ended = bench.do("safe", "--wait")
@@ -319,14 +384,24 @@ def test_after_half_an_hour_what_is_still_above_is_named_with_its_last_temperatu
 
 
 def test_a_temperature_that_is_not_told_never_counts_as_cold(make: Make) -> None:
-    bench = cooling_bench(make, more="[[station.sim.fault]]\nkind = 'silence'\ncommand = 'tip_temperature'\nport = 2")
+    bench = cooling_bench(
+        make, more="[[station.sim.fault]]\nkind = 'silence'\ncommand = 'tip_temperature'\nport = 2"
+    )
     ended = bench.do("safe", "--wait", "--json")
     told = json.loads(ended.out)
-    assert (ended.code, told["exit_code"], told["below_c"], told["waited_s"] >= 1800) == (1, 1, 60, True)
+    assert (ended.code, told["exit_code"], told["below_c"], told["waited_s"] >= 1800) == (
+        1,
+        1,
+        60,
+        True,
+    )
     first, second = told["stations"][0]["tools"]
     assert (first["cold"], first["temperature_c"] < 60) == (True, True)
     assert (second["cold"], second["temperature_c"]) == (False, None)
-    assert "error: dde-1 port 2: temperature not known, not known to be below 60 °C after 30 min" in ended.err
+    assert (
+        "error: dde-1 port 2: temperature not known, not known to be below 60 °C after 30 min"
+        in ended.err
+    )
 
 
 def test_a_tool_that_was_taken_out_is_not_cold(make: Make) -> None:
@@ -372,8 +447,16 @@ def test_a_limit_without_waiting_is_refused_before_anything_is_sent(make: Make) 
 
 
 def test_json_tells_what_follows(make: Make) -> None:
-    bench = put_to_work(make(safe_text("dde-1", "dde", "tools = {1 = 2, 2 = 0}\njoints_per_minute = 0")))
+    bench = put_to_work(
+        make(safe_text("dde-1", "dde", "tools = {1 = 2, 2 = 0}\njoints_per_minute = 0"))
+    )
     bench.wait(30)
     (tool,) = json.loads(bench.do("safe", "--json").out)["stations"][0]["tools"]
-    assert (tool["told"], tool["next"], tool["next_in_s"], tool["never"], tool["cold"]) == ("stand", "sleep", 300, [], None)
+    assert (tool["told"], tool["next"], tool["next_in_s"], tool["never"], tool["cold"]) == (
+        "stand",
+        "sleep",
+        300,
+        [],
+        None,
+    )
     assert tool["text"] == "set to stand, 350 °C, sleeps in 5 min"

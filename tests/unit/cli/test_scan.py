@@ -24,7 +24,9 @@ from support.links.uart_ports import Cable, Echo, Silence, access_to, station_ca
         ("1-99", (1, None, 10, *range(2, 10), *range(11, 100))),
     ],
 )
-def test_addresses_come_behind_the_usual_ones(text: str | None, found: tuple[int | None, ...]) -> None:
+def test_addresses_come_behind_the_usual_ones(
+    text: str | None, found: tuple[int | None, ...]
+) -> None:
     assert _addresses(text) == found
 
 
@@ -36,7 +38,12 @@ def test_addresses_that_there_are_not(text: str) -> None:
 
 def test_a_port_with_two_names_is_asked_once(tmp_path: Path) -> None:
     (tmp_path / "by-id").symlink_to(tmp_path / "ttyUSB0")
-    named = [str(tmp_path / "by-id"), str(tmp_path / "ttyUSB0"), "socket://host:1", "socket://host:2"]
+    named = [
+        str(tmp_path / "by-id"),
+        str(tmp_path / "ttyUSB0"),
+        "socket://host:1",
+        "socket://host:2",
+    ]
     assert _ports(named) == [named[0], *named[2:]]
 
 
@@ -53,7 +60,10 @@ def test_what_is_no_url_of_a_port_is_wrong_usage(url: str, why: str) -> None:
     ended = CliRunner().invoke(app, ["scan", url])
     assert ended.exit_code == 2
     assert why in ended.stderr
-    assert "A port is a device such as /dev/ttyUSB0, socket://HOST:PORT or rfc2217://HOST:PORT" in ended.stderr
+    assert (
+        "A port is a device such as /dev/ttyUSB0, socket://HOST:PORT or rfc2217://HOST:PORT"
+        in ended.stderr
+    )
 
 
 def said(cables: dict[str, Cable], *options: str) -> tuple[int, str]:
@@ -100,7 +110,11 @@ def test_json_tells_the_same() -> None:
     assert told["written"] is None
     assert told["ports"][0]["station"]["robot_mode"] is False
     assert told["ports"][0]["findings"][0]["kind"] == "robot_mode.off"
-    assert told["ports"][0]["questions"] == sum(one["count"] for one in told["sent"]) == len(cable.asked)
+    assert (
+        told["ports"][0]["questions"]
+        == sum(one["count"] for one in told["sent"])
+        == len(cable.asked)
+    )
     assert told["sent"][0] == {
         "question": "model, to address 01",
         "hex": "0230303031" + "52534d4e0302",
@@ -111,7 +125,9 @@ def test_json_tells_the_same() -> None:
 
 def test_a_line_file_is_not_written_where_there_is_nothing_to_run(tmp_path: Path) -> None:
     file = tmp_path / "line.toml"
-    code, text = said({"/dev/ttyUSB0": station_cable("dde", sim="robot_mode = false")}, "--write", str(file))
+    code, text = said(
+        {"/dev/ttyUSB0": station_cable("dde", sim="robot_mode = false")}, "--write", str(file)
+    )
     assert code == 1
     assert not file.exists()
     assert f"not written: {file}; no station that jbclog can drive" in text
@@ -119,7 +135,9 @@ def test_a_line_file_is_not_written_where_there_is_nothing_to_run(tmp_path: Path
 
 def test_a_model_that_no_table_has_is_a_line_to_be_completed(tmp_path: Path) -> None:
     file = tmp_path / "line.toml"
-    _, text = said({"/dev/ttyUSB0": station_cable("dde", sim='model = "DIE"')}, "--write", str(file))
+    _, text = said(
+        {"/dev/ttyUSB0": station_cable("dde", sim='model = "DIE"')}, "--write", str(file)
+    )
     assert '# model = "DIE"' in file.read_text()
     assert '# family = "..."' in file.read_text()
     assert "no station active yet: enter the family and remove the # before its lines." in text

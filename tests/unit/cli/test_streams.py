@@ -1,4 +1,6 @@
-"""A stream that was closed, or that cannot write every character, keeps no run from being recorded."""
+"""A stream that was closed, or that cannot write every character, keeps no run from being
+recorded.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,10 @@ from pathlib import Path
 
 import pytest
 
-LINE = '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports = [1]\n'
+LINE = (
+    '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports ='
+    " [1]\n"
+)
 RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'
 CALL = "exec {python} -c 'from jbclog.cli import main; main()' {arguments}"
 
@@ -19,7 +24,14 @@ def shell(folder: Path, arguments: str, **environment: str) -> subprocess.Comple
     (folder / "job.toml").write_text(RECIPE)
     script = CALL.format(python=sys.executable, arguments=arguments)
     return subprocess.run(
-        ["sh", "-c", script], cwd=folder, capture_output=True, text=True, errors="replace", env=environment, timeout=60, check=False
+        ["sh", "-c", script],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        env=environment,
+        timeout=60,
+        check=False,
     )
 
 
@@ -36,12 +48,18 @@ def test_a_run_is_recorded_all_the_same(tmp_path: Path, closed: str) -> None:
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_a_stream_that_cannot_write_a_character_gets_an_escape(tmp_path: Path, encoding: str) -> None:
+def test_a_stream_that_cannot_write_a_character_gets_an_escape(
+    tmp_path: Path, encoding: str
+) -> None:
     (tmp_path / "Prüfstück Ω").mkdir()
-    ended = shell(tmp_path / "Prüfstück Ω", "plan job.toml --line line.toml --json", PYTHONIOENCODING=encoding)
+    ended = shell(
+        tmp_path / "Prüfstück Ω", "plan job.toml --line line.toml --json", PYTHONIOENCODING=encoding
+    )
     assert ended.returncode == 0, ended.stderr
     (station,) = json.loads(ended.stdout)["stations"]
     assert station["url"].endswith("Prüfstück Ω/nowhere")
-    ended = shell(tmp_path / "Prüfstück Ω", "plan job.toml --line line.toml", PYTHONIOENCODING=encoding)
+    ended = shell(
+        tmp_path / "Prüfstück Ω", "plan job.toml --line line.toml", PYTHONIOENCODING=encoding
+    )
     assert ended.returncode == 0, ended.stderr
     assert "/nowhere" in ended.stdout

@@ -42,7 +42,9 @@ def test_all_comes_in_order(pipe: tuple[int, int]) -> None:
     os.close(pipe[0])
 
 
-def test_who_does_not_read_is_not_waited_for(pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_does_not_read_is_not_waited_for(
+    pipe: tuple[int, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(streams, "END_S", 0.1)
     before = fill(pipe[1])
     stream = NonblockingOutput(pipe[1])
@@ -80,12 +82,22 @@ def test_a_stream_that_is_no_descriptor_stays_as_it_is(capsys: pytest.CaptureFix
 
 
 @pytest.mark.parametrize("apart", [False, True])
-def test_data_and_notes_on_one_terminal_keep_their_order(pipe: tuple[int, int], apart: bool) -> None:
-    """Or what erases a live table would erase the data printed after it. Streams that lead elsewhere do not wait for each other."""
+def test_data_and_notes_on_one_terminal_keep_their_order(
+    pipe: tuple[int, int], apart: bool
+) -> None:
+    """Or what erases a live table would erase the data printed after it. Streams that lead
+    elsewhere do not wait for each other.
+    """
     write = "from jbclog.cli.streams import never_wait; import sys; never_wait()\n"
     write += "for at in range(200): print(at, file=sys.stderr if at % 2 else sys.stdout)"
     notes = subprocess.PIPE if apart else pipe[1]
-    ended = subprocess.run([sys.executable, "-c", write], stdout=pipe[1], stderr=notes, check=True, timeout=60)
-    assert [int(line) for line in os.read(pipe[0], 1 << 16).split()] == list(range(0, 200, 1 + apart))
-    assert [int(line) for line in (ended.stderr or b"").split()] == (list(range(1, 200, 2)) if apart else [])
+    ended = subprocess.run(
+        [sys.executable, "-c", write], stdout=pipe[1], stderr=notes, check=True, timeout=60
+    )
+    assert [int(line) for line in os.read(pipe[0], 1 << 16).split()] == list(
+        range(0, 200, 1 + apart)
+    )
+    assert [int(line) for line in (ended.stderr or b"").split()] == (
+        list(range(1, 200, 2)) if apart else []
+    )
     os.close(pipe[0])

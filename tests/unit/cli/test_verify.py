@@ -1,4 +1,6 @@
-"""`jbclog verify` and `jbclog where-used`: a tip read by virtual stations in memory, and runs recorded on a clock that jumps."""
+"""`jbclog verify` and `jbclog where-used`: a tip read by virtual stations in memory, and runs
+recorded on a clock that jumps.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,11 @@ SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", 
 @pytest.fixture
 def bench(make: Make) -> Bench:
     """A station whose tip is 12 °C colder than it says, at work and settled."""
-    made = make(station_text("dde-1", "dde", "", "tools = { 1 = 2 }\nsensor_error_c = 12\njoints_per_minute = 0"))
+    made = make(
+        station_text(
+            "dde-1", "dde", "", "tools = { 1 = 2 }\nsensor_error_c = 12\njoints_per_minute = 0"
+        )
+    )
     assert made.do("write", "dde-1", "status", "working", "--port", "1").code == 0
     made.wait(60)
     made.wires["dde-1"].heard.clear()
@@ -37,15 +43,27 @@ def verified(bench: Bench, reading: str, *words: str) -> Ended:
 def test_it_reads_the_station_itself_and_writes_nothing(bench: Bench) -> None:
     ended = verified(bench, "338")
     assert ended.code == 0, ended.err
-    assert ended.out.startswith("PASS  dde-1 port 1, tip T-17: The tip is -12.0 °C from the station's own reading and -12.0 °C")
+    assert ended.out.startswith(
+        "PASS  dde-1 port 1, tip T-17: The tip is -12.0 °C from the station's own reading and"
+        " -12.0 °C"
+    )
     (kept,) = read_book(Path("runs")).all
-    assert (kept.station_c, kept.station_n, kept.set_c, kept.adjust_c, kept.offset_c) == (350.0, 12, 350.0, 0.0, -12.0)
+    assert (kept.station_c, kept.station_n, kept.set_c, kept.adjust_c, kept.offset_c) == (
+        350.0,
+        12,
+        350.0,
+        0.0,
+        -12.0,
+    )
     assert (kept.tool, kept.model, kept.by) == ("T245/T470/TR245/TR470", "DDE", "A. Rossi")
     assert bench.wires["dde-1"].writes == []
-    assert bench.wires["dde-1"].texts.count("RTT1") == 24  # each reading is borne out by a second answer
+    # each reading is borne out by a second answer
+    assert bench.wires["dde-1"].texts.count("RTT1") == 24
 
 
-def test_a_temperature_that_cannot_be_is_no_reading_and_one_said_once_is_none_either(bench: Bench) -> None:
+def test_a_temperature_that_cannot_be_is_no_reading_and_one_said_once_is_none_either(
+    bench: Bench,
+) -> None:
     says(bench, "dde-1", "TT1", "04033")
     assert verified(bench, "338").code == 0
     says(bench, "dde-1", "TT1", "04033", last=True)
@@ -57,11 +75,16 @@ def test_a_temperature_that_cannot_be_is_no_reading_and_one_said_once_is_none_ei
 def test_the_proposal_is_a_call_that_makes_the_next_one_pass(bench: Bench) -> None:
     ended = verified(bench, "334")
     assert ended.code == 1
-    call = next(line for line in ended.err.splitlines() if line.startswith("proposed")).partition(": ")[2].partition("   (")[0]
+    call = (
+        next(line for line in ended.err.splitlines() if line.startswith("proposed"))
+        .partition(": ")[2]
+        .partition("   (")[0]
+    )
     assert "16" in call
     assert bench.call(call).code == 0
     bench.wait(60)
-    assert verified(bench, "350").code == 0  # as the thermometer would show now: the tip is 16 °C hotter
+    # as the thermometer would show now: the tip is 16 °C hotter
+    assert verified(bench, "350").code == 0
     assert [one.adjust_c for one in read_book(Path("runs")).all] == [0.0, 16.0]
 
 
@@ -100,26 +123,53 @@ def test_a_display_that_was_read_is_enough_and_the_station_is_not_asked(bench: B
 
 
 def test_an_instrument_past_its_due_date_makes_it_invalid(bench: Bench) -> None:
-    ended = bench.do("verify", "dde-1", "-p", "1", "--reading", "350", *SAID[:2], "--due", "2001-01-01", *SAID[4:])
+    ended = bench.do(
+        "verify",
+        "dde-1",
+        "-p",
+        "1",
+        "--reading",
+        "350",
+        *SAID[:2],
+        "--due",
+        "2001-01-01",
+        *SAID[4:],
+    )
     assert (ended.code, ended.out[:7]) == (1, "INVALID")
     assert "proposed" not in ended.err
 
 
 @pytest.mark.parametrize(
-    "words", [("--reading", "2000"), ("--due", "soon"), ("--limit", "0"), ("--by", " "), ("--tip", "a\u202eb"), ("--port", "7")]
+    "words",
+    [
+        ("--reading", "2000"),
+        ("--due", "soon"),
+        ("--limit", "0"),
+        ("--by", " "),
+        ("--tip", "a\u202eb"),
+        ("--port", "7"),
+    ],
 )
 def test_wrong_usage_asks_and_keeps_nothing(bench: Bench, words: tuple[str, str]) -> None:
     ended = verified(bench, "350", *words)
     assert (ended.code, bench.wires["dde-1"].heard, Path("runs").exists()) == (2, [], False)
 
 
-# -- where it was used ------------------------------------------------------------------------------------------------------
+# -- where it was used -----------------------------------------------------------------------------
 
 NOW = datetime(2026, 11, 21, 8, 0, tzinfo=UTC)
 
 
 def checked(out: Path, day: float, result: str, **more: object) -> None:
-    given = Given("dde-1", 1, 400.0 if result == "fail" else 350.0, "TC-7", date(2099, 1, 1), "T-17", "A. Rossi")
+    given = Given(
+        "dde-1",
+        1,
+        400.0 if result == "fail" else 350.0,
+        "TC-7",
+        date(2099, 1, 1),
+        "T-17",
+        "A. Rossi",
+    )
     one = verify(replace(given, **more), own_of([350.0] * 12, 350.0), NOW + timedelta(days=day))  # type: ignore[arg-type]
     assert one.result == result
     keep(out, one)
@@ -135,13 +185,23 @@ def ran(out: Path, day: float, hours: float = 1.0, **said: object) -> str:
     line, metadata = LineFile("bench", "line.toml", "0"), Metadata(**said)  # type: ignore[arg-type]  # test helper
     write_manifest(
         folder,
-        Manifest(folder.name, state="sealed", started=at[0], ended=at[1], line=line, stations=[facts], metadata=metadata),
+        Manifest(
+            folder.name,
+            state="sealed",
+            started=at[0],
+            ended=at[1],
+            line=line,
+            stations=[facts],
+            metadata=metadata,
+        ),
     )
     return folder.name
 
 
 def used(out: Path, *words: str) -> tuple[list[str], dict[str, object]]:
-    ended = CliRunner().invoke(app, ["where-used", str(out), "--station", "dde-1", "--json", *words])
+    ended = CliRunner().invoke(
+        app, ["where-used", str(out), "--station", "dde-1", "--json", *words]
+    )
     told = json.loads(ended.stdout)
     return [Path(run["run"]).name for run in told["runs"]], {**told, "code": ended.exit_code}
 
@@ -155,11 +215,16 @@ def test_the_runs_between_the_last_good_and_the_next_good_one_are_suspect(tmp_pa
     ran(tmp_path, 31)
     names, told = used(tmp_path)
     assert names == [across, between, behind]
-    assert (told["since"], told["until"]) == ("2026-12-01T08:00:00+00:00", "2026-12-21T08:00:00+00:00")
+    assert (told["since"], told["until"]) == (
+        "2026-12-01T08:00:00+00:00",
+        "2026-12-21T08:00:00+00:00",
+    )
     assert told["runs"][1]["units"] == ["SN-1", "SN-2"]  # type: ignore[index]  # JSON
 
 
-def test_a_run_that_names_another_tip_is_not_suspect_and_one_that_names_none_is(tmp_path: Path) -> None:
+def test_a_run_that_names_another_tip_is_not_suspect_and_one_that_names_none_is(
+    tmp_path: Path,
+) -> None:
     checked(tmp_path, 0, "fail")
     ran(tmp_path, 1, tips=["dde-1:1=T-99"])
     silent, same = ran(tmp_path, 2), ran(tmp_path, 3, tips=["T-17"])
@@ -167,7 +232,9 @@ def test_a_run_that_names_another_tip_is_not_suspect_and_one_that_names_none_is(
     assert used(tmp_path, "--port", "2")[0] == []  # no verification of that port failed
 
 
-def test_of_the_tip_that_failed_though_no_tip_was_asked_for_and_also_in_another_port(tmp_path: Path) -> None:
+def test_of_the_tip_that_failed_though_no_tip_was_asked_for_and_also_in_another_port(
+    tmp_path: Path,
+) -> None:
     checked(tmp_path, 0, "fail")
     ran(tmp_path, 1, tips=["dde-1:1=T-99", "dde-1:2=T-98"])
     moved = ran(tmp_path, 2, tips=["dde-1:1=T-99", "dde-1:2=T-17"])
@@ -216,7 +283,11 @@ def test_without_a_known_verification_too_an_unreadable_run_is_named(tmp_path: P
     (tmp_path / "torn").mkdir()
     (tmp_path / "torn" / "manifest.json").write_text("{")
     ended = CliRunner().invoke(app, ["where-used", str(tmp_path), "--station", "dde-1"])
-    assert (ended.exit_code, "No verification is known." in ended.output, "torn: " in ended.output) == (1, True, True)
+    assert (
+        ended.exit_code,
+        "No verification is known." in ended.output,
+        "torn: " in ended.output,
+    ) == (1, True, True)
 
 
 @pytest.mark.parametrize("name", [name for name in HOSTILE if name not in ("line end", "NUL")])

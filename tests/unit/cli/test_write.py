@@ -45,22 +45,44 @@ def writes(bench: Bench, name: str = "dde-1") -> list[str]:
     return bench.wires[name].writes
 
 
-# -- one write ----------------------------------------------------------------------------------------------------------------
+# -- one write -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("words", "sent", "told"),
     [
-        (("selected_temperature", "360"), "WST100360", "selected_temperature of port 1: 360 °C, confirmed (350 °C before)"),
+        (
+            ("selected_temperature", "360"),
+            "WST100360",
+            "selected_temperature of port 1: 360 °C, confirmed (350 °C before)",
+        ),
         (("adjust", "-5"), "WA12-0005", "adjust of port 1, tool 2: -5 °C, confirmed (0 °C before)"),
-        (("adjust", "7", "--tool", "3"), "WA1300007", "adjust of port 1, tool 3: 7 °C, confirmed (0 °C before)"),
-        (("sleep_delay", "off"), "WD1299999", "sleep_delay of port 1, tool 2: off, confirmed (5 min before)"),
-        (("alarm_high_limit", "380"), "WHA100380", "alarm_high_limit of port 1: 380 °C, confirmed (not set before)"),
-        (("alarm_high_delay", "1.6"), "WHD101.60", "alarm_high_delay of port 1: 1.60 s, confirmed (off before)"),
+        (
+            ("adjust", "7", "--tool", "3"),
+            "WA1300007",
+            "adjust of port 1, tool 3: 7 °C, confirmed (0 °C before)",
+        ),
+        (
+            ("sleep_delay", "off"),
+            "WD1299999",
+            "sleep_delay of port 1, tool 2: off, confirmed (5 min before)",
+        ),
+        (
+            ("alarm_high_limit", "380"),
+            "WHA100380",
+            "alarm_high_limit of port 1: 380 °C, confirmed (not set before)",
+        ),
+        (
+            ("alarm_high_delay", "1.6"),
+            "WHD101.60",
+            "alarm_high_delay of port 1: 1.60 s, confirmed (off before)",
+        ),
         (("status", "stand"), "WPS100001", "status of port 1: stand, confirmed (extractor before)"),
     ],
 )
-def test_it_is_written_once_and_read_back(make: Make, words: tuple[str, ...], sent: str, told: str) -> None:
+def test_it_is_written_once_and_read_back(
+    make: Make, words: tuple[str, ...], sent: str, told: str
+) -> None:
     bench = make(dde())
     ended = bench.do("write", "dde-1", *words, "--port", "1")
     assert (ended.code, ended.out, ended.err) == (0, f"{told}\n", "")
@@ -71,14 +93,22 @@ def test_it_is_written_once_and_read_back(make: Make, words: tuple[str, ...], se
 
 @pytest.mark.parametrize(
     ("sim", "code", "told"),
-    [("", 0, "sleep_delay of port 1: 300 min, confirmed"), ("refuses_unprinted = true", 3, "N 00003")],
+    [
+        ("", 0, "sleep_delay of port 1: 300 min, confirmed"),
+        ("refuses_unprinted = true", 3, "N 00003"),
+    ],
 )
-def test_what_an_older_station_s_manual_does_not_print_is_its_own_to_refuse(make: Make, sim: str, code: int, told: str) -> None:
+def test_what_an_older_station_s_manual_does_not_print_is_its_own_to_refuse(
+    make: Make, sim: str, code: int, told: str
+) -> None:
     bench = make(station_text("old-1", "soldering", sim=sim))
     ended = bench.do("write", "old-1", "sleep_delay", "300", "--port", "1", "--tool", "2")
     assert ended.code == code
     assert told.replace("port 1:", "port 1, tool 2:") in ended.out + ended.err
-    assert "note: sleep_delay: 300 min is not within 0 to 9 min, in steps of 1 (002 W-Dxy). Manual 000 prints" in ended.err
+    assert (
+        "note: sleep_delay: 300 min is not within 0 to 9 min, in steps of 1 (002 W-Dxy). Manual 000"
+        " prints" in ended.err
+    )
     assert writes(bench, "old-1") == ["WD1200300"]
 
 
@@ -92,14 +122,20 @@ def test_a_fuse_error_is_ignored_on_every_station_of_002(make: Make, name: str) 
 def test_without_the_station_s_own_maximum_no_temperature_is_written(make: Make) -> None:
     bench = make(dde(fault("nak", "command = 'maximum_temperature'\ncode = 4")))
     ended = bench.do("write", "dde-1", "selected_temperature", "300", "--port", "1")
-    assert (ended.code, "does not answer its maximum_temperature; nothing was written" in ended.err) == (3, True)
+    assert (
+        ended.code,
+        "does not answer its maximum_temperature; nothing was written" in ended.err,
+    ) == (3, True)
     assert writes(bench) == []
 
 
 def test_what_is_so_already_is_not_sent(make: Make) -> None:
     bench = make(dde())
     ended = bench.do("write", "dde-1", "selected_temperature", "350", "--port", "1")
-    assert (ended.code, ended.out) == (0, "selected_temperature of port 1: already 350 °C; nothing sent\n")
+    assert (ended.code, ended.out) == (
+        0,
+        "selected_temperature of port 1: already 350 °C; nothing sent\n",
+    )
     assert writes(bench) == []
 
 
@@ -115,14 +151,19 @@ def test_a_tool_s_state_is_ordered_whatever_it_says_that_it_is(make: Make) -> No
 def test_a_station_with_one_port_needs_none_named(make: Make) -> None:
     bench = make(ale())
     assert bench.do("write", "ale-1", "selected_temperature", "300").code == 0
-    assert bench.do("write", "ale-1", "feeder_length", "5.5").out == "feeder_length: 5.50 mm, confirmed (5.00 mm before)\n"
+    assert (
+        bench.do("write", "ale-1", "feeder_length", "5.5").out
+        == "feeder_length: 5.50 mm, confirmed (5.00 mm before)\n"
+    )
     assert bench.do("write", "ale-1", "feeder_mode", "program").code == 0
     assert writes(bench, "ale-1") == ["WST100300", "WLEN00055", "WMOD00002"]
 
 
 def test_a_write_as_json(make: Make) -> None:
     bench = make(dde())
-    told = json.loads(bench.do("write", "dde-1", "selected_temperature", "360", "--port", "1", "--json").out)
+    told = json.loads(
+        bench.do("write", "dde-1", "selected_temperature", "360", "--port", "1", "--json").out
+    )
     assert told.pop("time").endswith("Z")
     assert told == {
         "station": "dde-1",
@@ -141,7 +182,7 @@ def test_a_write_as_json(make: Make) -> None:
     }
 
 
-# -- what goes wrong ------------------------------------------------------------------------------------------------------------
+# -- what goes wrong -------------------------------------------------------------------------------
 
 
 def test_a_lost_acknowledgement_is_settled_by_reading(make: Make) -> None:
@@ -160,8 +201,10 @@ def test_what_the_station_refuses_is_told_with_what_was_before(make: Make) -> No
     bench = make(dde(fault("nak", "command = 'selected_temperature'\nonly = 'write'\ncode = 3")))
     ended = refused(bench, "selected_temperature", "360", "--port", "1")
     assert ended.code == 3
-    assert ended.err == (
-        "error: dde-1: selected_temperature of port 1: requested 360 °C, refused with N 00003, value out of range (350 °C before)\n"
+    assert (
+        ended.err
+        == "error: dde-1: selected_temperature of port 1: requested 360 °C, refused with N 00003,"
+        " value out of range (350 °C before)\n"
     )
     assert writes(bench) == ["WST100360"]
 
@@ -172,12 +215,16 @@ def test_what_is_acknowledged_and_not_done_is_a_mismatch(make: Make) -> None:
     ended = refused(bench, "selected_temperature", "360", "--port", "1")
     assert ended.code == 3
     assert "requested 360 °C, 350 °C was read back (350 °C before)" in ended.err
-    told = json.loads(bench.do("write", "dde-1", "selected_temperature", "360", "--port", "1", "--json").out)
+    told = json.loads(
+        bench.do("write", "dde-1", "selected_temperature", "360", "--port", "1", "--json").out
+    )
     assert (told["outcome"], told["readback"], told["exit_code"]) == ("mismatch", 350, 3)
 
 
 def test_a_reading_back_that_is_refused_is_no_refused_write(make: Make) -> None:
-    bench = make(dde(fault("nak", "command = 'selected_temperature'\nonly = 'read'\ncode = 5\nat_s = 5")))
+    bench = make(
+        dde(fault("nak", "command = 'selected_temperature'\nonly = 'read'\ncode = 5\nat_s = 5"))
+    )
     bench.do("read", "dde-1", "model")
     bench.wires["dde-1"].watch = lambda text: bench.wait(5) if text.startswith("WST1") else None
     ended = refused(bench, "selected_temperature", "360", "--port", "1")
@@ -192,7 +239,10 @@ def test_a_cable_that_goes_leaves_it_open(make: Make) -> None:
     ended = refused(bench, "selected_temperature", "360", "--port", "1")
     assert ended.code == 3
     assert "sent, not confirmed: the cable is out (350 °C before)" in ended.err
-    assert "it may have taken effect; check with: jbclog read dde-1 selected_temperature --port 1 --line" in ended.err
+    assert (
+        "it may have taken effect; check with: jbclog read dde-1 selected_temperature --port 1"
+        " --line" in ended.err
+    )
     assert writes(bench) == ["WST100360"]
 
 
@@ -216,12 +266,16 @@ def test_nothing_is_written_to_a_stranger(make: Make) -> None:
     bench = make(dde('model = "NAE"'))
     ended = refused(bench, "status", "stand", "--port", "1")
     assert ended.code == 3
-    assert "the line file says family dde, the station says model NAE; nothing was written to it" in ended.err
+    assert (
+        "the line file says family dde, the station says model NAE; nothing was written to it"
+        in ended.err
+    )
     assert writes(bench) == []
 
 
 @pytest.mark.parametrize(
-    ("value", "which"), [("505", "above the station's maximum of 500 °C"), ("85", "below the station's minimum of 90")]
+    ("value", "which"),
+    [("505", "above the station's maximum of 500 °C"), ("85", "below the station's minimum of 90")],
 )
 def test_what_only_the_station_knows_is_asked_before(make: Make, value: str, which: str) -> None:
     bench = make(dde())
@@ -237,7 +291,7 @@ def test_the_temperature_of_sleep_is_held_to_what_the_station_allows(make: Make)
     assert writes(bench) == []
 
 
-# -- nobody watches -------------------------------------------------------------------------------------------------------------
+# -- nobody watches --------------------------------------------------------------------------------
 
 
 def test_a_tool_that_is_put_to_work_is_watched_by_nobody(make: Make) -> None:
@@ -248,8 +302,12 @@ def test_a_tool_that_is_put_to_work_is_watched_by_nobody(make: Make) -> None:
     assert STAND in ended.err
     ended = bench.do("write", "dde-1", "selected_temperature", "360", "--port", "1")
     assert "the tool in port 1 is at work unattended" in ended.err
-    assert bench.call(ended.err.partition("To let it rest: ")[2]).out == "status of port 1: stand, confirmed (working before)\n"
-    assert bench.do("write", "dde-1", "selected_temperature", "340", "--port", "1").err == ""  # a tool that stands is no news
+    assert (
+        bench.call(ended.err.partition("To let it rest: ")[2]).out
+        == "status of port 1: stand, confirmed (working before)\n"
+    )
+    # a tool that stands is no news
+    assert bench.do("write", "dde-1", "selected_temperature", "340", "--port", "1").err == ""
 
 
 def test_hot_air_rests_by_its_own_words(make: Make) -> None:
@@ -286,7 +344,7 @@ def test_a_tool_is_told_to_rest_even_where_its_state_cannot_be_read(make: Make) 
     assert writes(bench) == ["WPS100001"]
 
 
-# -- what is dangerous ------------------------------------------------------------------------------------------------------------
+# -- what is dangerous -----------------------------------------------------------------------------
 
 MEANT = ("--yes-i-mean", "dde-1")
 
@@ -306,17 +364,23 @@ def test_nothing_dangerous_is_done_unless_it_is_meant(make: Make, family: str) -
 def _value_for(name: str) -> list[str]:
     if name == "store_condition":
         return ["condition 0: air_blow_s 1.0"]
-    return {"address": ["7"], "run_condition": ["101"]}.get(name, ["300"] if name.startswith(("max", "min")) else [])
+    return {"address": ["7"], "run_condition": ["101"]}.get(
+        name, ["300"] if name.startswith(("max", "min")) else []
+    )
 
 
 def test_the_call_that_is_told_does_it(make: Make) -> None:
     bench = make(dde())
     ended = bench.do("write", "dde-1", "maximum_temperature", "450")
     assert ended.err.startswith(
-        "error: maximum_temperature moves the highest temperature that can be selected on the whole station. Nothing sent."
+        "error: maximum_temperature moves the highest temperature that can be selected on the whole"
+        " station. Nothing sent."
     )
     ended = bench.call(ended.err.partition("To confirm: ")[2].strip())
-    assert (ended.code, ended.out) == (0, "maximum_temperature: 450 °C, confirmed (500 °C before)\n")
+    assert (ended.code, ended.out) == (
+        0,
+        "maximum_temperature: 450 °C, confirmed (500 °C before)\n",
+    )
     assert writes(bench) == ["WMAT00450"]
 
 
@@ -333,7 +397,9 @@ def test_all_settings_are_kept_before_anything_is_sent(make: Make, tmp_path: Pat
     bench.do("write", "dde-1", "adjust", "-5", "--port", "1")
     bench.do("write", "dde-1", "adjust", "9", "--port", "2", "--tool", "7")
     files_at_write: list[list[Path]] = []
-    bench.wires["dde-1"].watch = lambda text: files_at_write.append(list(tmp_path.glob("*.json"))) if text[0] == "W" else None
+    bench.wires["dde-1"].watch = lambda text: (
+        files_at_write.append(list(tmp_path.glob("*.json"))) if text[0] == "W" else None
+    )
     ended = bench.do("write", "dde-1", "factory_reset", *MEANT)
     (kept,) = files_at_write[0]
     assert (ended.code, ended.out) == (
@@ -342,7 +408,12 @@ def test_all_settings_are_kept_before_anything_is_sent(make: Make, tmp_path: Pat
     )
     assert ended.err.startswith(f"note: 86 settings of dde-1 saved in {kept.name}\n")
     told = json.loads(kept.read_text())
-    assert (told["station"], told["family"], told["model"], told["before"]) == ("dde-1", "dde", "DDE", "factory_reset")
+    assert (told["station"], told["family"], told["model"], told["before"]) == (
+        "dde-1",
+        "dde",
+        "DDE",
+        "factory_reset",
+    )
     values = {(one["setting"], one["port"], one["tool"]): one["value"] for one in told["settings"]}
     assert values["adjust", 1, 2] == "-5"
     assert values["adjust", 2, 7] == "9"  # not connected, and a reset takes it all the same
@@ -354,25 +425,36 @@ def test_all_settings_are_kept_before_anything_is_sent(make: Make, tmp_path: Pat
     assert bench.do("read", "dde-1", "adjust", "--port", "1").out == "0 °C\n"
 
 
-def test_two_snapshots_of_one_second_have_two_names(make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_snapshots_of_one_second_have_two_names(
+    make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     bench = make(dde())
     monkeypatch.setattr(connection, "utc_of", lambda moment, access: "2026-11-21T01:30:00.000000Z")
     for _ in range(3):
         assert bench.do("write", "dde-1", "store", *MEANT).code == 0
     stem = "dde-1-settings-20261121T013000Z"
-    assert sorted(path.name for path in tmp_path.glob("*.json")) == [f"{stem}-2.json", f"{stem}-3.json", f"{stem}.json"]
+    assert sorted(path.name for path in tmp_path.glob("*.json")) == [
+        f"{stem}-2.json",
+        f"{stem}-3.json",
+        f"{stem}.json",
+    ]
 
 
 def test_an_order_that_the_station_wants_in_another_form_is_not_tried_in_it(make: Make) -> None:
     bench = make(ale("quirks = ['no_data_orders']"))
     ended = bench.do("write", "ale-1", "start_feeding", "--yes-i-mean", "ale-1")
     assert ended.code == 3
-    assert "is not tried in a second form, so jbclog cannot give this station this order: give it at the station" in ended.err
+    assert (
+        "is not tried in a second form, so jbclog cannot give this station this order: give it at"
+        " the station" in ended.err
+    )
     assert writes(bench, "ale-1") == ["WSTR00000"]
 
 
 def test_where_there_is_no_tool_none_is_said_to_be_at_work(make: Make) -> None:
-    ended = make(dde("tools = { 1 = 2, 2 = 0 }")).do("write", "dde-1", "status", "working", "--port", "2")
+    ended = make(dde("tools = { 1 = 2, 2 = 0 }")).do(
+        "write", "dde-1", "status", "working", "--port", "2"
+    )
     assert "no tool in port 2: a tool that is inserted heats at once" in ended.err
     assert "the tool in port 2 is at work" not in ended.err
 
@@ -422,23 +504,37 @@ def test_a_hot_tool_keeps_a_station_from_being_restarted(make: Make, command: st
     ended = refused(bench, command, *MEANT)
     assert ended.code == 3
     assert "dde-1: port 2 is at 3" in ended.err
-    assert "only when all tools are at 60 °C or below. Put it to stand, or take the tool out, and wait" in ended.err
+    assert (
+        "only when all tools are at 60 °C or below. Put it to stand, or take the tool out, and wait"
+        in ended.err
+    )
     assert writes(bench) == ["WPS200000"]
 
 
 @pytest.mark.parametrize(
     "sim",
-    [fault("silence", "command = 'tip_temperature'\nport = 2"), fault("nak", "command = 'tip_temperature'\nport = 2\ncode = 4")],
+    [
+        fault("silence", "command = 'tip_temperature'\nport = 2"),
+        fault("nak", "command = 'tip_temperature'\nport = 2\ncode = 4"),
+    ],
 )
 def test_a_tip_that_tells_no_temperature_counts_as_hot(make: Make, sim: str) -> None:
     bench = make(dde(sim))
     ended = refused(bench, "restart", *MEANT)
-    assert (ended.code, "port 2 counts as hot, its temperature cannot be read" in ended.err) == (3, True)
+    assert (ended.code, "port 2 counts as hot, its temperature cannot be read" in ended.err) == (
+        3,
+        True,
+    )
     assert writes(bench) == []
 
 
 def test_a_port_without_a_tool_is_cold(make: Make) -> None:
-    bench = make(dde("tools = { 1 = 2, 2 = 0 }\n" + fault("nak", "command = 'tip_temperature'\nport = 2\ncode = 4")))
+    bench = make(
+        dde(
+            "tools = { 1 = 2, 2 = 0 }\n"
+            + fault("nak", "command = 'tip_temperature'\nport = 2\ncode = 4")
+        )
+    )
     assert bench.do("write", "dde-1", "restart", *MEANT).code == 0
 
 
@@ -470,18 +566,25 @@ def test_a_station_that_answers_otherwise_after_a_reset_is_said(make: Make) -> N
     bench.wires["dde-1"].watch = lambda text: bench.wait(5) if text == "WRSP00000" else None
     ended = bench.do("write", "dde-1", "factory_reset", *MEANT)
     assert ended.code == 0  # it was done
-    assert "sent and acknowledged; now it does not answer as before (refused with N 00005, Robot mode is off)" in ended.out
+    assert (
+        "sent and acknowledged; now it does not answer as before (refused with N 00005, Robot mode"
+        " is off)" in ended.out
+    )
 
 
 @pytest.mark.parametrize("by_s", [0.7, 1.9])
 def test_an_address_that_takes_its_time_is_proven_too(make: Make, by_s: float) -> None:
     late = fault("late", f"only = 'write'\nby_s = {by_s}")
-    ended = make(station_text("ucr-1", "ucr", sim=late)).do("write", "ucr-1", "address", "9", "--yes-i-mean", "ucr-1")
+    ended = make(station_text("ucr-1", "ucr", sim=late)).do(
+        "write", "ucr-1", "address", "9", "--yes-i-mean", "ucr-1"
+    )
     assert (ended.code, ended.out) == (0, "address: 9, confirmed\n")
 
 
 @pytest.mark.parametrize(("value", "written"), [("7", "address = 7"), ("0", "address = false")])
-def test_another_address_is_proven_and_the_line_file_s_turn(make: Make, value: str, written: str) -> None:
+def test_another_address_is_proven_and_the_line_file_s_turn(
+    make: Make, value: str, written: str
+) -> None:
     bench = make(station_text("ucr-1", "ucr", "address = 1"))
     ended = bench.do("write", "ucr-1", "address", value, "--yes-i-mean", "ucr-1")
     assert (ended.code, ended.out) == (0, f"address: {value}, confirmed\n")
@@ -496,17 +599,28 @@ def test_the_feeder_is_started_once_and_told_how_to_be_stopped(make: Make) -> No
     bench = make(ale("settings = { feeder_mode = 'continuous' }"))
     ended = bench.do("write", "ale-1", "start_feeding", "--yes-i-mean", "ale-1")
     assert (ended.code, ended.out) == (0, "start_feeding: running, confirmed\n")
-    assert "note: the feeder is running unattended. To stop it: jbclog write ale-1 stop_feeding --line" in ended.err
+    assert (
+        "note: the feeder is running unattended. To stop it: jbclog write ale-1 stop_feeding --line"
+        in ended.err
+    )
     ended = bench.call(ended.err.partition("To stop it: ")[2])
     assert (ended.code, ended.out) == (0, "stop_feeding: stopped, confirmed\n")
     assert writes(bench, "ale-1") == ["WSTR00000", "WSTP00000"]
 
 
 def test_a_start_whose_answers_are_lost_is_not_sent_again(make: Make) -> None:
-    bench = make(ale("settings = { feeder_mode = 'continuous' }\n" + fault("silence", "command = 'start_feeding'")))
-    assert bench.do("write", "ale-1", "start_feeding", "--yes-i-mean", "ale-1").code == 0  # it is seen to run
+    bench = make(
+        ale(
+            "settings = { feeder_mode = 'continuous' }\n"
+            + fault("silence", "command = 'start_feeding'")
+        )
+    )
+    # it is seen to run
+    assert bench.do("write", "ale-1", "start_feeding", "--yes-i-mean", "ale-1").code == 0
     unplugged_at(bench, "ale-1", "WSTR")
-    ended = bench.do("write", "ale-1", "start_feeding", "--yes-i-mean", "ale-1", "--snapshot", "other.json")
+    ended = bench.do(
+        "write", "ale-1", "start_feeding", "--yes-i-mean", "ale-1", "--snapshot", "other.json"
+    )
     assert ended.code == 3
     assert "the feeder is or may be running unattended" in ended.err
     assert writes(bench, "ale-1") == ["WSTR00000", "WSTR00000"]
@@ -526,19 +640,31 @@ def test_a_solder_condition_is_kept_written_and_read_back(make: Make) -> None:
     changed = shown.replace("preheat_s ", "preheat_s 1")
     meant = ("--yes-i-mean", "omega-1", "--snapshot", "kept.json")
     ended = bench.do("write", "omega-1", "store_condition", changed, *meant)
-    assert (ended.code, ended.out) == (0, f"store_condition: {changed}, confirmed ({shown} before)\n")
-    assert "note: solder condition 101 of omega-1, and nothing else of it, saved in kept.json" in ended.err
+    assert (ended.code, ended.out) == (
+        0,
+        f"store_condition: {changed}, confirmed ({shown} before)\n",
+    )
+    assert (
+        "note: solder condition 101 of omega-1, and nothing else of it, saved in kept.json"
+        in ended.err
+    )
     told = json.loads(Path("kept.json").read_text())
-    assert [(one["setting"], one["condition"], one["value"]) for one in told["settings"]] == [("condition", 101, shown)]
+    assert [(one["setting"], one["condition"], one["value"]) for one in told["settings"]] == [
+        ("condition", 101, shown)
+    ]
     assert len(writes(bench, "omega-1")) == 1
 
 
 def test_a_long_wait_is_told_before_it_begins(make: Make) -> None:
-    ended = make(station_text("omega-1", "omega")).do("write", "omega-1", "run_condition", "101", "--yes-i-mean", "omega-1")
-    assert ended.err.startswith("note: waiting up to 120 s: the controller answers when the joint is done\n")
+    ended = make(station_text("omega-1", "omega")).do(
+        "write", "omega-1", "run_condition", "101", "--yes-i-mean", "omega-1"
+    )
+    assert ended.err.startswith(
+        "note: waiting up to 120 s: the controller answers when the joint is done\n"
+    )
 
 
-# -- interrupted, and held by a run -----------------------------------------------------------------------------------------------
+# -- interrupted, and held by a run ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("at", "is_told"), [("RST1", False), ("WST1", True)])
@@ -557,23 +683,32 @@ def test_ctrl_c_says_whether_it_was_sent(make: Make, at: str, is_told: bool) -> 
 
 
 @pytest.mark.parametrize(
-    "words", [("read", "dde-1", "model"), ("write", "dde-1", "status", "stand", "-p", "1"), ("read", "dde-1", "--all")]
+    "words",
+    [
+        ("read", "dde-1", "model"),
+        ("write", "dde-1", "status", "stand", "-p", "1"),
+        ("read", "dde-1", "--all"),
+    ],
 )
 def test_a_run_that_holds_the_station_is_named(
     make: Make, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: tuple[str, ...]
 ) -> None:
     bench = make(dde())
-    monkeypatch.setattr(connection, "run_that_holds", lambda url: tmp_path / "runs" / "20261121T013000Z-hand-k7qd")
+    monkeypatch.setattr(
+        connection, "run_that_holds", lambda url: tmp_path / "runs" / "20261121T013000Z-hand-k7qd"
+    )
     ended = bench.do(*words)
     assert (ended.code, ended.out, bench.wires["dde-1"].opened) == (3, "", 0)
-    assert ended.err == (
-        "error: dde-1: the run runs/20261121T013000Z-hand-k7qd holds this station; nothing was sent. "
-        "End that run, or wait for its end\n"
+    assert (
+        ended.err
+        == "error: dde-1: the run runs/20261121T013000Z-hand-k7qd holds this station; nothing was"
+        " sent. End that run, or wait for its end\n"
     )
 
 
 @pytest.mark.parametrize(
-    ("run", "told"), [("runs/x", "dde-1: the run runs/x holds this station"), (None, "in use by process 4711")]
+    ("run", "told"),
+    [("runs/x", "dde-1: the run runs/x holds this station"), (None, "in use by process 4711")],
 )
 def test_a_port_that_is_in_use_names_the_run_of_whoever_has_it(
     make: Make, monkeypatch: pytest.MonkeyPatch, run: str | None, told: str
@@ -585,19 +720,27 @@ def test_a_port_that_is_in_use_names_the_run_of_whoever_has_it(
         raise PortBusy(f"{url} is in use by process 4711 (jbclog)", 4711)
 
     bench.access = replace(bench.access, open_port=busy)
-    monkeypatch.setattr(connection, "run_of", lambda process: Path.cwd() / run if run and process == 4711 else None)
+    monkeypatch.setattr(
+        connection, "run_of", lambda process: Path.cwd() / run if run and process == 4711 else None
+    )
     ended = bench.do("read", "dde-1", "model")
     assert (ended.code, told in ended.err) == (3, True)
 
 
-# -- what is wrong is said before anything is sent ---------------------------------------------------------------------------------
+# -- what is wrong is said before anything is sent -------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("selected_temperature", "360"), "selected_temperature belongs to a port: name it with --port, one of 1, 2"),
-        (("selected_temperature", "362", "-p", "1"), "362 °C is not allowed; steps of 5 °C, within what the station itself allows"),
+        (
+            ("selected_temperature", "360"),
+            "selected_temperature belongs to a port: name it with --port, one of 1, 2",
+        ),
+        (
+            ("selected_temperature", "362", "-p", "1"),
+            "362 °C is not allowed; steps of 5 °C, within what the station itself allows",
+        ),
         (("selected_temperature", "hot", "-p", "1"), "'hot' is not a number; steps of 5 °C"),
         (("selected_temperature", "12,5", "-p", "1"), "write the decimal point as a dot"),
         (("selected_temperature", "3_50", "-p", "1"), "'3_50' is not a number"),
@@ -609,9 +752,18 @@ def test_a_port_that_is_in_use_names_the_run_of_whoever_has_it(
         (("selected_temperature", "350", "-p", "3"), "there is no port 3; this station has 1, 2"),
         (("adjust", "-55", "-p", "1"), "-55 °C is not allowed; -50 to 50 °C, in steps of 1"),
         (("sleep_temperature", "100000", "-p", "1"), "100000 does not fit in five characters"),
-        (("alarm_high_limit", "700", "-p", "1"), "700 °C would be read back as not set; 1 to 600 °C"),
-        (("sleep_delay", "10", "-p", "1"), '10 min is not allowed; 0 to 9 min, in steps of 1, or "off"'),
-        (("alarm_high_limit", "off", "-p", "1"), "no manual prints how to clear a limit; switch its delay off instead"),
+        (
+            ("alarm_high_limit", "700", "-p", "1"),
+            "700 °C would be read back as not set; 1 to 600 °C",
+        ),
+        (
+            ("sleep_delay", "10", "-p", "1"),
+            '10 min is not allowed; 0 to 9 min, in steps of 1, or "off"',
+        ),
+        (
+            ("alarm_high_limit", "off", "-p", "1"),
+            "no manual prints how to clear a limit; switch its delay off instead",
+        ),
         (("alarm_high_delay", "1.605", "-p", "1"), "1.605 s is not allowed"),
         (("status", "cooling", "-p", "1"), "'cooling' is none of working, stand, extractor"),
         (("status", "00001", "-p", "1"), "'00001' is none of working, stand"),
@@ -619,10 +771,15 @@ def test_a_port_that_is_in_use_names_the_run_of_whoever_has_it(
         (("restart", "0"), "restart takes no value: leave '0' out"),
         (("selected_temprature", "5"), "did you mean selected_temperature, sleep_temperature?"),
         (("feeder_mode", "foo"), "a station of family dde has no 'feeder_mode'"),
-        (("status", "stand", "-p", "1", "--tool", "1"), "status belongs to no tool: leave --tool out"),
+        (
+            ("status", "stand", "-p", "1", "--tool", "1"),
+            "status belongs to no tool: leave --tool out",
+        ),
     ],
 )
-def test_wrong_usage_is_said_before_anything_is_sent(make: Make, words: tuple[str, ...], told: str) -> None:
+def test_wrong_usage_is_said_before_anything_is_sent(
+    make: Make, words: tuple[str, ...], told: str
+) -> None:
     bench = make(dde())
     ended = bench.do("write", "dde-1", *words)
     assert (ended.code, ended.out) == (2, "")
@@ -633,21 +790,42 @@ def test_wrong_usage_is_said_before_anything_is_sent(make: Make, words: tuple[st
 @pytest.mark.parametrize(
     ("family", "words", "told"),
     [
-        ("ale", ("feeder_length", "-1"), "-1 mm is not within 0 to 9999.9 mm, as far as five digits go; no manual prints a range"),
+        (
+            "ale",
+            ("feeder_length", "-1"),
+            (
+                "-1 mm is not within 0 to 9999.9 mm, as far as five digits go; no manual prints a"
+                " range"
+            ),
+        ),
         ("ale", ("feeder_length", "1000000"), "1000000 mm is not within 0 to 9999.9 mm"),
         ("ale", ("feeder_diameter", "1000"), "1000 mm is not within 0 to 999.99 mm"),
         ("ale", ("feeder_length", "7.55"), "7.55 mm is not a multiple of 0.1 mm"),
-        ("omega", ("run_condition", "200"), "200 is no number of a solder condition; 101 to 199, 201 to 299 or 301 to 399"),
-        ("omega", ("run_condition", "400"), "400 is not allowed; 101 to 199, 201 to 299 or 301 to 399"),
+        (
+            "omega",
+            ("run_condition", "200"),
+            "200 is no number of a solder condition; 101 to 199, 201 to 299 or 301 to 399",
+        ),
+        (
+            "omega",
+            ("run_condition", "400"),
+            "400 is not allowed; 101 to 199, 201 to 299 or 301 to 399",
+        ),
         (
             "omega",
             ("store_condition", "condition 200, mode 5, set_temperature_raw 1, process_raw 1"),
             "200 is no number of a solder condition; 101",
         ),
-        ("omega", ("store_condition", "condition 0, air_blow_s 500"), "500.0 is not within 0 to 409.5"),
+        (
+            "omega",
+            ("store_condition", "condition 0, air_blow_s 500"),
+            "500.0 is not within 0 to 409.5",
+        ),
     ],
 )
-def test_what_is_wrong_is_told_as_it_was_typed_and_once(make: Make, family: str, words: tuple[str, ...], told: str) -> None:
+def test_what_is_wrong_is_told_as_it_was_typed_and_once(
+    make: Make, family: str, words: tuple[str, ...], told: str
+) -> None:
     ended = make(station_text("x", family)).do("write", "x", "--yes-i-mean", "x", *words)
     assert (ended.code, ended.out) == (2, "")
     assert told in ended.err
@@ -667,13 +845,15 @@ def test_without_a_name_the_names_are_listed_with_what_they_take(make: Make) -> 
     bench = make(ale())
     lines = [" ".join(line.split()) for line in bench.do("write", "ale-1").out.splitlines()]
     assert "restart - station no value; dangerous 002 W-RST; 000 4.7" in lines
-    assert "feeder_mode - station continuous, discontinuous, program, reload 002 R-MOD, W-MOD" in lines
+    assert (
+        "feeder_mode - station continuous, discontinuous, program, reload 002 R-MOD, W-MOD" in lines
+    )
     assert not [line for line in lines if line.startswith("tip_temperature")]
     limits = "steps of 5 °C from minimum_temperature to maximum_temperature"
     assert f"selected_temperature °C port {limits} 002 W-STx" in lines
 
 
-# -- suction, which a status word of hot air orders, too -----------------------------------------------------------------------
+# -- suction, which a status word of hot air orders, too -------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -688,7 +868,9 @@ def test_without_a_name_the_names_are_listed_with_what_they_take(make: Make) -> 
         (True, "off-suction", "WPS100000", "off, confirmed"),
     ],
 )
-def test_suction_is_ordered_by_hand_and_otherwise_kept(make: Make, before: bool, word: str, sent: str, told: str) -> None:
+def test_suction_is_ordered_by_hand_and_otherwise_kept(
+    make: Make, before: bool, word: str, sent: str, told: str
+) -> None:
     bench = make(station_text("jtse-1", "jtse", sim="tool = 1"))
     station = bench.wires["jtse-1"].station.device.face.station  # type: ignore[union-attr]
     station.suck(on=before)
@@ -706,13 +888,23 @@ def test_suction_that_does_not_follow_is_told(make: Make) -> None:
 
 
 def test_soldering_stations_have_no_such_words(make: Make) -> None:
-    ended = make(station_text("dde-1", "dde")).do("write", "dde-1", "status", "stand+suction", "-p", "1")
-    assert (ended.code, "'stand+suction' is none of working, stand, extractor" in ended.err) == (2, True)
+    ended = make(station_text("dde-1", "dde")).do(
+        "write", "dde-1", "status", "stand+suction", "-p", "1"
+    )
+    assert (ended.code, "'stand+suction' is none of working, stand, extractor" in ended.err) == (
+        2,
+        True,
+    )
 
 
 def test_extractor_is_read_back_and_that_the_tool_cools_is_not_claimed(make: Make) -> None:
     bench = make(dde(f"{TOOLS}\nsettings = {{ status = 'working' }}\nextractor_cools = false"))
     ended = bench.do("write", "dde-1", "status", "extractor", "--port", "1")
-    assert (ended.code, ended.out) == (0, "status of port 1: extractor, read back (working before)\n")
+    assert (ended.code, ended.out) == (
+        0,
+        "status of port 1: extractor, read back (working before)\n",
+    )
     assert "may keep heating the tool in port 1" in ended.err
-    assert bench.call(ended.err.partition("If it does not cool: ")[2]).out.startswith("status of port 1: stand, confirmed")
+    assert bench.call(ended.err.partition("If it does not cool: ")[2]).out.startswith(
+        "status of port 1: stand, confirmed"
+    )

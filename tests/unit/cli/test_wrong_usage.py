@@ -14,7 +14,10 @@ from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest
 from support.records.few_rows import table
 
-LINE = '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports = [1]\n'
+LINE = (
+    '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports ='
+    " [1]\n"
+)
 RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'
 
 
@@ -35,7 +38,9 @@ def refused(*arguments: str) -> str:
     return ended.stderr
 
 
-@pytest.mark.parametrize("option", ["--operator", "--order", "--product", "--unit", "--wire-lot", "--flux-lot", "--tip"])
+@pytest.mark.parametrize(
+    "option", ["--operator", "--order", "--product", "--unit", "--wire-lot", "--flux-lot", "--tip"]
+)
 @pytest.mark.parametrize(
     ("text", "why"),
     [
@@ -46,7 +51,10 @@ def refused(*arguments: str) -> str:
     ],
 )
 def test_texts_that_cannot_be_signed(place: Path, option: str, text: str, why: str) -> None:
-    assert refused("run", "job.toml", "--line", "line.toml", option, text) == f"error: {option}: {why}\n"
+    assert (
+        refused("run", "job.toml", "--line", "line.toml", option, text)
+        == f"error: {option}: {why}\n"
+    )
     assert not (place / "runs").exists()
 
 
@@ -57,15 +65,21 @@ def test_a_duration_needs_its_unit(place: Path, bare: str) -> None:
     assert not (place / "runs").exists()
 
 
-@pytest.mark.parametrize("tag", ["shift=\udcff", "\udcff=1", "shift=" + "1" * 200, "shift=\n", "shift"])
+@pytest.mark.parametrize(
+    "tag", ["shift=\udcff", "\udcff=1", "shift=" + "1" * 200, "shift=\n", "shift"]
+)
 def test_tags_that_cannot_be_signed(place: Path, tag: str) -> None:
-    assert refused("run", "job.toml", "--line", "line.toml", "--tag", tag).startswith("error: --tag")
+    assert refused("run", "job.toml", "--line", "line.toml", "--tag", tag).startswith(
+        "error: --tag"
+    )
     assert not (place / "runs").exists()
 
 
 @pytest.mark.parametrize("tip", ["dde-2=T245", "dde-1:2=T245", "dde-1=", "=T245"])
 def test_a_tip_is_in_a_tool_of_this_run(place: Path, tip: str) -> None:
-    assert refused("run", "job.toml", "--line", "line.toml", "--tip", tip).startswith(f"error: --tip {tip}: give ID, STATION=ID")
+    assert refused("run", "job.toml", "--line", "line.toml", "--tip", tip).startswith(
+        f"error: --tip {tip}: give ID, STATION=ID"
+    )
 
 
 def test_a_dry_run_asks_for_nothing_and_says_what_run_will_ask_for(place: Path) -> None:
@@ -89,7 +103,11 @@ def test_what_the_recipe_requires_is_asked_for_by_its_option(place: Path) -> Non
 
 @pytest.mark.parametrize(
     ("text", "why"),
-    [(b"SN-1\nSN\x1d2\n", "hidden characters"), (b"X" * 201, "too long"), (b"SN\n" * 400_000, "not a list of serials")],
+    [
+        (b"SN-1\nSN\x1d2\n", "hidden characters"),
+        (b"X" * 201, "too long"),
+        (b"SN\n" * 400_000, "not a list of serials"),
+    ],
 )
 def test_a_list_of_serials_that_is_none(place: Path, text: bytes, why: str) -> None:
     (place / "serials.txt").write_bytes(text)
@@ -99,13 +117,27 @@ def test_a_list_of_serials_that_is_none(place: Path, text: bytes, why: str) -> N
 
 @pytest.mark.parametrize("name", ["nowhere.txt", "."])
 def test_serials_from_nowhere(place: Path, name: str) -> None:
-    assert refused("run", "job.toml", "--line", "line.toml", "--units", name).startswith(f"error: --units {name}")
+    assert refused("run", "job.toml", "--line", "line.toml", "--units", name).startswith(
+        f"error: --units {name}"
+    )
 
 
 def test_a_list_of_serials_names_the_units_of_the_run(place: Path) -> None:
     (place / "serials.txt").write_bytes(b"\xef\xbb\xbfSN-1\r\nSN-2\r\n\r\nSN-1")
     ended = CliRunner().invoke(
-        app, ["run", "job.toml", "--line", "line.toml", "--units", "serials.txt", "--unit", "SN-0", "--duration", "1s"]
+        app,
+        [
+            "run",
+            "job.toml",
+            "--line",
+            "line.toml",
+            "--units",
+            "serials.txt",
+            "--unit",
+            "SN-0",
+            "--duration",
+            "1s",
+        ],
     )
     assert ended.exit_code == 3  # the station is not there
     manifest = read_manifest(next((place / "runs").iterdir()))
@@ -116,14 +148,26 @@ def test_a_recipe_that_requires_a_unit_and_none_that_is_read(place: Path) -> Non
     (place / "job.toml").write_text(f'{RECIPE}[metadata]\nrequired = ["unit"]\n')
     assert "give --unit …" in refused("run", "job.toml", "--line", "line.toml")
     os.mkfifo(place / "serials")
-    CliRunner().invoke(app, ["run", "job.toml", "--line", "line.toml", "--units", "serials", "--duration", "1s"])
+    CliRunner().invoke(
+        app, ["run", "job.toml", "--line", "line.toml", "--units", "serials", "--duration", "1s"]
+    )
     events = table(next((place / "runs").iterdir()), "events")
     assert "unit.missing" in events["kind"].to_pylist()
 
 
 def test_names_of_people_may_have_any_letters(place: Path) -> None:
     said = CliRunner().invoke(
-        app, ["run", "job.toml", "--line", "line.toml", "--operator", "Łucja Ångström 陳", "--duration", "1s"]
+        app,
+        [
+            "run",
+            "job.toml",
+            "--line",
+            "line.toml",
+            "--operator",
+            "Łucja Ångström 陳",
+            "--duration",
+            "1s",
+        ],
     )
     assert said.exit_code == 3  # the station is not there, and that is all
     assert len(list((place / "runs").iterdir())) == 1
@@ -142,17 +186,28 @@ def test_virtual_stations_need_a_folder(place: Path, folder: str, why: str) -> N
 
 
 def test_virtual_stations_need_a_log_that_can_be_written(place: Path) -> None:
-    assert refused("sim", "line.toml", "--log", "no/log") == "error: --log no/log: cannot write: No such file or directory\n"
+    assert (
+        refused("sim", "line.toml", "--log", "no/log")
+        == "error: --log no/log: cannot write: No such file or directory\n"
+    )
 
 
 def test_virtual_stations_need_a_free_port(place: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        assert "cannot be served" in refused("sim", "line.toml", "--tcp", f"127.0.0.1:{taken.getsockname()[1]}")
+        assert "cannot be served" in refused(
+            "sim", "line.toml", "--tcp", f"127.0.0.1:{taken.getsockname()[1]}"
+        )
 
 
-@pytest.mark.parametrize("verb", [("check",), ("report",), ("report", "--verify"), ("check", "--json")])
+@pytest.mark.parametrize(
+    "verb", [("check",), ("report",), ("report", "--verify"), ("check", "--json")]
+)
 def test_a_folder_that_is_no_runs(place: Path, verb: tuple[str, ...]) -> None:
-    for folder, why in (("nope", "no such folder"), (".", "not a run"), ("job.toml", "no such folder")):
+    for folder, why in (
+        ("nope", "no such folder"),
+        (".", "not a run"),
+        ("job.toml", "no such folder"),
+    ):
         ended = CliRunner().invoke(app, [*verb, folder])
         assert ended.exit_code == 2
         assert why in ended.stderr
@@ -160,7 +215,9 @@ def test_a_folder_that_is_no_runs(place: Path, verb: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize("verb", [("check",), ("report",)])
-def test_a_run_that_was_cut_off_at_its_very_start(place: Path, verb: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_was_cut_off_at_its_very_start(
+    place: Path, verb: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = place / "20261121T013000Z-bench-k7qd"
     run.mkdir()
     for folder in (run.name, "."):
@@ -181,7 +238,9 @@ WRITTEN = (
 
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("words", WRITTEN, ids=lambda words: f"{words[0]} {words[2]}")
-def test_nothing_is_written_into_a_pipe_that_nobody_may_ever_read(place: Path, words: tuple[str, ...]) -> None:
+def test_nothing_is_written_into_a_pipe_that_nobody_may_ever_read(
+    place: Path, words: tuple[str, ...]
+) -> None:
     (place / "runs").mkdir()
     (place / "served").mkdir()
     os.mkfifo(place / ("served/line.toml" if words[-1] == "served" else words[-1]))
@@ -223,4 +282,7 @@ def test_memory_that_is_refused_to_the_end_is_one_line_and_exit_code_4(
     with pytest.raises(SystemExit) as end:
         main()
     assert end.value.code == 4
-    assert capfd.readouterr().err == "jbclog: memory was refused; `jbclog recover` finishes the record\n"
+    assert (
+        capfd.readouterr().err
+        == "jbclog: memory was refused; `jbclog recover` finishes the record\n"
+    )

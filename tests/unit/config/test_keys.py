@@ -1,4 +1,6 @@
-"""The scan that finds each key's line: held against tomllib, which finds the keys but not the lines."""
+"""The scan that finds each key's line: held against tomllib, which finds the keys but not the
+lines.
+"""
 
 from __future__ import annotations
 
@@ -98,7 +100,9 @@ NAMES = st.sampled_from(["a", "b", "c-1", "d_2", "3", "key with blanks", "e.f", 
 SCALARS = st.one_of(
     st.integers(-(10**6), 10**6).map(str),
     st.floats(allow_nan=False, allow_infinity=False).map(repr),
-    st.sampled_from(["true", "1979-05-27", "07:32:00", '"]"', "'# no'", '"""x\n]"""', "'''\n'''", '""', '"\\""']),
+    st.sampled_from(
+        ["true", "1979-05-27", "07:32:00", '"]"', "'# no'", '"""x\n]"""', "'''\n'''", '""', '"\\""']
+    ),
 )
 
 
@@ -116,14 +120,19 @@ def listed(values: list[str]) -> str:
 
 VALUES = st.recursive(
     SCALARS,
-    lambda inner: st.one_of(st.lists(inner, max_size=3).map(listed), st.dictionaries(NAMES, SCALARS, max_size=3).map(inline)),
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=3).map(listed),
+        st.dictionaries(NAMES, SCALARS, max_size=3).map(inline),
+    ),
     max_leaves=6,
 )
 TABLES = st.dictionaries(NAMES, VALUES, max_size=4)
 
 
 @given(st.lists(st.tuples(st.booleans(), TABLES), max_size=6))
-def test_any_text_that_tomllib_reads_is_scanned_alike(tables: list[tuple[bool, dict[str, str]]]) -> None:
+def test_any_text_that_tomllib_reads_is_scanned_alike(
+    tables: list[tuple[bool, dict[str, str]]],
+) -> None:
     text = ""
     for place, (is_row, pairs) in enumerate(tables):
         text += "[[row]]\n" if is_row else f"[t{place}.'in #']\n"
@@ -160,7 +169,9 @@ def test_no_text_that_tomllib_reads_is_lost_and_none_breaks_the_scan(text: str) 
         ("a = {b = 1,\n", None, 0, 0),
     ],
 )
-def test_a_key_given_twice_is_told_with_both_lines(text: str, path: KeyPath | None, line: int, first: int) -> None:
+def test_a_key_given_twice_is_told_with_both_lines(
+    text: str, path: KeyPath | None, line: int, first: int
+) -> None:
     if path is None:
         with pytest.raises(Lost):
             scanned(text)
@@ -189,7 +200,13 @@ def test_what_is_too_large_is_told_with_its_line(text: str, line: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["a.b.c.d.e.f.g.h = 1", "x = " + "[" * 8 + "]" * 8, "k" * 64 + " = 1", "x = [" + "1," * 3998 + "]"]
+    "text",
+    [
+        "a.b.c.d.e.f.g.h = 1",
+        "x = " + "[" * 8 + "]" * 8,
+        "k" * 64 + " = 1",
+        "x = [" + "1," * 3998 + "]",
+    ],
 )
 def test_what_is_just_within_the_limits_is_read(text: str) -> None:
     assert set(scanned(text).lines) == set(paths(tomllib.loads(text)))

@@ -12,13 +12,24 @@ from jbclog.core.serial_line import BAUDRATES
 
 ANY_TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
 URLS = st.one_of(
-    st.text(st.characters(categories=["L", "N", "S", "Zs"]), min_size=1, max_size=30).map(lambda text: f"/dev/{text}"),
+    st.text(st.characters(categories=["L", "N", "S", "Zs"]), min_size=1, max_size=30).map(
+        lambda text: f"/dev/{text}"
+    ),
     st.integers(1, 65535).map("socket://host:{}".format),
 )
 
 
-@given(ANY_TEXT, ANY_TEXT, URLS, st.sampled_from(BAUDRATES), st.sampled_from([False, 1, 99]), st.floats(0, 5000))
-def test_whatever_is_said_in_comments(heading: str, said: str, url: str, rate: int, address: object, turnaround: float) -> None:
+@given(
+    ANY_TEXT,
+    ANY_TEXT,
+    URLS,
+    st.sampled_from(BAUDRATES),
+    st.sampled_from([False, 1, 99]),
+    st.floats(0, 5000),
+)
+def test_whatever_is_said_in_comments(
+    heading: str, said: str, url: str, rate: int, address: object, turnaround: float
+) -> None:
     table = StationTable.model_validate(
         {
             "name": "s-1",

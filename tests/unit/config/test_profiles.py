@@ -1,4 +1,6 @@
-"""The lines and recipes that come with the project: they load, cover every family, and fit their wires."""
+"""The lines and recipes that come with the project: they load, cover every family, and fit their
+wires.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +29,17 @@ def demand(recipe: Recipe, family: Family, ports: tuple[int, ...], line: LineFor
     signals = [(signal, family.commands[signal.command]) for signal in family.signals]
     counters = [(counter, family.commands[counter.command]) for counter in family.counters]
     sampling = recipe.sampling
-    return Demand.of(readings_of(signals, counters, ports, line, True, sampling.alarms_every_s, sampling.counters_every_s))
+    return Demand.of(
+        readings_of(
+            signals, counters, ports, line, True, sampling.alarms_every_s, sampling.counters_every_s
+        )
+    )
 
 
 def rate_hz(recipe: Recipe, station: StationSpec) -> float:
-    """What the recipe takes on the station where it answers within a millisecond, or as slowly as its manual prints."""
+    """What the recipe takes on the station where it answers within a millisecond, or as slowly as
+    its manual prints.
+    """
     family = FAMILIES[station.family]
     ports = station.ports or family.ports
     assert ports is not None, f"{station.name} does not say which ports it has"
@@ -59,22 +67,34 @@ def test_a_line_loads_and_runs_on_virtual_stations_as_it_stands(path: Path) -> N
         assert station.is_relative
         assert station.sim is not None
         assert station.sim.turnaround_ms == 1.0
-        assert not FAMILIES[station.family].models or FAMILIES[station.family].proves(station.sim.model or station.family)
+        assert not FAMILIES[station.family].models or FAMILIES[station.family].proves(
+            station.sim.model or station.family
+        )
         recipe = load_recipe(station.recipe or THT)
         assert station.family in recipe.families
-        assert rate_hz(recipe, station) == RATES_HZ.get(path.stem, 10 if station.ports in (None, (1,)) else 5)
+        assert rate_hz(recipe, station) == RATES_HZ.get(
+            path.stem, 10 if station.ports in (None, (1,)) else 5
+        )
 
 
 def test_every_family_has_a_line_and_a_recipe() -> None:
     assert {path.stem for path in LINES} >= {*FAMILIES, "bench"}
-    assert {path.stem.partition("-")[0].rstrip("0123456789") for path in LINES} == {*FAMILIES, "bench"}
+    assert {path.stem.partition("-")[0].rstrip("0123456789") for path in LINES} == {
+        *FAMILIES,
+        "bench",
+    }
     assert {family for path in RECIPES for family in load_recipe(path).families} == set(FAMILIES)
 
 
 def test_the_bench_is_the_one_that_the_demo_shows() -> None:
     stations = load_line(PROFILES / "lines" / "bench.toml").stations
     assert [station.family for station in stations] == ["dde", "dde", "ucr", "ale"]
-    assert [station.ports or FAMILIES[station.family].ports for station in stations] == [(1, 2), (1, 2), (1,), (1,)]
+    assert [station.ports or FAMILIES[station.family].ports for station in stations] == [
+        (1, 2),
+        (1, 2),
+        (1,),
+        (1,),
+    ]
     assert stations[2].sim is not None
     assert stations[2].sim.model == "UCR245"
 

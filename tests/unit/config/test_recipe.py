@@ -1,4 +1,6 @@
-"""Recipes: what they hold, and that everything wrong with one is told at once, with file, line, key and what is allowed."""
+"""Recipes: what they hold, and that everything wrong with one is told at once, with file, line, key
+and what is allowed.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,7 @@ def only_problem(text: str) -> str:
     return problem
 
 
-# -- what a recipe holds ------------------------------------------------------------------------------------------------
+# -- what a recipe holds ---------------------------------------------------------------------------
 
 
 def test_only_the_head_is_required_and_nothing_is_asked_by_itself() -> None:
@@ -39,7 +41,11 @@ def test_only_the_head_is_required_and_nothing_is_asked_by_itself() -> None:
     assert recipe.asked(1) == {}
     assert recipe.acceptance is None
     assert recipe.run.status is None
-    assert (recipe.run.safe_state, recipe.run.require_tool, recipe.run.on_difference) == ("stand", True, "stop")
+    assert (recipe.run.safe_state, recipe.run.require_tool, recipe.run.on_difference) == (
+        "stand",
+        True,
+        "stop",
+    )
     assert (recipe.sampling.alarms_every_s, recipe.sampling.counters_every_s) == (2, 60)
     assert [recipe.rate_hz(FAMILIES[name]) for name in ("dde", "jtse", "omega")] == [10, 10, 1]
     assert recipe.rate_hz(None) == 10
@@ -65,7 +71,9 @@ def test_a_rate_may_be_left_to_the_run_and_the_usual_one_is_its_upper_end() -> N
     assert parse_recipe(HEAD).asked_rate(FAMILIES["dde"]) == 10
 
 
-@pytest.mark.parametrize("rate", ['"fit"', '"max"', '"Auto"', "true", "nan", "inf", "0", "-1", "1000.1", "[]"])
+@pytest.mark.parametrize(
+    "rate", ['"fit"', '"max"', '"Auto"', "true", "nan", "inf", "0", "-1", "1000.1", "[]"]
+)
 def test_other_rates_are_refused_in_one_sentence(rate: str) -> None:
     with pytest.raises(Problems) as refused:
         parse_recipe(HEAD + f"[sampling]\nrate_hz = {rate}\n")
@@ -75,10 +83,13 @@ def test_other_rates_are_refused_in_one_sentence(rate: str) -> None:
 
 def test_a_port_of_its_own_wins_key_by_key() -> None:
     recipe = parse_recipe(
-        HEAD
-        + "[temperature]\nselect_c = 350\nadjust_c = -5\n[port.2.temperature]\nselect_c = 330\n[port.2.alarm.high]\nlimit_c = 360\n"
+        HEAD + "[temperature]\nselect_c = 350\nadjust_c = -5\n[port.2.temperature]\nselect_c ="
+        " 330\n[port.2.alarm.high]\nlimit_c = 360\n"
     )
-    assert {key: one.value for key, one in recipe.asked(1).items()} == {"temperature.select_c": 350, "temperature.adjust_c": -5}
+    assert {key: one.value for key, one in recipe.asked(1).items()} == {
+        "temperature.select_c": 350,
+        "temperature.adjust_c": -5,
+    }
     assert {key: one.value for key, one in recipe.asked(2).items()} == {
         "temperature.select_c": 330,
         "temperature.adjust_c": -5,
@@ -120,12 +131,18 @@ def test_a_recipe_cannot_be_changed() -> None:
 
 def test_hot_air_cools_and_everything_else_stands_unless_the_recipe_says_so() -> None:
     recipe = parse_recipe(HEAD.replace('"ale"', '"jtse"'))
-    assert [recipe.safe_state(family) for family in ("dde", "ucr", "jtse")] == ["stand", "stand", "cooling"]
-    said = parse_recipe('[recipe]\nname = "j"\nrevision = 1\nfamilies = ["jtse"]\n[run]\nsafe_state = "off"\n')
+    assert [recipe.safe_state(family) for family in ("dde", "ucr", "jtse")] == [
+        "stand",
+        "stand",
+        "cooling",
+    ]
+    said = parse_recipe(
+        '[recipe]\nname = "j"\nrevision = 1\nfamilies = ["jtse"]\n[run]\nsafe_state = "off"\n'
+    )
     assert said.safe_state("jtse") == "off"
 
 
-# -- what is wrong with one, all at once --------------------------------------------------------------------------------
+# -- what is wrong with one, all at once -----------------------------------------------------------
 
 
 def test_everything_that_is_wrong_is_told_at_once_with_line_and_key() -> None:
@@ -180,31 +197,54 @@ on = true
 """
     assert problems(text) == [
         "job.toml:1: recipe.revision: missing; a whole number from 0 on",
-        'job.toml:2: recipe.name: "bad name" is not allowed; 1 to 64 of the characters A-Z a-z 0-9 . _ -, '
-        "the first of them a letter, a digit or _",
+        (
+            'job.toml:2: recipe.name: "bad name" is not allowed; 1 to 64 of the characters A-Z a-z'
+            " 0-9 . _ -, the first of them a letter, a digit or _"
+        ),
         'job.toml:3: recipe.families[2]: "dd" is unknown; did you mean dde?',
         "job.toml:4: recipe.colour: unknown; allowed here: name, revision, families",
-        "job.toml:7: temperature.select_c: 352 °C is not allowed; steps of 5 °C, within what the station itself allows",
+        (
+            "job.toml:7: temperature.select_c: 352 °C is not allowed; steps of 5 °C, within what"
+            " the station itself allows"
+        ),
         "job.toml:8: temperature.adjust_c: 51 °C is not allowed; -50 to 50 °C, in steps of 1",
         "job.toml:9: temperature.slect_c: unknown; did you mean select_c?",
         "job.toml:12: sleep.temperature_c: 400 °C must not be above temperature.select_c (352 °C)",
         'job.toml:13: sleep.delay_min: 10 min is not allowed; 0 to 9 min, in steps of 1, or "off"',
-        'job.toml:16: hibernation.delay_min: 12 min is not allowed; 0 to 60 min, in steps of 5, or "off"',
+        (
+            "job.toml:16: hibernation.delay_min: 12 min is not allowed; 0 to 60 min, in steps of 5,"
+            ' or "off"'
+        ),
         "job.toml:19: alarm.high.limit_c: 340 °C must be above temperature.select_c (352 °C)",
-        'job.toml:20: alarm.high.delay_s: 100 s is not allowed; 0 to 99.99 s, in steps of 0.01, or "off"',
-        'job.toml:23: alarm.low.limit_c: "off" is not allowed; no manual prints how to clear a limit: use delay_s = "off"',
+        (
+            "job.toml:20: alarm.high.delay_s: 100 s is not allowed; 0 to 99.99 s, in steps of 0.01,"
+            ' or "off"'
+        ),
+        (
+            'job.toml:23: alarm.low.limit_c: "off" is not allowed; no manual prints how to clear a'
+            ' limit: use delay_s = "off"'
+        ),
         "job.toml:26: port.2.temperature.select_c: 350.0 is not allowed; whole °C",
         "job.toml:29: port.2.alarm.low.limit_c: 355 °C must be below temperature.select_c (352 °C)",
         "job.toml:29: port.2.alarm.low.limit_c: 355 °C must be below alarm.high.limit_c (340 °C)",
         "job.toml:31: feeder: fits none of the families listed (dde); it is for ale",
-        'job.toml:32: feeder.mode: "fast" is not allowed; one of continuous, discontinuous, program, reload',
+        (
+            'job.toml:32: feeder.mode: "fast" is not allowed; one of continuous, discontinuous,'
+            " program, reload"
+        ),
         'job.toml:35: sampling.rate_hz: 0 is not allowed; Hz, from 0.001 to 1000, or "auto"',
-        'job.toml:38: run.safe_state: "cooling" is not allowed on dde, which the recipe lists; it allows stand, extractor',
+        (
+            'job.toml:38: run.safe_state: "cooling" is not allowed on dde, which the recipe lists;'
+            " it allows stand, extractor"
+        ),
         'job.toml:39: run.on_difference: "ignore" is not allowed; stop or continue',
         'job.toml:42: metadata.required[1]: "oprator" is unknown; did you mean operator?',
         "job.toml:45: acceptance.coverage_percent: 101 is not allowed; 0 to 100",
-        "job.toml:47: lighting: unknown; allowed here: temperature, sleep, hibernation, alarm, recipe, port, feeder, air, omega, "
-        "sampling, run, episodes, metadata, units, joints, acceptance",
+        (
+            "job.toml:47: lighting: unknown; allowed here: temperature, sleep, hibernation, alarm,"
+            " recipe, port, feeder, air, omega, sampling, run, episodes, metadata, units, joints,"
+            " acceptance"
+        ),
     ]
 
 
@@ -271,16 +311,24 @@ on = true
         ("recipe", "x", "1"),
     ],
 )
-def test_a_value_that_is_not_allowed_is_told_where_it_stands(section: str, key: str, value: str) -> None:
-    told = problems(f"{HEAD}\n[{section}]\n{key} = {value}\n" if section != "recipe" else f"{HEAD}\n{key} = {value}\n")
+def test_a_value_that_is_not_allowed_is_told_where_it_stands(
+    section: str, key: str, value: str
+) -> None:
+    told = problems(
+        f"{HEAD}\n[{section}]\n{key} = {value}\n"
+        if section != "recipe"
+        else f"{HEAD}\n{key} = {value}\n"
+    )
     line = 7 if section != "recipe" else 6
     assert told
     assert all(one.startswith(f"job.toml:{line}: {section}.{key}") for one in told)
 
 
 def test_an_alarm_limit_that_would_be_read_as_not_set_is_told_with_what_is_allowed() -> None:
-    assert only_problem(HEAD + "[alarm.high]\nlimit_c = 3800\n") == (
-        "job.toml:6: alarm.high.limit_c: 3800 °C would be read back as not set; 1 to 600 °C; steps of 5 °C"
+    assert (
+        only_problem(HEAD + "[alarm.high]\nlimit_c = 3800\n")
+        == "job.toml:6: alarm.high.limit_c: 3800 °C would be read back as not set; 1 to 600 °C;"
+        " steps of 5 °C"
     )
 
 
@@ -315,16 +363,33 @@ def test_a_value_at_the_edge_of_its_range_is_taken(section: str, key: str, value
         ("[recipe]\nname = 'x\n", 'job.toml:2: this is not TOML: Expected "\'"'),
         ("[recipe]\nname = 1\nname = 2\n", "job.toml:3: recipe.name: given twice, first in line 2"),
         ("[sleep]\n[run]\n[sleep]\n", "job.toml:3: sleep: given twice, first in line 1"),
-        ("a = 1979-13-01", "job.toml:1: this is not TOML: Expected newline or end of document after a statement"),
-        (HEAD + "sleep = 5\n", "job.toml:5: recipe.sleep: unknown; allowed here: name, revision, families"),
+        (
+            "a = 1979-13-01",
+            "job.toml:1: this is not TOML: Expected newline or end of document after a statement",
+        ),
+        (
+            HEAD + "sleep = 5\n",
+            "job.toml:5: recipe.sleep: unknown; allowed here: name, revision, families",
+        ),
         ("sleep = 5\n" + HEAD, "job.toml:1: sleep: 5 stands where a table belongs"),
-        (HEAD + "[port.5.sleep]\ndelay_min = 1\n", 'job.toml:5: port.5: "5" is not allowed; a port is 1, 2, 3 or 4'),
-        (HEAD + "[port.3.sleep]\ndelay_min = 1\n", "job.toml:5: port.3: none of the families listed (dde, ucr, ale) has a port 3"),
-        (HEAD + "[acceptance]\n", "job.toml:5: acceptance: names no limit; without the table the run is not judged"),
+        (
+            HEAD + "[port.5.sleep]\ndelay_min = 1\n",
+            'job.toml:5: port.5: "5" is not allowed; a port is 1, 2, 3 or 4',
+        ),
+        (
+            HEAD + "[port.3.sleep]\ndelay_min = 1\n",
+            "job.toml:5: port.3: none of the families listed (dde, ucr, ale) has a port 3",
+        ),
+        (
+            HEAD + "[acceptance]\n",
+            "job.toml:5: acceptance: names no limit; without the table the run is not judged",
+        ),
         (
             HEAD.replace('"ale"', '"nae"') + "[acceptance]\njoints_against_counter_percent = 2\n",
-            "job.toml:6: acceptance.joints_against_counter_percent: fits none of the families listed (dde, ucr, nae); "
-            "it is for ale",
+            (
+                "job.toml:6: acceptance.joints_against_counter_percent: fits none of the families"
+                " listed (dde, ucr, nae); it is for ale"
+            ),
         ),
         ('[recipe]\nname = "x"\nrevision = 1\nfamilies = []\n', None),
         (HEAD.replace('"ucr"', '"dde"'), 'job.toml:4: recipe.families: "dde" is listed twice'),
@@ -334,20 +399,32 @@ def test_a_value_at_the_edge_of_its_range_is_taken(section: str, key: str, value
 )
 def test_what_is_wrong_with_a_file_as_a_whole(text: str, problem: str | None) -> None:
     if problem is None:
-        assert all(one.startswith(("job.toml:2: recipe.name: ", "job.toml:4: recipe.families: ")) for one in problems(text))
+        assert all(
+            one.startswith(("job.toml:2: recipe.name: ", "job.toml:4: recipe.families: "))
+            for one in problems(text)
+        )
     else:
         assert only_problem(text) == problem
 
 
-# -- what belongs together ----------------------------------------------------------------------------------------------
+# -- what belongs together -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("sections", "problem"),
     [
-        ("[alarm.high]\nlimit_c = 350\n", "8: alarm.high.limit_c: 350 °C must be above temperature.select_c (350 °C)"),
-        ("[alarm.low]\nlimit_c = 350\n", "8: alarm.low.limit_c: 350 °C must be below temperature.select_c (350 °C)"),
-        ("[sleep]\ntemperature_c = 355\n", "8: sleep.temperature_c: 355 °C must not be above temperature.select_c (350 °C)"),
+        (
+            "[alarm.high]\nlimit_c = 350\n",
+            "8: alarm.high.limit_c: 350 °C must be above temperature.select_c (350 °C)",
+        ),
+        (
+            "[alarm.low]\nlimit_c = 350\n",
+            "8: alarm.low.limit_c: 350 °C must be below temperature.select_c (350 °C)",
+        ),
+        (
+            "[sleep]\ntemperature_c = 355\n",
+            "8: sleep.temperature_c: 355 °C must not be above temperature.select_c (350 °C)",
+        ),
         (
             "[alarm.high]\nlimit_c = 380\n[port.2.temperature]\nselect_c = 400\n",
             "10: port.2.temperature.select_c: 400 °C must be below alarm.high.limit_c (380 °C)",
@@ -356,8 +433,14 @@ def test_what_is_wrong_with_a_file_as_a_whole(text: str, problem: str | None) ->
             "[port.2.alarm.low]\nlimit_c = 360\n",
             "8: port.2.alarm.low.limit_c: 360 °C must be below temperature.select_c (350 °C)",
         ),
-        ("[feeder]\nlength_mm = 1\nbackward_mm = 2\n", "9: feeder.backward_mm: pulls back more than feeder.length_mm (1 mm) feeds"),
-        ("[air]\ntemperature_c = 300\n", "7: air: fits none of the families listed (dde, ucr, ale); it is for jtse"),
+        (
+            "[feeder]\nlength_mm = 1\nbackward_mm = 2\n",
+            "9: feeder.backward_mm: pulls back more than feeder.length_mm (1 mm) feeds",
+        ),
+        (
+            "[air]\ntemperature_c = 300\n",
+            "7: air: fits none of the families listed (dde, ucr, ale); it is for jtse",
+        ),
     ],
 )
 def test_keys_that_contradict_each_other(sections: str, problem: str) -> None:
@@ -366,17 +449,22 @@ def test_keys_that_contradict_each_other(sections: str, problem: str) -> None:
 
 def test_what_is_equal_or_off_contradicts_nothing() -> None:
     parse_recipe(HEAD + "[temperature]\nselect_c = 350\n[sleep]\ntemperature_c = 350\n")
-    parse_recipe(HEAD + '[temperature]\nselect_c = 350\n[alarm.high]\nlimit_c = 300\ndelay_s = "off"\n')
+    parse_recipe(
+        HEAD + '[temperature]\nselect_c = 350\n[alarm.high]\nlimit_c = 300\ndelay_s = "off"\n'
+    )
 
 
 @pytest.mark.parametrize("key", ["sleep", "hibernation"])
 def test_a_delay_that_is_off_is_refused_where_stand_must_cool(key: str) -> None:
     text = HEAD + f'[{key}]\ndelay_min = "off"\n'
     sentence = (
-        f'job.toml:6: {key}.delay_min: is "off", so a tool in stand never cools; give minutes, or run.allow_no_cooldown = true'
+        f'job.toml:6: {key}.delay_min: is "off", so a tool in stand never cools; give minutes, or'
+        " run.allow_no_cooldown = true"
     )
     assert only_problem(text) == sentence
-    assert only_problem(HEAD + f'[port.2.{key}]\ndelay_min = "off"\n').startswith(f"job.toml:6: port.2.{key}.delay_min: ")
+    assert only_problem(HEAD + f'[port.2.{key}]\ndelay_min = "off"\n').startswith(
+        f"job.toml:6: port.2.{key}.delay_min: "
+    )
     allowed = parse_recipe(text + "[run]\nallow_no_cooldown = true\n", Path("job.toml"))
     assert [str(one) for one in warnings(allowed)] == [sentence]
     assert warnings(parse_recipe(HEAD + "[run]\nallow_no_cooldown = true\n")) == []
@@ -406,12 +494,18 @@ def test_extractor_is_for_no_other(family: str, allowed: str, key: str) -> None:
 def test_hot_air_and_omega_have_sections_of_their_own() -> None:
     condition = "".join(f"{field} = 1.5\n" for field in OMEGA_FIELDS)
     head = '[recipe]\nname = "x"\nrevision = 0\nfamilies = ["jtse", "omega"]\n'
-    recipe = parse_recipe(head + '[air]\nflow_permille = 500\nmode = "manual"\n[omega]\ncondition = 101\nmode = 0\n' + condition)
+    recipe = parse_recipe(
+        head
+        + '[air]\nflow_permille = 500\nmode = "manual"\n[omega]\ncondition = 101\nmode = 0\n'
+        + condition
+    )
     assert recipe.air.flow_permille == 500
     assert recipe.omega is not None
     assert recipe.omega.reverse3_mm_s == 1.5
     told = problems(
-        head + "[air]\nflow_permille = 1001\n[omega]\ncondition = 200\nmode = 0\n" + condition.replace("1.5", "1.55", 1)
+        head
+        + "[air]\nflow_permille = 1001\n[omega]\ncondition = 200\nmode = 0\n"
+        + condition.replace("1.5", "1.55", 1)
     )
     assert [one.partition(" is not allowed")[0] for one in told] == [
         "job.toml:6: air.flow_permille: 1001",
@@ -464,11 +558,25 @@ def test_how_samples_may_not_be_evaluated(line: str, said: str) -> None:
 
 def test_suction_is_for_hot_air() -> None:
     head = '[recipe]\nname = "x"\nrevision = 0\nfamilies = ["{}"]\n'
-    recipe = parse_recipe(head.format("jtse") + '[air]\nsuction = "on"\n[run]\nsafe_suction = "off"\n')
+    recipe = parse_recipe(
+        head.format("jtse") + '[air]\nsuction = "on"\n[run]\nsafe_suction = "off"\n'
+    )
     assert (recipe.suction, recipe.run.safe_suction) == ("on", "off")
-    assert (parse_recipe(head.format("jtse")).suction, parse_recipe(head.format("jtse")).run.safe_suction) == ("keep", "keep")
+    assert (
+        parse_recipe(head.format("jtse")).suction,
+        parse_recipe(head.format("jtse")).run.safe_suction,
+    ) == ("keep", "keep")
     told = only_problem(head.format("dde") + '[run]\nsafe_suction = "off"\n')
-    assert told == "job.toml:6: run.safe_suction: fits none of the families listed (dde); it is for jtse"
-    assert '"lift" is not allowed; keep, on or off' in only_problem(head.format("jtse") + '[air]\nsuction = "lift"\n')
-    assert '"Off" is not allowed; did you mean off?' in only_problem(head.format("jtse") + '[run]\nsafe_suction = "Off"\n')
-    assert '"on" is not allowed; keep or off' in only_problem(head.format("jtse") + '[run]\nsafe_suction = "on"\n')
+    assert (
+        told
+        == "job.toml:6: run.safe_suction: fits none of the families listed (dde); it is for jtse"
+    )
+    assert '"lift" is not allowed; keep, on or off' in only_problem(
+        head.format("jtse") + '[air]\nsuction = "lift"\n'
+    )
+    assert '"Off" is not allowed; did you mean off?' in only_problem(
+        head.format("jtse") + '[run]\nsafe_suction = "Off"\n'
+    )
+    assert '"on" is not allowed; keep or off' in only_problem(
+        head.format("jtse") + '[run]\nsafe_suction = "on"\n'
+    )

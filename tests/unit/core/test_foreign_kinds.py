@@ -69,9 +69,20 @@ def test_lines_have_a_limit_as_well(tmp_path: Path, kind: Kind) -> None:
         read_foreign(tmp_path / "x", kind)
 
 
-# -- numbers -----------------------------------------------------------------------------------------------------------------
+# -- numbers ---------------------------------------------------------------------------------------
 
-NOT_TAKEN = ["NaN", "Infinity", "-Infinity", "1e308", "-1e99", "1e19", "1" + "0" * 30, "9" * 5000, "[" * 100_000, "1.5e+40"]
+NOT_TAKEN = [
+    "NaN",
+    "Infinity",
+    "-Infinity",
+    "1e308",
+    "-1e99",
+    "1e19",
+    "1" + "0" * 30,
+    "9" * 5000,
+    "[" * 100_000,
+    "1.5e+40",
+]
 
 
 @pytest.mark.parametrize("text", NOT_TAKEN, ids=lambda text: text[:12])
@@ -82,7 +93,17 @@ def test_a_number_that_nobody_can_reckon_with_is_refused(text: str, around: str)
 
 
 @pytest.mark.parametrize(
-    "value", [0, -1, 2**62, 1.5, 1e17, 1_790_000_000.123456, "1e308 9999999999999999999999", {"a": [None, True]}]
+    "value",
+    [
+        0,
+        -1,
+        2**62,
+        1.5,
+        1e17,
+        1_790_000_000.123456,
+        "1e308 9999999999999999999999",
+        {"a": [None, True]},
+    ],
 )
 def test_all_others_are_taken_as_they_are(value: object) -> None:
     assert json_of(json.dumps(value)) == value
@@ -94,7 +115,7 @@ def test_a_moment_lies_in_these_centuries(seconds: float) -> None:
         expect_moment(seconds)
 
 
-# -- tables ------------------------------------------------------------------------------------------------------------------
+# -- tables ----------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -120,21 +141,37 @@ def test_many_groups_are_read_one_after_the_other(part: Path) -> None:
     before = pool.bytes_allocated()
     with open_table(part) as opened:
         assert (
-            sum(len(group) for group in opened.groups() if pool.bytes_allocated() - before < GROUP_BYTES)
+            sum(
+                len(group)
+                for group in opened.groups()
+                if pool.bytes_allocated() - before < GROUP_BYTES
+            )
             == opened.metadata.num_rows
         )
 
 
 def test_what_pages_say_of_themselves_counts_and_not_what_the_footer_says(tmp_path: Path) -> None:
-    """A page of 200 MiB whose column declares 128 MiB, as a library that unpacks it would find out too late."""
+    """A page of 200 MiB whose column declares 128 MiB, as a library that unpacks it would find out
+    too late.
+    """
     path = tmp_path / "x.parquet"
-    pq.write_table(pa.table({"a": [" " * (200 * MIB)]}), path, compression="zstd", use_dictionary=False, write_statistics=False)
+    pq.write_table(
+        pa.table({"a": [" " * (200 * MIB)]}),
+        path,
+        compression="zstd",
+        use_dictionary=False,
+        write_statistics=False,
+    )
     with pytest.raises(NotReadable, match="MiB"), open_table(path) as opened:
         opened.group(0)
-    honest, data = pq.read_metadata(path).row_group(0).column(0).total_uncompressed_size, path.read_bytes()
+    honest, data = (
+        pq.read_metadata(path).row_group(0).column(0).total_uncompressed_size,
+        path.read_bytes(),
+    )
     small = _varint(1 << 27)  # 128 MiB, with as many bytes as the honest number has
     assert len(small) == len(_varint(honest))
-    path.write_bytes(data.replace(_varint(honest), small))  # both stand in the footer; a page's head has the length of its contents
+    # both stand in the footer; a page's head has the length of its contents
+    path.write_bytes(data.replace(_varint(honest), small))
     assert pq.read_metadata(path).row_group(0).column(0).total_uncompressed_size == 1 << 27
     with pytest.raises(NotReadable, match="MiB"), open_table(path) as opened:
         opened.group(0)
@@ -168,12 +205,17 @@ def test_an_empty_part_and_a_small_table_are_read(tmp_path: Path) -> None:
     assert read_small(some, ["tick"]).equals(rows.select(["tick"]))
 
 
-# -- databases ---------------------------------------------------------------------------------------------------------------
+# -- databases -------------------------------------------------------------------------------------
 
-COLUMNS = {"batch": ("number", "name", "rows", "crc", "data"), "note": ("kind", "key", "text", "crc")}
+COLUMNS = {
+    "batch": ("number", "name", "rows", "crc", "data"),
+    "note": ("kind", "key", "text", "crc"),
+}
 
 
-@pytest.mark.parametrize("name", ["endless views", "one endless view", "a trigger", "computed columns"])
+@pytest.mark.parametrize(
+    "name", ["endless views", "one endless view", "a trigger", "computed columns"]
+)
 def test_a_store_of_views_or_triggers_is_none(tmp_path: Path, name: str) -> None:
     path = tmp_path / "live.sqlite"
     bombs.STORES[name](path)
@@ -187,7 +229,9 @@ def test_a_statement_without_end_is_interrupted(tmp_path: Path) -> None:
     opened = open_database(tmp_path / "x", only_reads=False, busy_s=1.0)
     opened.within(0.1)
     with pytest.raises(sqlite3.OperationalError, match="interrupted"):
-        opened.execute("WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT count(*) FROM n").fetchone()
+        opened.execute(
+            "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT count(*) FROM n"
+        ).fetchone()
     opened.close()
 
 

@@ -1,6 +1,8 @@
-"""A file that may be anybody's is opened in one place (`jbclog/core/foreign`): a bare read anywhere else is found here.
+"""A file that may be anybody's is opened in one place (`jbclog/core/foreign`): a bare read anywhere
+else is found here.
 
-Ruff's banned-api knows names of modules and not methods such as `Path.read_bytes`, so this looks at the syntax tree itself.
+Ruff's banned-api knows names of modules and not methods such as `Path.read_bytes`, so this looks at
+the syntax tree itself.
 """
 
 from __future__ import annotations
@@ -18,9 +20,18 @@ PACKAGE = Path(jbclog.__file__).parent
 HOME = ("core", "foreign")
 
 READS = {"read_bytes", "read_text", "readlines"}  # methods of a path
-LOOPS = {"resolve"}  # in Python 3.11 it raises RuntimeError where a link leads to itself; os.path.realpath does not
+# in Python 3.11 it raises RuntimeError where a link leads to itself; os.path.realpath does not
+LOOPS = {"resolve"}
 FUNCTIONS = {
-    *("ParquetFile", "ParquetDataset", "read_table", "read_schema", "read_metadata", "read_parquet", "read_csv"),
+    *(
+        "ParquetFile",
+        "ParquetDataset",
+        "read_table",
+        "read_schema",
+        "read_metadata",
+        "read_parquet",
+        "read_csv",
+    ),
     *("memory_map", "mmap", "fromfile", "loadtxt", "genfromtxt", "OSFile"),
 }
 WHOLE_NAMES = {
@@ -36,17 +47,25 @@ ALLOWED = {
     "report/typeset.py:read_bytes": "fonts of this package",
     "cli/streams.py:open": "the three streams by their numbers, and the null device",
     "cli/streams.py:os.open": "the null device",
-    "guard/action_log.py:os.open": "the log that this guard has written, to cut its end off; the null device",
+    "guard/action_log.py:os.open": (
+        "the log that this guard has written, to cut its end off; the null device"
+    ),
     "app/doctor.py:read_text": "the kernel's own, below /sys",
     "transport/system_ports.py:read_text": "the kernel's own, below /proc",
     "core/locks.py:read_text": "the kernel's own, below /proc",
-    "transport/typed_lines.py:open": "a source of units, which is a pipe or a device by its nature; it is polled",
+    "transport/typed_lines.py:open": (
+        "a source of units, which is a pipe or a device by its nature; it is polled"
+    ),
     "record/capture.py:open": "looked at by `expect_regular` in the line before",
-    "core/durable_files.py:os.open": "what was just written, to sync it; to add a line, looked at by `expect_opened`",
+    "core/durable_files.py:os.open": (
+        "what was just written, to sync it; to add a line, looked at by `expect_opened`"
+    ),
     "core/locks.py:os.open": "looked at by `expect_regular` in the line before; nothing is read",
     "sim/links.py:os.open": "a pseudo terminal of a virtual station",
     "record/guard_actions.py:os.open": "read through `read_foreign` before",
-    "config/load_recipe.py:read_text": "the function of `config/toml_reader.py`, which reads through `read_foreign`",
+    "config/load_recipe.py:read_text": (
+        "the function of `config/toml_reader.py`, which reads through `read_foreign`"
+    ),
     "config/line.py:read_text": "the same",
     "config/tasks_file.py:read_text": "the same",
     "config/jobs_file.py:read_text": "the same",
@@ -74,13 +93,23 @@ def _read(call: ast.Call) -> str | None:
     if last in READS and whole != "self.read":
         return last
     if whole == "os.open":
-        return None if any(flag in ast.unparse(call) for flag in ("O_CREAT", "FLAGS", "O_DIRECTORY")) else whole
-    is_open = whole == "open" or (last == "open" and (not call.args or _is_mode(call.args[0])) and _is_file_mode(call))
+        return (
+            None
+            if any(flag in ast.unparse(call) for flag in ("O_CREAT", "FLAGS", "O_DIRECTORY"))
+            else whole
+        )
+    is_open = whole == "open" or (
+        last == "open" and (not call.args or _is_mode(call.args[0])) and _is_file_mode(call)
+    )
     return "open" if is_open and not _writes(call) else None
 
 
 def _is_mode(argument: ast.expr) -> bool:
-    return isinstance(argument, ast.Constant) and isinstance(argument.value, str) and set(argument.value) <= set("rwxab+t")
+    return (
+        isinstance(argument, ast.Constant)
+        and isinstance(argument.value, str)
+        and set(argument.value) <= set("rwxab+t")
+    )
 
 
 def _is_file_mode(call: ast.Call) -> bool:
@@ -91,14 +120,24 @@ def _is_file_mode(call: ast.Call) -> bool:
 def _writes(call: ast.Call) -> bool:
     place = 1 if ast.unparse(call.func) == "open" else 0
     mode = call.args[place] if len(call.args) > place else None
-    return isinstance(mode, ast.Constant) and isinstance(mode.value, str) and set(mode.value) & set("wxa") != set()
+    return (
+        isinstance(mode, ast.Constant)
+        and isinstance(mode.value, str)
+        and set(mode.value) & set("wxa") != set()
+    )
 
 
 def found_below(package: Path) -> dict[str, str]:
     """``FILE:CALL`` of each read outside of the one room, and where it stands."""
-    files = (path for path in sorted(package.rglob("*.py")) if path.relative_to(package).parts[:2] != HOME)
+    files = (
+        path
+        for path in sorted(package.rglob("*.py"))
+        if path.relative_to(package).parts[:2] != HOME
+    )
     return {
-        f"{path.relative_to(package).as_posix()}:{name}": f"{path.relative_to(package).as_posix()}:{line}"
+        f"{path.relative_to(package).as_posix()}:{name}": (
+            f"{path.relative_to(package).as_posix()}:{line}"
+        )
         for path in files
         for line, name in bare_reads(path)
     }
@@ -106,7 +145,9 @@ def found_below(package: Path) -> dict[str, str]:
 
 def test_nothing_is_read_but_through_the_one_room() -> None:
     found = found_below(PACKAGE)
-    assert {place for call, place in found.items() if call not in ALLOWED} == set(), "use jbclog.core.foreign"
+    assert {place for call, place in found.items() if call not in ALLOWED} == set(), (
+        "use jbclog.core.foreign"
+    )
 
 
 def test_every_exception_is_still_one() -> None:

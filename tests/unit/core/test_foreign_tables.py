@@ -1,4 +1,6 @@
-"""Parquet whose footer, page heads or values are not what a recorder writes: a sentence, and never the end of the process."""
+"""Parquet whose footer, page heads or values are not what a recorder writes: a sentence, and never
+the end of the process.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +14,25 @@ import pyarrow.parquet as pq
 import pytest
 
 from jbclog.core.foreign.files import NotReadable
-from jbclog.core.foreign.parquet_footer import BINARY, BYTE, I16, I32, I64, LIST, STRUCT, YES, ThriftReader, groups_in
+from jbclog.core.foreign.parquet_footer import (
+    BINARY,
+    BYTE,
+    I16,
+    I32,
+    I64,
+    LIST,
+    STRUCT,
+    YES,
+    ThriftReader,
+    groups_in,
+)
 from jbclog.core.foreign.tables import TAIL, _pages, bounds_of, open_table, read_small
 
 ROWS = pa.table(
     {
-        "time": pa.array([1_790_000_000_000_000, 1_790_000_001_000_000], pa.timestamp("us", tz="UTC")),
+        "time": pa.array(
+            [1_790_000_000_000_000, 1_790_000_001_000_000], pa.timestamp("us", tz="UTC")
+        ),
         "name": pa.array(["dde-1", None]),
         "value": pa.array([350.0, None], pa.float64()),
     }
@@ -42,10 +57,20 @@ def test_the_footer_says_what_the_library_says(tmp_path: Path) -> None:
         assert group.rows == known.row_group(index).num_rows
         for place, chunk in enumerate(group.chunks):
             column = known.row_group(index).column(place)
-            same = column.path_in_schema, column.num_values, column.total_uncompressed_size, column.total_compressed_size
+            same = (
+                column.path_in_schema,
+                column.num_values,
+                column.total_uncompressed_size,
+                column.total_compressed_size,
+            )
             assert (chunk.name, chunk.values, chunk.unpacked, chunk.packed) == same
-            assert (chunk.data_at, chunk.dictionary_at) == (column.data_page_offset, column.dictionary_page_offset)
-    micros = [(1_790_000_000_000_000 + second * 1_000_000).to_bytes(8, "little") for second in range(2)]
+            assert (chunk.data_at, chunk.dictionary_at) == (
+                column.data_page_offset,
+                column.dictionary_page_offset,
+            )
+    micros = [
+        (1_790_000_000_000_000 + second * 1_000_000).to_bytes(8, "little") for second in range(2)
+    ]
     assert bounds_of(path, "time") == [(one, one) for one in micros]
     assert bounds_of(path, "value")[1] is None
 
@@ -64,7 +89,9 @@ def test_a_page_s_header_is_read_whatever_its_length(tmp_path: Path, length: int
 
 
 def child_that_ends(path: Path, all_of_them: Iterator[bytes]) -> int:
-    """How a child ends that reads each of these in turn: an abort of the library would be its end."""
+    """How a child ends that reads each of these in turn: an abort of the library would be its
+    end.
+    """
     child = os.fork()
     if not child:
         code = 1
@@ -82,11 +109,16 @@ def child_that_ends(path: Path, all_of_them: Iterator[bytes]) -> int:
 
 
 def test_no_byte_of_a_footer_ends_the_process(tmp_path: Path) -> None:
-    """Two of them did, in a library that does not catch its own exception where a column's statistics contradict its kind."""
+    """Two of them did, in a library that does not catch its own exception where a column's
+    statistics contradict its kind.
+    """
     path = written(tmp_path / "a.parquet", ROWS.select(["name"]).slice(0, 1))
     data = path.read_bytes()
     begin = len(data) - TAIL.size - len(footer_of(data))
-    turned = (data[:at] + bytes([data[at] ^ (1 << at % 8)]) + data[at + 1 :] for at in range(begin, len(data)))
+    turned = (
+        data[:at] + bytes([data[at] ^ (1 << at % 8)]) + data[at + 1 :]
+        for at in range(begin, len(data))
+    )
     assert child_that_ends(path, turned) == 0
 
 
@@ -102,7 +134,9 @@ def test_no_byte_of_a_footer_ends_the_process(tmp_path: Path) -> None:
         ("text", pa.Array.from_buffers(pa.string(), 1, pa.array([b"\xff\xfe"]).buffers())),
     ],
 )
-def test_a_value_that_nobody_can_reckon_with_or_show(tmp_path: Path, name: str, value: pa.Array) -> None:
+def test_a_value_that_nobody_can_reckon_with_or_show(
+    tmp_path: Path, name: str, value: pa.Array
+) -> None:
     path = written(tmp_path / "a.parquet", pa.table({name: value}))
     with pytest.raises((NotReadable, pa.ArrowInvalid)):
         read_small(path)
@@ -111,7 +145,9 @@ def test_a_value_that_nobody_can_reckon_with_or_show(tmp_path: Path, name: str, 
 
 
 def test_a_number_that_the_library_would_take_otherwise() -> None:
-    """A field twice, a field's number and a value beyond their bits: the last one, or a part of it, would count there."""
+    """A field twice, a field's number and a value beyond their bits: the last one, or a part of it,
+    would count there.
+    """
     twice = bytes([0x15, 2, 0x05, 2, 4, 0])  # field 1 twice, the second time by its whole number
     beyond = bytes([0x05, 0x84, 0x80, 0x08, 2, 0])  # field 65538
     large = bytes([0x15, 0x82, 0x80, 0x80, 0x80, 0x20, 0])  # beyond 32 bits

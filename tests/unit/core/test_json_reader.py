@@ -1,4 +1,6 @@
-"""Dataclasses from JSON: the description of each type is made at import, before there are threads."""
+"""Dataclasses from JSON: the description of each type is made at import, before there are
+threads.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,10 @@ CONVERT = {"convert"}
 
 def calls(tree: ast.AST, names: set[str]) -> Iterator[ast.Call]:
     for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and (getattr(node.func, "id", None) or getattr(node.func, "attr", None)) in names:
+        if (
+            isinstance(node, ast.Call)
+            and (getattr(node.func, "id", None) or getattr(node.func, "attr", None)) in names
+        ):
             yield node
 
 
@@ -40,17 +45,51 @@ class Part:
 read_part, build_part = decoder(Part), builder(Part)
 DIGITS = "1234567890"
 OTHERS = [
-    *("1", "-0.5", "1e17", '"1e99"', '"' + DIGITS * 7 + '"', "0.12345678901234567", "12345678901234567.1234567890e-30", "{}"),
-    *("1e19", "1E+40", "-1e308", "9" * 19, "9" * 18 + ".5e9", "1." + "1" * 30 + "e99", DIGITS * 100 + "e5", "NaN", "-Infinity"),
-    *('"\\ud800"', '"\\ud83d\\ude00"', '"\x01"', "[" * 100_000, "[" * 500 + "]" * 500, '{"a": 1, "a": 2}', "01", "tru", ""),
+    *(
+        "1",
+        "-0.5",
+        "1e17",
+        '"1e99"',
+        '"' + DIGITS * 7 + '"',
+        "0.12345678901234567",
+        "12345678901234567.1234567890e-30",
+        "{}",
+    ),
+    *(
+        "1e19",
+        "1E+40",
+        "-1e308",
+        "9" * 19,
+        "9" * 18 + ".5e9",
+        "1." + "1" * 30 + "e99",
+        DIGITS * 100 + "e5",
+        "NaN",
+        "-Infinity",
+    ),
+    *(
+        '"\\ud800"',
+        '"\\ud83d\\ude00"',
+        '"\x01"',
+        "[" * 100_000,
+        "[" * 500 + "]" * 500,
+        '{"a": 1, "a": 2}',
+        "01",
+        "tru",
+        "",
+    ),
 ]
 
 
 @pytest.mark.parametrize("text", OTHERS, ids=lambda text: text[:20])
-@pytest.mark.parametrize("around", ['{"name": "a", "b": %s}', '{"name":"a","b":[1,%s]}', '{"heat_c":%s,"name":"a"}', "%s"])
+@pytest.mark.parametrize(
+    "around",
+    ['{"name": "a", "b": %s}', '{"name":"a","b":[1,%s]}', '{"heat_c":%s,"name":"a"}', "%s"],
+)
 def test_keys_that_are_not_needed_are_judged_all_the_same(text: str, around: str) -> None:
     data = (around % text).encode()
-    assert outcome(lambda: read_part(data)) == outcome(lambda: build_part(json_of(data, in_utf8=True)))
+    assert outcome(lambda: read_part(data)) == outcome(
+        lambda: build_part(json_of(data, in_utf8=True))
+    )
 
 
 def outcome(call: Callable[[], Part]) -> Part | str:
@@ -60,7 +99,12 @@ def outcome(call: Callable[[], Part]) -> Part | str:
         return str(error)
 
 
-NO_JSON = [b'{"name": "\xff"}', b'{"name": "tip", "other": "\xff"}', b'{"name": "tip"} x', b"\xef\xbb\xbf{}"]
+NO_JSON = [
+    b'{"name": "\xff"}',
+    b'{"name": "tip", "other": "\xff"}',
+    b'{"name": "tip"} x',
+    b"\xef\xbb\xbf{}",
+]
 
 
 @pytest.mark.parametrize("data", NO_JSON, ids=repr)
@@ -76,7 +120,9 @@ def test_too_many_objects_are_refused_where_nobody_needs_them() -> None:
 
 
 def test_two_threads_never_describe_a_type_at_once() -> None:
-    """msgspec 0.22 crashes the process (SIGSEGV) where a thread converts to a type that another one has half described."""
+    """msgspec 0.22 crashes the process (SIGSEGV) where a thread converts to a type that another one
+    has half described.
+    """
     described = 0
     for path in PACKAGE.rglob("*.py"):
         text = path.read_text(encoding="utf-8")

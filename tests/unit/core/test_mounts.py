@@ -1,4 +1,6 @@
-"""A folder on a network mount that hangs is not waited for, and one that is local costs no child."""
+"""A folder on a network mount that hangs is not waited for, and one that is local costs no
+child.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ def remote(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder.mkdir()
     place = str(folder).replace(" ", "\\040")
     (tmp_path / "mountinfo").write_text(
-        f"36 35 98:0 / / rw - ext4 /dev/sda rw\n37 36 0:45 / {place} rw shared:1 - nfs4 server:/runs rw\n"
+        f"36 35 98:0 / / rw - ext4 /dev/sda rw\n37 36 0:45 / {place} rw shared:1 - nfs4"
+        " server:/runs rw\n"
     )
     monkeypatch.setattr(files, "MOUNTS", tmp_path / "mountinfo")
     return folder
@@ -39,7 +42,9 @@ def hanging(remote: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return remote
 
 
-@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
 def test_one_that_hangs_is_a_sentence_for_all_who_look_there(hanging: Path, tmp_path: Path) -> None:
     (tmp_path / "runs").symlink_to("on a server/below")
     began = time.monotonic()
@@ -51,7 +56,9 @@ def test_one_that_hangs_is_a_sentence_for_all_who_look_there(hanging: Path, tmp_
         lambda: previous_run(hanging, "bench"),
         lambda: create_run(hanging, "bench", 1.79e9),
     ):
-        with pytest.raises(RecordError, match=r"does not answer within 0\.3 s: its network mount hangs"):
+        with pytest.raises(
+            RecordError, match=r"does not answer within 0\.3 s: its network mount hangs"
+        ):
             look()
     assert time.monotonic() - began < 20
 

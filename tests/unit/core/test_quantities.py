@@ -1,4 +1,6 @@
-"""Five characters on the wire and what they mean: every kind of value in both directions, and what is none."""
+"""Five characters on the wire and what they mean: every kind of value in both directions, and what
+is none.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +47,20 @@ CODE = Number()
 FLAGS = Flags((0, 0, 0, 1, 1))
 STATUS = DigitWord((0, 2, 1, 1, 3))
 
-OF_DIGITS = (CELSIUS, OFFSET, HOURS, MINUTES, SECONDS, LIMIT, LENGTH, DIAMETER, MODE, CODE, FLAGS, STATUS)
+OF_DIGITS = (
+    CELSIUS,
+    OFFSET,
+    HOURS,
+    MINUTES,
+    SECONDS,
+    LIMIT,
+    LENGTH,
+    DIAMETER,
+    MODE,
+    CODE,
+    FLAGS,
+    STATUS,
+)
 
 NEVER_FIVE_DIGITS = [
     "",
@@ -80,7 +95,11 @@ NEVER_FIVE_DIGITS = [
 ]
 
 
-@each_row((f"{quantity!r} {field!r}", (quantity, field)) for quantity in OF_DIGITS for field in NEVER_FIVE_DIGITS)
+@each_row(
+    (f"{quantity!r} {field!r}", (quantity, field))
+    for quantity in OF_DIGITS
+    for field in NEVER_FIVE_DIGITS
+)
 def test_what_is_never_a_value(quantity: Quantity, field: str) -> None:
     with pytest.raises(ValueError, match=re.escape(repr(field))):  # the message shows what came
         quantity.decode(field)
@@ -115,7 +134,8 @@ def test_what_is_never_a_value(quantity: Quantity, field: str) -> None:
         (LIMIT, "00380", 380),
         (LIMIT, "00600", 600),
         (LIMIT, "00601", OFF),  # no station gets there
-        (LIMIT, "99999", OFF),  # "not set" has no printed form (docs/reference/contradictions.md, B-23)
+        # "not set" has no printed form (docs/reference/contradictions.md, B-23)
+        (LIMIT, "99999", OFF),
         (LIMIT, "00000", OFF),
         (LENGTH, "01000", 100.0),
         (LENGTH, "00001", 0.1),
@@ -134,7 +154,8 @@ def test_what_is_never_a_value(quantity: Quantity, field: str) -> None:
         (MODE, "00000", "continuous"),
         (MODE, "00003", "reload"),
         (FLAGS, "00011", (0, 0, 0, 1, 1)),
-        (FLAGS, "00090", (0, 0, 0, 1, 0)),  # any digit but 0 is set (docs/reference/contradictions.md, B-24)
+        # any digit but 0 is set (docs/reference/contradictions.md, B-24)
+        (FLAGS, "00090", (0, 0, 0, 1, 0)),
         (STATUS, "02113", (0, 2, 1, 1, 3)),
     ],
 )
@@ -232,18 +253,36 @@ def test_what_is_written(quantity: Quantity, value: Value, field: str) -> None:
 @pytest.mark.parametrize(
     ("quantity", "value"),
     [
-        *((quantity, value) for quantity in (CELSIUS, HOURS, CODE) for value in (OFF, 350.0, "350", True, None, 100_000)),
+        *(
+            (quantity, value)
+            for quantity in (CELSIUS, HOURS, CODE)
+            for value in (OFF, 350.0, "350", True, None, 100_000)
+        ),
         (CELSIUS, -10_000),
         (HOURS, -1),
         (CODE, -1),
         *((MINUTES, value) for value in (-1, 5.0, "off", None, False)),
-        *((SECONDS, value) for value in (-0.01, 100.0, 1.605, "1.60", None, True, math.nan, math.inf)),
-        *((LIMIT, value) for value in (OFF, -5, 380.0, None)),  # no manual prints how to clear a limit
+        *(
+            (SECONDS, value)
+            for value in (-0.01, 100.0, 1.605, "1.60", None, True, math.nan, math.inf)
+        ),
+        # no manual prints how to clear a limit
+        *((LIMIT, value) for value in (OFF, -5, 380.0, None)),
         *((LENGTH, value) for value in (OFF, 0.05, -1.0, 10_000.0, None, True, math.nan, math.inf)),
         *((DISPENSED, value) for value in (-0.1, "3E8", None, True, math.nan, math.inf)),
         *((NAME, value) for value in (5, None)),
         *((MODE, value) for value in ("backward", 0, None, OFF)),
-        *((FLAGS, value) for value in ((0, 0, 0, 0, 2), (0, 0, 0, 1), 11, "00011", (0, 0, 0, 0, -1), (0, 0, 0, 0, 10))),
+        *(
+            (FLAGS, value)
+            for value in (
+                (0, 0, 0, 0, 2),
+                (0, 0, 0, 1),
+                11,
+                "00011",
+                (0, 0, 0, 0, -1),
+                (0, 0, 0, 0, 10),
+            )
+        ),
     ],
     ids=repr,
 )
@@ -273,7 +312,9 @@ def test_delays_there_and_back(number: int) -> None:
 def test_every_alarm_delay_there_and_back() -> None:
     fields = [f"{hundredths // 100:02d}.{hundredths % 100:02d}" for hundredths in range(10_000)]
     assert [SECONDS.encode(SECONDS.decode(field)) for field in fields] == fields
-    assert [text_of(SECONDS.decode(field)) for field in fields[:1000:7]] == [f"{n / 100:.2f}" for n in range(0, 1000, 7)]
+    assert [text_of(SECONDS.decode(field)) for field in fields[:1000:7]] == [
+        f"{n / 100:.2f}" for n in range(0, 1000, 7)
+    ]
 
 
 @given(st.integers(0, 16**16 - 1), st.booleans(), st.booleans())
@@ -296,7 +337,15 @@ def test_any_field_is_a_value_or_a_value_error(field: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(350, "350"), (-50, "-50"), (1.6, "1.60"), (OFF, "off"), ((0, 0, 0, 0, 1), "00001"), ("reload", "reload")]
+    ("value", "text"),
+    [
+        (350, "350"),
+        (-50, "-50"),
+        (1.6, "1.60"),
+        (OFF, "off"),
+        ((0, 0, 0, 0, 1), "00001"),
+        ("reload", "reload"),
+    ],
 )
 def test_values_as_people_see_them(value: Value, text: str) -> None:
     assert text_of(value) == text

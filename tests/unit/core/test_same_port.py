@@ -52,5 +52,7 @@ def test_links_to_devices_are_followed(tmp_path: Path) -> None:
 
 def test_no_host_is_resolved_for_another_number(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("socket.getaddrinfo", pytest.fail)
-    assert not port_address("socket://slow.example:1").is_at(port_address("socket://other.example:2"))
+    assert not port_address("socket://slow.example:1").is_at(
+        port_address("socket://other.example:2")
+    )
     assert port_address("socket://slow.example:1").is_at(port_address("socket://slow.example:1"))

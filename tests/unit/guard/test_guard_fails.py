@@ -1,4 +1,6 @@
-"""A guard that breaks: it begins again where nobody else comes, and leaves it to the next one where the recorder lives."""
+"""A guard that breaks: it begins again where nobody else comes, and leaves it to the next one where
+the recorder lives.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,12 @@ from jbclog.guard.lease import StationLease, read_leases, write_leases
 from jbclog.guard.lease_writer import LeaseWriter
 from jbclog.guard.watch import HUNG_S, GuardLost, Recorder, Verdict, Watch
 
-LEASE = StationLease("dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False)
-NOTHING = StationLease("dde-2", "/dev/no2", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (), False)
+LEASE = StationLease(
+    "dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False
+)
+NOTHING = StationLease(
+    "dde-2", "/dev/no2", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (), False
+)
 
 
 class Other(Recorder):
@@ -55,7 +61,13 @@ def answers(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 def guarded(
-    monkeypatch: pytest.MonkeyPatch, folder: Path, recorder: Recorder, faults: int, *, failed: bool = False, silent_s: float = 0.0
+    monkeypatch: pytest.MonkeyPatch,
+    folder: Path,
+    recorder: Recorder,
+    faults: int,
+    *,
+    failed: bool = False,
+    silent_s: float = 0.0,
 ) -> tuple[object, int]:
     """What `_guard` gives, and how often it watched, where its first `faults` watches break."""
     watched: list[Watch] = []
@@ -85,7 +97,9 @@ def test_one_whose_recorder_lives_watches_until_it_is_replaced(
 
 
 @pytest.mark.usefixtures("answers")
-def test_one_that_fails_every_time_leaves_it_to_the_next(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, said: list[str]) -> None:
+def test_one_that_fails_every_time_leaves_it_to_the_next(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, said: list[str]
+) -> None:
     with pytest.raises(GuardLost, match="failed 3 times"):
         guarded(monkeypatch, tmp_path, Other(is_gone=False), 99)
     assert said == ["the guard failed, MemoryError: none is left"] * guard_itself.TRIES
@@ -98,11 +112,18 @@ def test_one_that_fails_every_time_leaves_it_to_the_next(monkeypatch: pytest.Mon
 )
 @pytest.mark.usefixtures("answers")
 def test_one_that_nobody_follows_begins_again(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, said: list[str], is_gone: bool, failed: bool, silent_s: float
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    said: list[str],
+    is_gone: bool,
+    failed: bool,
+    silent_s: float,
 ) -> None:
     for faults in (1, 2):
         said.clear()
-        result = guarded(monkeypatch, tmp_path, Other(is_gone), faults, failed=failed, silent_s=silent_s)
+        result = guarded(
+            monkeypatch, tmp_path, Other(is_gone), faults, failed=failed, silent_s=silent_s
+        )
         assert result == (("taken over", ()), faults + 1)
         assert said == ["the guard failed, MemoryError: none is left"] * faults
 
@@ -116,14 +137,19 @@ def test_one_that_fails_every_time_hands_on_what_may_be_hot(
 
 
 @pytest.mark.parametrize("does", [True, False])
-def test_one_that_answers_no_more_still_hears(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answers: int, does: bool) -> None:
+def test_one_that_answers_no_more_still_hears(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answers: int, does: bool
+) -> None:
     read, write = os.pipe()
     os.write(write, f"{LEASE.to_json()}\n".encode())
     os.close(write)
     monkeypatch.setattr(guard_itself, "STDIN", read)
     os.set_blocking(answers, False)
     watch = Watch(0.0)
-    assert guard_itself._watch(watch, LeaseWriter(tmp_path, ActionLog(tmp_path)), answers=does) is Verdict.DEAD
+    assert (
+        guard_itself._watch(watch, LeaseWriter(tmp_path, ActionLog(tmp_path)), answers=does)
+        is Verdict.DEAD
+    )
     os.close(read)
     assert watch.stations == {LEASE.name: LEASE}
     assert select.select([answers], [], [], 0)[0] == ([answers] if does else [])
@@ -137,19 +163,27 @@ def test_nothing_is_taken_over_where_all_is_done(
     monkeypatch.setattr(guard_itself, "_watch", lambda *_, answers: verdict)
     monkeypatch.setattr(guard_itself, "_take_over", lambda *_: ("taken over", ()))
     expected = ((), ()) if verdict is Verdict.DONE else ("taken over", ())
-    assert guard_itself._guard(Other(is_gone=False), LeaseWriter(tmp_path, action_log), action_log) == expected
+    assert (
+        guard_itself._guard(Other(is_gone=False), LeaseWriter(tmp_path, action_log), action_log)
+        == expected
+    )
     assert os.read(answers, 99) == guard_itself.READY  # the recorder sees that it is there
 
 
-# -- taking over -------------------------------------------------------------------------------------------------------
+# -- taking over -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("verdict", "ended", "why"),
     [
         (Verdict.DEAD, [(guard_itself.DYING_S, guard_itself.DEATH_S)], "the recorder died"),
-        (Verdict.HUNG, [(0.0, guard_itself.DEATH_S)], "the recorder did not renew its lease for 2 s and was ended"),
-        (Verdict.FAILED, [], "the recorder failed"),  # it has closed its ports, and has its record to finish
+        (
+            Verdict.HUNG,
+            [(0.0, guard_itself.DEATH_S)],
+            "the recorder did not renew its lease for 2 s and was ended",
+        ),
+        # it has closed its ports, and has its record to finish
+        (Verdict.FAILED, [], "the recorder failed"),
     ],
 )
 @pytest.mark.parametrize("left", [[], [LEASE]])
@@ -181,29 +215,41 @@ def test_the_recorder_is_ended_as_it_needs_and_the_diary_says_why(
     monkeypatch.setattr(guard_itself, "TakeOver", TakesOver)
     watch = Watch(0.0)
     watch.stations = {LEASE.name: LEASE}
-    assert guard_itself._take_over(watch, verdict, Ends(is_gone=False), ActionLog(tmp_path)) == (left, {"dde-1"})
+    assert guard_itself._take_over(watch, verdict, Ends(is_gone=False), ActionLog(tmp_path)) == (
+        left,
+        {"dde-1"},
+    )
     row = json.loads((tmp_path / DIARY).read_text())
-    outcome, severity = ("not every tool could be made safe", "critical") if left else ("every tool is in its safe state", "error")
+    outcome, severity = (
+        ("not every tool could be made safe", "critical")
+        if left
+        else ("every tool is in its safe state", "error")
+    )
     assert row["text"] == f"The guard took over, because {why}: {outcome}."
     assert (row["kind"], row["severity"], row["station"]) == ("guard.took_over", severity, None)
 
 
 @pytest.mark.parametrize("is_torn", [False, True])
 @pytest.mark.parametrize("left", [[], [LEASE]])
-def test_a_lease_is_closed_as_far_as_it_could_be_written_down_why(tmp_path: Path, left: list[StationLease], is_torn: bool) -> None:
+def test_a_lease_is_closed_as_far_as_it_could_be_written_down_why(
+    tmp_path: Path, left: list[StationLease], is_torn: bool
+) -> None:
     write_leases(tmp_path, [LEASE, NOTHING])
     action_log = ActionLog(tmp_path)
     action_log.reserve(3)
     action_log.is_torn = is_torn
     guard_itself._close_lease(left, LeaseWriter(tmp_path, action_log), action_log)
     assert read_leases(tmp_path) == ([LEASE] if is_torn else left)
-    assert (tmp_path / DIARY).exists() == bool(left)  # what has nothing in it is taken away when all is done
+    # what has nothing in it is taken away when all is done
+    assert (tmp_path / DIARY).exists() == bool(left)
 
 
 def test_one_without_descriptors_ends_when_another_process_has_dealt_with_its_lease(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """It can neither write the lease again nor take the lock; a removed lease is seen all the same."""
+    """It can neither write the lease again nor take the lock; a removed lease is seen all the
+    same.
+    """
     action_log = ActionLog(tmp_path)
     lease_writer = LeaseWriter(tmp_path, action_log)
     lease_writer.put([LEASE])

@@ -1,4 +1,6 @@
-"""What a run leases: all that it touched while a session goes on, then what is not known to be safe."""
+"""What a run leases: all that it touched while a session goes on, then what is not known to be
+safe.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,21 @@ from jbclog.guard.supervisor import RunGuard, lease_of
 
 
 def facts(outcome: str, may_feed: bool, **safe_state: str) -> StationFacts:
-    found = StationFacts("ale-1", "/dev/ttyX", "ale", "ALE", "1.00a", 1, touched=[1, 2], outcome=outcome, may_feed=may_feed)
+    found = StationFacts(
+        "ale-1",
+        "/dev/ttyX",
+        "ale",
+        "ALE",
+        "1.00a",
+        1,
+        touched=[1, 2],
+        outcome=outcome,
+        may_feed=may_feed,
+    )
     found.asked_safe_state = "stand"
-    found.safe_state = {int(port.removeprefix("port_")): state for port, state in safe_state.items()}
+    found.safe_state = {
+        int(port.removeprefix("port_")): state for port, state in safe_state.items()
+    }
     return found
 
 
@@ -28,7 +42,13 @@ def facts(outcome: str, may_feed: bool, **safe_state: str) -> StationFacts:
 def test_what_is_leased(told: StationFacts, ports: tuple[int, ...], feeds: bool) -> None:
     lease = lease_of(told)
     assert (lease.ports, lease.feeds) == (ports, feeds)
-    assert (lease.name, lease.url, lease.family, lease.model, lease.software) == ("ale-1", "/dev/ttyX", "ale", "ALE", "1.00a")
+    assert (lease.name, lease.url, lease.family, lease.model, lease.software) == (
+        "ale-1",
+        "/dev/ttyX",
+        "ale",
+        "ALE",
+        "1.00a",
+    )
     assert lease.holds == bool(ports or feeds)
 
 

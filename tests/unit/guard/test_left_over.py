@@ -1,4 +1,6 @@
-"""What somebody else made safe closes the lease that a run left open, as far as it was read back and no further."""
+"""What somebody else made safe closes the lease that a run left open, as far as it was read back
+and no further.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,12 @@ FOUND = [
     ("safety.safe_state", "info", 2, "The tool was found safe, as read back: sleep."),
 ]
 NO_TOOL = ("safety.safe_state", "info", 2, "There is no tool any more.")
-ALL_SAFE = ("guard.left_over", "error", None, "Run run had left tools of ale-1 as they were: every tool is in its safe state now.")
+ALL_SAFE = (
+    "guard.left_over",
+    "error",
+    None,
+    "Run run had left tools of ale-1 as they were: every tool is in its safe state now.",
+)
 NOT_ALL = (
     "guard.left_over",
     "critical",
@@ -45,7 +52,11 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def told(folder: Path) -> list[tuple[str, str, int | None, str]]:
     path = folder / DIARY
-    rows = [json.loads(line) for line in path.read_text().splitlines() if line] if path.exists() else []
+    rows = (
+        [json.loads(line) for line in path.read_text().splitlines() if line]
+        if path.exists()
+        else []
+    )
     return [(row["kind"], row["severity"], row["port"], row["text"]) for row in rows]
 
 
@@ -65,9 +76,14 @@ def nobody(folder: Path) -> bool:
     ids=["all", "one unplugged", "one port", "feeder runs", "feeder only"],
 )
 def test_what_was_read_back_closes_so_much_of_the_lease(
-    run: Path, seen: Seen, left: tuple[tuple[int, ...], bool] | None, lines: list[tuple[str, str, int | None, str]]
+    run: Path,
+    seen: Seen,
+    left: tuple[tuple[int, ...], bool] | None,
+    lines: list[tuple[str, str, int | None, str]],
 ) -> None:
-    assert close([URL], lambda station: seen if station == LEASE else None, nobody, "jbclog safe") == [run]
+    assert close(
+        [URL], lambda station: seen if station == LEASE else None, nobody, "jbclog safe"
+    ) == [run]
     after = {one.name: one for one in read_leases(run)}
     assert after["dde-2"] == OTHER  # nobody has looked at it
     assert ("ale-1" in after) == (left is not None)
@@ -78,14 +94,23 @@ def test_what_was_read_back_closes_so_much_of_the_lease(
 
 def test_of_two_of_which_one_may_be_hot_not_every_tool_is_safe(run: Path) -> None:
     seen = {"ale-1": SAFE, "dde-2": Seen("ALE", {1: "stand"}, True)}
-    assert close([URL, OTHER.url], lambda station: seen[station.name], nobody, "jbclog safe") == [run]
+    assert close([URL, OTHER.url], lambda station: seen[station.name], nobody, "jbclog safe") == [
+        run
+    ]
     assert read_leases(run) == [replace(OTHER, ports=(2,), feeds=False)]
     kind, severity, _, text = told(run)[-1]
     assert (kind, severity) == ("guard.left_over", "critical")
-    assert text == "Run run had left tools of ale-1, dde-2 as they were: not every tool could be made safe."
+    assert (
+        text
+        == "Run run had left tools of ale-1, dde-2 as they were: not every tool could be made safe."
+    )
 
 
-@pytest.mark.parametrize("seen", [None, SAFE._replace(model="ALF"), SAFE._replace(model=None)], ids=["nobody", "other", "nameless"])
+@pytest.mark.parametrize(
+    "seen",
+    [None, SAFE._replace(model="ALF"), SAFE._replace(model=None)],
+    ids=["nobody", "other", "nameless"],
+)
 def test_where_another_was_seen_or_none_nothing_is_closed(run: Path, seen: Seen | None) -> None:
     assert close([URL], lambda _: seen, nobody, "jbclog safe") == []
     assert (read_leases(run), told(run)) == ([LEASE, OTHER], [])
@@ -99,7 +124,9 @@ def test_a_run_that_goes_on_or_has_its_guard_there_closes_its_lease_itself(run: 
     assert (read_leases(run), told(run)) == ([LEASE, OTHER], [])
 
 
-def test_a_lease_stays_open_where_it_cannot_be_written_down_why_it_was_closed(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lease_stays_open_where_it_cannot_be_written_down_why_it_was_closed(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(*_: object) -> None:
         raise OSError("no space")
 
@@ -108,7 +135,9 @@ def test_a_lease_stays_open_where_it_cannot_be_written_down_why_it_was_closed(ru
     assert read_leases(run) == [LEASE, OTHER]
 
 
-def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def no_lock(*_: object) -> None:
         raise OSError(30, "Read-only file system")
 
@@ -119,7 +148,9 @@ def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(run: Path, 
     assert "Read-only file system" in settled[0].text
 
 
-def test_a_guard_that_stays_is_not_waited_for_without_end(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_guard_that_stays_is_not_waited_for_without_end(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(open_leases, "PATIENCE_S", 0.05)
     monkeypatch.setattr(open_leases, "RETRY_S", 0.01)
     with guard_lock(run):

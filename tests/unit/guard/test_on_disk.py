@@ -1,4 +1,6 @@
-"""What a guard has on the disk: the lease, its lock, its diary. None of it may hang, none of it may lie."""
+"""What a guard has on the disk: the lease, its lock, its diary. None of it may hang, none of it may
+lie.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,16 @@ from jbclog.core.errors import RecordError
 from jbclog.guard import __main__ as guard_itself
 from jbclog.guard import lease as leases
 from jbclog.guard.action_log import LEAST_BYTES, LINE_BYTES, ActionLog
-from jbclog.guard.lease import LOCK, NAME, NEW, StationLease, guard_lock, read_leases, registered_runs, write_leases
+from jbclog.guard.lease import (
+    LOCK,
+    NAME,
+    NEW,
+    StationLease,
+    guard_lock,
+    read_leases,
+    registered_runs,
+    write_leases,
+)
 from jbclog.guard.lease_writer import LeaseWriter
 from jbclog.record import annotations, conclude, guard_actions
 from jbclog.record.check import check
@@ -29,14 +40,19 @@ from support.records import few_rows
 
 
 def lease(name: str = "dde-1", *ports: int) -> StationLease:
-    return StationLease(name, "/dev/ttyX", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", ports or (1,), False)
+    return StationLease(
+        name, "/dev/ttyX", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", ports or (1,), False
+    )
 
 
-# -- the lease ---------------------------------------------------------------------------------------------------------
+# -- the lease -------------------------------------------------------------------------------------
 
 
 def test_what_holds_something_is_kept_and_nothing_else(tmp_path: Path) -> None:
-    write_leases(tmp_path, [lease("a"), replace(lease("b"), ports=()), replace(lease("c"), ports=(), feeds=True)])
+    write_leases(
+        tmp_path,
+        [lease("a"), replace(lease("b"), ports=()), replace(lease("c"), ports=(), feeds=True)],
+    )
     assert [one.name for one in read_leases(tmp_path)] == ["a", "c"]
     write_leases(tmp_path, [replace(lease("a"), ports=())])
     assert list(tmp_path.iterdir()) == []
@@ -59,7 +75,9 @@ def test_a_disk_that_does_not_take_a_lease_keeps_the_old_one_and_nothing_of_the_
     assert [path.name for path in tmp_path.iterdir()] == [NAME]
 
 
-def test_a_lease_and_its_name_are_on_the_disk_when_it_counts_as_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lease_and_its_name_are_on_the_disk_when_it_counts_as_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     synced: list[object] = []
 
     def note(descriptor: int) -> None:
@@ -69,7 +87,8 @@ def test_a_lease_and_its_name_are_on_the_disk_when_it_counts_as_kept(tmp_path: P
     monkeypatch.setattr(os, "fsync", note)
     write_leases(tmp_path, [lease("a"), lease("b")])
     found = (tmp_path / NAME).stat()
-    assert synced == [(found.st_ino, found.st_size), "folder"]  # a power cut at any moment leaves the old one or the new one
+    # a power cut at any moment leaves the old one or the new one
+    assert synced == [(found.st_ino, found.st_size), "folder"]
 
 
 def test_a_line_that_cannot_be_read_does_not_hide_the_others(tmp_path: Path) -> None:
@@ -124,7 +143,9 @@ def test_a_closed_lease_leaves_no_half_of_a_killed_guard_behind(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("name", [NAME, guard_actions.ACTION_LOG])
-def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_path: Path, name: str) -> None:
+def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(
+    tmp_path: Path, name: str
+) -> None:
     folder, foreign = tmp_path / "run", tmp_path / "foreign"
     folder.mkdir()
     foreign.write_text(f"{lease('a').to_json()}\n\n\n")
@@ -133,7 +154,11 @@ def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_pat
         with suppress(OSError):
             assert not look(folder)
     with pytest.raises(OSError, match="symbolic links"):
-        ActionLog(folder).reserve(1) if name == guard_actions.ACTION_LOG else os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW)
+        (
+            ActionLog(folder).reserve(1)
+            if name == guard_actions.ACTION_LOG
+            else os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW)
+        )
     assert foreign.read_text().endswith("\n\n\n")
     (folder / name).unlink()
     os.mkfifo(folder / name)
@@ -141,10 +166,12 @@ def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_pat
         assert not look(folder)
 
 
-# -- where leases are open -----------------------------------------------------------------------------------------------
+# -- where leases are open -------------------------------------------------------------------------
 
 
-def test_open_leases_are_found_wherever_their_runs_lie(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_open_leases_are_found_wherever_their_runs_lie(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     folders = [tmp_path / one / "run" for one in "ab"]  # of one name
     for folder in folders:
@@ -152,7 +179,8 @@ def test_open_leases_are_found_wherever_their_runs_lie(tmp_path: Path, monkeypat
         write_leases(folder, [lease("a")])
         write_leases(folder, [lease("a"), lease("b")])
     assert sorted(registered_runs()) == folders
-    assert (tmp_path / "state" / "jbclog" / "open-leases").stat().st_mode & 0o077 == 0  # whom it shows is nobody else's business
+    # whom it shows is nobody else's business
+    assert (tmp_path / "state" / "jbclog" / "open-leases").stat().st_mode & 0o077 == 0
     write_leases(folders[0], [])
     assert registered_runs() == folders[1:]
     shutil.rmtree(folders[1])
@@ -161,7 +189,9 @@ def test_open_leases_are_found_wherever_their_runs_lie(tmp_path: Path, monkeypat
 
 
 @pytest.mark.parametrize("state", ["", "no absolute path", "file"])
-def test_without_a_place_for_that_a_lease_is_kept_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, state: str) -> None:
+def test_without_a_place_for_that_a_lease_is_kept_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, state: str
+) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / state) if state == "file" else state)
     monkeypatch.setenv("HOME", str(tmp_path / "file"))
@@ -171,7 +201,7 @@ def test_without_a_place_for_that_a_lease_is_kept_all_the_same(tmp_path: Path, m
     write_leases(tmp_path, [])
 
 
-# -- a disk that hangs or is full -----------------------------------------------------------------------------------------
+# -- a disk that hangs or is full ------------------------------------------------------------------
 
 
 def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,8 +223,12 @@ def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.Monk
     assert len(written) <= 2
 
 
-def test_a_lease_that_stays_open_is_on_the_disk_before_the_guard_ends(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A take-over may be faster than the disk; a lease stays open where a line of the action log is lost."""
+def test_a_lease_that_stays_open_is_on_the_disk_before_the_guard_ends(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A take-over may be faster than the disk; a lease stays open where a line of the action log is
+    lost.
+    """
     really = leases.write_leases
     monkeypatch.setattr(leases, "write_leases", lambda *asked: time.sleep(0.3) or really(*asked))
     action_log = ActionLog(tmp_path)
@@ -205,7 +239,9 @@ def test_a_lease_that_stays_open_is_on_the_disk_before_the_guard_ends(monkeypatc
     assert [one.name for one in read_leases(tmp_path)] == ["a"]
 
 
-def test_a_disk_that_is_full_is_no_reason_to_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_is_full_is_no_reason_to_stop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     lease_writer, really = LeaseWriter(tmp_path, ActionLog(tmp_path)), leases.write_leases
 
     def full(folder: Path, stations: list[StationLease]) -> None:
@@ -243,10 +279,14 @@ def test_a_sealed_run_is_never_written_to_again_and_told_beside_its_record(tmp_p
     assert (check(folder), (folder / guard_actions.ACTION_LOG).read_bytes()) == ([], sealed)
     assert [event.text for event in guard_actions.action_log(folder)] == ["before"]
     (said,) = annotations.read(folder).said
-    assert (said.who, said.what, said.kind) == ("jbclog run", "a port 2: The tool is safe.", "safety.safe_state")
+    assert (said.who, said.what, said.kind) == (
+        "jbclog run",
+        "a port 2: The tool is safe.",
+        "safety.safe_state",
+    )
 
 
-# -- the diary's room ---------------------------------------------------------------------------------------------------------
+# -- the diary's room ------------------------------------------------------------------------------
 
 
 def blocks(folder: Path) -> int:
@@ -319,7 +359,7 @@ def test_a_reserve_does_not_cover_what_stands_there(tmp_path: Path) -> None:
     assert [event.text for event in guard_actions.action_log(tmp_path)] == ["first", "second"]
 
 
-# -- one guard ----------------------------------------------------------------------------------------------------------------
+# -- one guard -------------------------------------------------------------------------------------
 
 
 def test_guard_and_record_mean_the_same_files() -> None:
@@ -327,15 +367,23 @@ def test_guard_and_record_mean_the_same_files() -> None:
 
 
 def test_there_is_one_and_not_two(tmp_path: Path) -> None:
-    with guard_lock(tmp_path), pytest.raises(RecordError, match="has a guard already"), guard_lock(tmp_path, 0.05):
+    with (
+        guard_lock(tmp_path),
+        pytest.raises(RecordError, match="has a guard already"),
+        guard_lock(tmp_path, 0.05),
+    ):
         pass
     with guard_lock(tmp_path):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_lock_whose_file_was_taken_away_meanwhile_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first ends and removes its file just when a second has opened it; a third makes a new one, and is it."""
+def test_a_lock_whose_file_was_taken_away_meanwhile_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first ends and removes its file just when a second has opened it; a third makes a new
+    one, and is it.
+    """
     flock, first, third = fcntl.flock, guard_lock(tmp_path), guard_lock(tmp_path)
     first.__enter__()
 
@@ -354,9 +402,14 @@ def test_a_lock_whose_file_was_taken_away_meanwhile_is_none(tmp_path: Path, monk
 
 def test_recovery_waits_for_a_guard_that_is_at_work(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
-    with guard_lock(folder), pytest.raises(RecordError, match="its guard is at work; nothing was changed"):
+    with (
+        guard_lock(folder),
+        pytest.raises(RecordError, match="its guard is at work; nothing was changed"),
+    ):
         recover(folder, 0.1)
-    ActionLog(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
+    ActionLog(folder).write(
+        "safety.safe_state", "info", "The tool was put in its safe state.", "a", 1
+    )
     (folder / LOCK).touch()  # as one that was killed leaves it
     recover(folder, 0.1)
     assert not (folder / LOCK).exists()

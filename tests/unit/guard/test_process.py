@@ -23,16 +23,51 @@ from jbclog.guard.watch import RENEW_S, GuardLost
 from support.command import until
 from support.faults.guarded import guard_process
 
-HEAVY = ("pydantic", "pyarrow", "pandas", "numpy", "asyncio", "typer", "rich", "sqlite3", "tomllib", "multiprocessing", "http")
-PACKAGES = ("record", "session.run", "session.scheduler", "config", "analysis", "sim", "cli", "app", "core.rows")
+HEAVY = (
+    "pydantic",
+    "pyarrow",
+    "pandas",
+    "numpy",
+    "asyncio",
+    "typer",
+    "rich",
+    "sqlite3",
+    "tomllib",
+    "multiprocessing",
+    "http",
+)
+PACKAGES = (
+    "record",
+    "session.run",
+    "session.scheduler",
+    "config",
+    "analysis",
+    "sim",
+    "cli",
+    "app",
+    "core.rows",
+)
 
 
 def lease(number: int) -> StationLease:
     """A station that is not there."""
-    return StationLease(f"dde-{number}", f"/dev/no{number}", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False)
+    return StationLease(
+        f"dde-{number}",
+        f"/dev/no{number}",
+        19200,
+        "8N1",
+        1,
+        "dde",
+        "DDE",
+        "1.0",
+        "stand",
+        (1, 2),
+        False,
+    )
 
 
-UNKNOWN = replace(lease(1), family="of a later version")  # which nobody can save, nor takes long to find out
+# which nobody can save, nor takes long to find out
+UNKNOWN = replace(lease(1), family="of a later version")
 
 
 @pytest.fixture
@@ -43,17 +78,24 @@ def guard(tmp_path: Path) -> Iterator[GuardProcess]:
     made.kill()
 
 
-# -- what it costs -----------------------------------------------------------------------------------------------------
+# -- what it costs ---------------------------------------------------------------------------------
 
 
 def test_it_imports_next_to_nothing() -> None:
     names = (*HEAVY, *(f"jbclog.{name}" for name in PACKAGES))
-    code = f"import sys, jbclog.guard.__main__\nprint(*[name for name in {names!r} if name in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=200)
+    code = (
+        f"import sys, jbclog.guard.__main__\nprint(*[name for name in {names!r} if name in"
+        " sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=200
+    )
     assert done.stdout.split() == []
 
 
-def test_a_file_of_the_users_does_not_pass_for_a_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_of_the_users_does_not_pass_for_a_module(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for name in ("serial", "json", "select"):
         (tmp_path / f"{name}.py").write_text("raise SystemExit('not me')")
     monkeypatch.chdir(tmp_path)
@@ -62,7 +104,7 @@ def test_a_file_of_the_users_does_not_pass_for_a_module(tmp_path: Path, monkeypa
     guard.end()
 
 
-# -- its life ------------------------------------------------------------------------------------------------------------
+# -- its life --------------------------------------------------------------------------------------
 
 
 def test_it_leaves_nothing_behind_when_all_is_done(guard: GuardProcess, tmp_path: Path) -> None:
@@ -84,7 +126,9 @@ def test_no_signal_that_ends_a_run_ends_it(guard: GuardProcess, number: signal.S
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_nor_does_one_that_comes_while_it_is_started(number: signal.Signals, tmp_path: Path) -> None:
+def test_nor_does_one_that_comes_while_it_is_started(
+    number: signal.Signals, tmp_path: Path
+) -> None:
     guard = GuardProcess(tmp_path)
     os.kill(guard.pid, number)  # long before its program is read
     guard.await_ready()
@@ -98,9 +142,12 @@ def test_one_that_does_not_start_says_so(tmp_path: Path) -> None:
 
 
 def test_one_that_cannot_lock_its_folder_says_why_in_a_sentence(tmp_path: Path) -> None:
-    (tmp_path / LOCK).symlink_to(tmp_path / "elsewhere")  # as a full disk would, this refuses the lock's file
+    # as a full disk would, this refuses the lock's file
+    (tmp_path / LOCK).symlink_to(tmp_path / "elsewhere")
     command = [sys.executable, "-m", "jbclog.guard", str(tmp_path), "--recorder", str(os.getpid())]
-    done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=200)
+    done = subprocess.run(
+        command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=200
+    )
     assert done.returncode == 4
     assert "no guard can be there: " in done.stderr
     assert "Traceback" not in done.stderr
@@ -112,7 +159,9 @@ def test_one_that_was_killed_is_missed_at_the_next_renewal(guard: GuardProcess) 
     assert until(lambda: not _renews(guard), 1.0)
 
 
-def test_one_that_stands_still_is_missed_although_its_pipe_takes_everything(guard: GuardProcess) -> None:
+def test_one_that_stands_still_is_missed_although_its_pipe_takes_everything(
+    guard: GuardProcess,
+) -> None:
     guard.renew()
     assert until(guard._has_answered)
     os.kill(guard.pid, signal.SIGSTOP)
@@ -161,7 +210,9 @@ def test_a_line_of_any_size_fits_while_it_is_starting(tmp_path: Path) -> None:
     guard.end()
 
 
-def test_what_is_told_again_is_not_sent_again(guard: GuardProcess, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_told_again_is_not_sent_again(
+    guard: GuardProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
     sent = []
     monkeypatch.setattr(guard, "_send", sent.append)
     for _ in range(3):
@@ -169,7 +220,9 @@ def test_what_is_told_again_is_not_sent_again(guard: GuardProcess, monkeypatch: 
     assert len(sent) == 1
 
 
-def test_a_recorder_that_failed_waits_until_it_has_been_taken_over(guard: GuardProcess, tmp_path: Path) -> None:
+def test_a_recorder_that_failed_waits_until_it_has_been_taken_over(
+    guard: GuardProcess, tmp_path: Path
+) -> None:
     (tmp_path / "live.lock").touch()
     guard.lease(UNKNOWN)
     guard.take_over()
@@ -177,10 +230,12 @@ def test_a_recorder_that_failed_waits_until_it_has_been_taken_over(guard: GuardP
     assert read_leases(tmp_path) == [UNKNOWN]  # it goes on trying
 
 
-# -- one after the other ----------------------------------------------------------------------------------------------------
+# -- one after the other ---------------------------------------------------------------------------
 
 
-def test_a_second_one_waits_for_the_first_and_watches_then(guard: GuardProcess, tmp_path: Path) -> None:
+def test_a_second_one_waits_for_the_first_and_watches_then(
+    guard: GuardProcess, tmp_path: Path
+) -> None:
     second = guard_process(tmp_path)
     assert second.stdin is not None
     assert second.stdout is not None
@@ -204,19 +259,39 @@ def test_a_second_one_ends_where_the_first_goes_on(guard: GuardProcess, tmp_path
 
 
 def test_leases_told_to_one_that_had_not_begun_to_watch_are_kept(tmp_path: Path) -> None:
-    """A guard that replaces another one, and whose recorder dies before it is there: the leases are in its pipe."""
-    code = "import os, pathlib, sys; sys.path[:0] = sys.argv[2:]; from support.faults.guarded import guard_process; "
+    """A guard that replaces another one, and whose recorder dies before it is there: the leases are
+    in its pipe.
+    """
+    code = (
+        "import os, pathlib, sys; sys.path[:0] = sys.argv[2:]; from support.faults.guarded import"
+        " guard_process; "
+    )
     code += "guard = guard_process(pathlib.Path(sys.argv[1])); "
-    code += "guard.stdin.write(sys.stdin.buffer.read()); guard.stdin.flush(); print(guard.pid, flush=True); os._exit(0)"
+    code += (
+        "guard.stdin.write(sys.stdin.buffer.read()); guard.stdin.flush(); print(guard.pid,"
+        " flush=True); os._exit(0)"
+    )
     (tmp_path / "live.lock").touch()
     support = str(Path(__file__).parents[2])
     command = [sys.executable, "-c", code, str(tmp_path), support]
-    done = subprocess.run(command, input=UNKNOWN.to_json().encode() + b"\n", check=True, timeout=200, stdout=subprocess.PIPE)
-    assert until(lambda: (tmp_path / "guard.jsonl").exists() and "guard.took_over" in (tmp_path / "guard.jsonl").read_text(), 60)
+    done = subprocess.run(
+        command,
+        input=UNKNOWN.to_json().encode() + b"\n",
+        check=True,
+        timeout=200,
+        stdout=subprocess.PIPE,
+    )
+    assert until(
+        lambda: (
+            (tmp_path / "guard.jsonl").exists()
+            and "guard.took_over" in (tmp_path / "guard.jsonl").read_text()
+        ),
+        60,
+    )
     os.kill(int(done.stdout), signal.SIGKILL)  # else it goes on trying for ten minutes
 
 
-# -- replaced ------------------------------------------------------------------------------------------------------------------
+# -- replaced --------------------------------------------------------------------------------------
 
 
 def test_the_next_one_is_told_all_leases(tmp_path: Path) -> None:
@@ -244,7 +319,9 @@ def test_the_next_one_is_told_all_leases(tmp_path: Path) -> None:
     assert [kind for kind, _ in told] == ["guard.lost"]
 
 
-def test_whatever_kills_guards_is_not_fed_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_whatever_kills_guards_is_not_fed_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     told: list[str] = []
     supervisor = GuardSupervisor(tmp_path, lambda kind, text: told.append(text))
     supervisor.end()
@@ -268,7 +345,7 @@ class _Lost:
     def kill(self) -> None: ...
 
 
-# -- the pipe ----------------------------------------------------------------------------------------------------------------
+# -- the pipe --------------------------------------------------------------------------------------
 
 
 def test_no_other_child_of_the_recorder_has_the_pipe(guard: GuardProcess) -> None:
@@ -288,14 +365,17 @@ def test_no_other_child_of_the_recorder_has_the_pipe(guard: GuardProcess) -> Non
 
 def test_nothing_in_the_package_forks_or_hands_all_descriptors_over() -> None:
     forking = re.compile(
-        r'os\.fork|forkpty|multiprocessing\.(?!get_context\("spawn"\))|from multiprocessing|close_fds=False|posix_spawn|os\.exec'
+        r'os\.fork|forkpty|multiprocessing\.(?!get_context\("spawn"\))|from'
+        r" multiprocessing|close_fds=False|posix_spawn|os\.exec"
     )
     files = Path(jbclog.__file__).parent.rglob("*.py")
     assert [path.name for path in files if forking.search(path.read_text(encoding="utf-8"))] == []
 
 
 def test_the_lease_is_closed_at_the_end_whatever_became_of_the_guard(tmp_path: Path) -> None:
-    """Else the next start finds tools hot that are safe. A guard that was refused memory at its last step left it open."""
+    """Else the next start finds tools hot that are safe. A guard that was refused memory at its
+    last step left it open.
+    """
     supervisor = GuardSupervisor(tmp_path, lambda kind, text: None)
     supervisor.lease(UNKNOWN)
     until(lambda: (tmp_path / LEASE).exists())

@@ -32,7 +32,9 @@ def _way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.usefixtures("_way")
-def test_a_parent_that_lives_is_killed_and_waited_for(other: subprocess.Popen[bytes], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_parent_that_lives_is_killed_and_waited_for(
+    other: subprocess.Popen[bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(os, "getppid", lambda: other.pid if other.poll() is None else 1)
     assert Recorder(other.pid).end(0.0, 5.0)
     assert other.wait(5) == -9
@@ -49,8 +51,12 @@ def test_one_that_ends_by_itself_in_time_is_not_killed(monkeypatch: pytest.Monke
 
 
 @pytest.mark.usefixtures("_way")
-def test_a_number_that_is_another_processs_by_now_is_left_alone(other: subprocess.Popen[bytes]) -> None:
-    """This process is nobody's child of that number: the recorder has died, and the number was given away."""
+def test_a_number_that_is_another_processs_by_now_is_left_alone(
+    other: subprocess.Popen[bytes],
+) -> None:
+    """This process is nobody's child of that number: the recorder has died, and the number was
+    given away.
+    """
     began = time.monotonic()
     assert Recorder(other.pid).end(60.0, 60.0)
     assert time.monotonic() - began < 30

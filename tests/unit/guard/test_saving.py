@@ -13,7 +13,9 @@ from jbclog.guard.takeover import OnceInThread
 
 
 def started_nothing(work: Callable[[], None], arguments: tuple[()]) -> int:
-    """As a thread that is refused memory on its first step: the system has started it, and nothing is done."""
+    """As a thread that is refused memory on its first step: the system has started it, and nothing
+    is done.
+    """
     return 0
 
 
@@ -32,7 +34,9 @@ def test_a_thread_does_it_once() -> None:
 
 
 @pytest.mark.parametrize("start", [started_nothing, refused])
-def test_what_no_thread_begins_is_done_here(monkeypatch: pytest.MonkeyPatch, start: Callable[..., int]) -> None:
+def test_what_no_thread_begins_is_done_here(
+    monkeypatch: pytest.MonkeyPatch, start: Callable[..., int]
+) -> None:
     monkeypatch.setattr(_thread, "start_new_thread", start)
     monkeypatch.setattr(takeover, "BEGUN_S", 0.02)
     done: list[int] = []

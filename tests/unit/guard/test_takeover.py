@@ -1,4 +1,6 @@
-"""What a guard makes of the outcome of each station: what stays leased, what it writes down, what it opens."""
+"""What a guard makes of the outcome of each station: what stays leased, what it writes down, what
+it opens.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +23,18 @@ from jbclog.protocol.commands.status import EXTRACTOR, STAND
 from jbclog.session.safety.tools import SafetyTask
 from jbclog.transport.opening import BESIDE
 
-LEASE = StationLease("dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False)
+LEASE = StationLease(
+    "dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False
+)
 
 
 def told(folder: Path) -> list[tuple[str, str, int | None, str]]:
     path = folder / DIARY
-    rows = [json.loads(line) for line in path.read_text().splitlines() if line] if path.exists() else []
+    rows = (
+        [json.loads(line) for line in path.read_text().splitlines() if line]
+        if path.exists()
+        else []
+    )
     return [(row["kind"], row["severity"], row["port"], row["text"]) for row in rows]
 
 
@@ -42,7 +50,9 @@ def becomes(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[SafetyTask],
 
 
 def test_there_are_descriptors_for_all_ports_that_are_opened_at_once(tmp_path: Path) -> None:
-    nobodys = [replace(LEASE, name=f"s{number}", family="of a later version") for number in range(40)]
+    nobodys = [
+        replace(LEASE, name=f"s{number}", family="of a later version") for number in range(40)
+    ]
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (BESIDE + 40, hard))
     try:
@@ -97,8 +107,15 @@ def feeding(task: SafetyTask) -> None:
     task.feeds = True
 
 
-PUT = ("safety.safe_state", "info", "The tool was put in its safe state by the guard, as read back: stand.")
-FELL_BACK = ("warning", "The tool was put in its safe state by the guard, as read back: stand; extractor was refused.")
+PUT = (
+    "safety.safe_state",
+    "info",
+    "The tool was put in its safe state by the guard, as read back: stand.",
+)
+FELL_BACK = (
+    "warning",
+    "The tool was put in its safe state by the guard, as read back: stand; extractor was refused.",
+)
 HOT = "it may be hot: switch the station off."
 UNCONFIRMED = "The tool was sent its safe state by the guard and does not confirm it"
 NOT_SAFE = ("safety.not_safe", "critical")
@@ -107,14 +124,37 @@ NOT_SAFE = ("safety.not_safe", "critical")
 @pytest.mark.parametrize(
     ("outcome", "lines", "left"),
     [
-        (spared, [("safety.safe_state", "info", "The tool was in its safe state already, as read back: stand.")] * 2, None),
+        (
+            spared,
+            [
+                (
+                    "safety.safe_state",
+                    "info",
+                    "The tool was in its safe state already, as read back: stand.",
+                )
+            ]
+            * 2,
+            None,
+        ),
         (put, [PUT] * 2, None),
         (fallen_back, [("safety.safe_state", *FELL_BACK)] * 2, None),
         (sent, [(*NOT_SAFE, f"{UNCONFIRMED}; {HOT}")] * 2, ((1, 2), False)),
-        (flooded, [(*NOT_SAFE, f"{UNCONFIRMED} (its link is flooded); {HOT}")] * 2, ((1, 2), False)),
-        (flooded_later, [PUT, (*NOT_SAFE, f"{UNCONFIRMED} (its link is flooded); {HOT}")], ((2,), False)),
+        (
+            flooded,
+            [(*NOT_SAFE, f"{UNCONFIRMED} (its link is flooded); {HOT}")] * 2,
+            ((1, 2), False),
+        ),
+        (
+            flooded_later,
+            [PUT, (*NOT_SAFE, f"{UNCONFIRMED} (its link is flooded); {HOT}")],
+            ((2,), False),
+        ),
         (one_failed, [PUT, (*NOT_SAFE, f"The tool could not be made safe; {HOT}")], ((2,), False)),
-        (feeding, [PUT, PUT, (*NOT_SAFE, "The guard could not stop the feeder; switch the station off.")], ((), True)),
+        (
+            feeding,
+            [PUT, PUT, (*NOT_SAFE, "The guard could not stop the feeder; switch the station off.")],
+            ((), True),
+        ),
     ],
 )
 @pytest.mark.parametrize("again", [False, True])
@@ -128,7 +168,9 @@ def test_each_tool_is_in_the_diary_once_and_what_is_not_safe_stays_leased(
     said: list[str],
 ) -> None:
     becomes(outcome)
-    taking_over = TakeOver([replace(LEASE, feeds=outcome is feeding)], ActionLog(tmp_path), again=again)
+    taking_over = TakeOver(
+        [replace(LEASE, feeds=outcome is feeding)], ActionLog(tmp_path), again=again
+    )
     remaining = taking_over.run()
     assert [(one.ports, one.feeds) for one in remaining] == ([] if left is None else [left])
     ports = (1, 2, None)
@@ -140,14 +182,18 @@ def test_each_tool_is_in_the_diary_once_and_what_is_not_safe_stays_leased(
     assert told(tmp_path) == expected
     places = ["dde-1" if port is None else f"dde-1 port {port}" for _, _, port, _ in expected]
     assert [f"{line}." for line in said] == [
-        f"{place}: {text[0].lower()}{text[1:]}" for place, (*_, text) in zip(places, expected, strict=True)
+        f"{place}: {text[0].lower()}{text[1:]}"
+        for place, (*_, text) in zip(places, expected, strict=True)
     ]
     assert taking_over.flooded == ({LEASE.name} if outcome is flooded else set())
 
 
 @pytest.mark.parametrize(("faults", "left"), [(1, []), (2, [LEASE])])
 def test_a_fault_of_a_moment_is_tried_again_and_one_that_stays_is_written_down(
-    faults: int, left: list[StationLease], becomes: Callable[[Callable[[SafetyTask], None]], None], tmp_path: Path
+    faults: int,
+    left: list[StationLease],
+    becomes: Callable[[Callable[[SafetyTask], None]], None],
+    tmp_path: Path,
 ) -> None:
     tried: list[SafetyTask] = []
 
@@ -160,4 +206,8 @@ def test_a_fault_of_a_moment_is_tried_again_and_one_that_stays_is_written_down(
     becomes(fails)
     assert TakeOver([LEASE], ActionLog(tmp_path)).run() == left
     lines = [line[:2] + line[3:] for line in told(tmp_path)]
-    assert lines == ([("guard.failed", "critical", f"The guard failed, MemoryError: no memory; {HOT}")] if left else [PUT] * 2)
+    assert lines == (
+        [("guard.failed", "critical", f"The guard failed, MemoryError: no memory; {HOT}")]
+        if left
+        else [PUT] * 2
+    )

@@ -23,7 +23,9 @@ def reading(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 def test_a_line_is_said_without_what_steers_a_terminal(reading: int) -> None:
     action_log.show("dde-1: \x1b[2J\rthe tool \x07was told – 350 °C")
-    assert os.read(reading, 4096).decode() == "jbclog guard: dde-1: �[2J the tool �was told – 350 °C\n"
+    assert (
+        os.read(reading, 4096).decode() == "jbclog guard: dde-1: �[2J the tool �was told – 350 °C\n"
+    )
 
 
 def test_nobody_who_reads_is_waited_for(reading: int) -> None:

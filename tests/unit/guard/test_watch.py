@@ -9,7 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jbclog.guard.lease import StationLease
-from jbclog.guard.watch import BEAT, END, FAILED, GRACE_S, HUNG_S, OVERSLEPT_S, RENEW_S, Verdict, Watch
+from jbclog.guard.watch import (
+    BEAT,
+    END,
+    FAILED,
+    GRACE_S,
+    HUNG_S,
+    OVERSLEPT_S,
+    RENEW_S,
+    Verdict,
+    Watch,
+)
 from support.campaigns.slices import first
 
 
@@ -31,7 +41,9 @@ def test_a_lease_comes_back_as_it_was() -> None:
     assert StationLease.from_json(lease(1, 2).to_json()) == lease(1, 2)
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[]", "7", "beats", '{"name": "x"}', lease(1).to_json()[:-1]])
+@pytest.mark.parametrize(
+    "text", ["", "{}", "[]", "7", "beats", '{"name": "x"}', lease(1).to_json()[:-1]]
+)
 def test_what_is_no_line_of_ours_is_no_sign_of_life(text: str) -> None:
     watch = leased(1)
     assert not watch.hear(line(text), 1.0 + HUNG_S)
@@ -104,7 +116,8 @@ def test_silence_that_the_guard_slept_through_itself_is_nobodys_fault() -> None:
     assert watch.verdict(13.0 + GRACE_S, closed=False) is Verdict.WATCH
     assert watch.verdict(13.1 + GRACE_S, closed=False) is Verdict.HUNG
     assert watch.patience_s(13.0) > GRACE_S
-    assert watch.verdict(13.9, closed=False) is Verdict.WATCH  # a second is enough for four renewals
+    # a second is enough for four renewals
+    assert watch.verdict(13.9, closed=False) is Verdict.WATCH
     assert watch.verdict(14.1, closed=False) is Verdict.HUNG
 
 
@@ -117,7 +130,9 @@ def test_a_guard_that_wakes_a_little_late_gives_no_grace() -> None:
 
 @pytest.mark.parametrize("seed", first(1, range(2)))
 def test_a_hundred_hours_of_jitter_are_no_hang(seed: int) -> None:
-    """Renewals up to a second and a half late, a guard that wakes up to a second late, every case looked at as it comes."""
+    """Renewals up to a second and a half late, a guard that wakes up to a second late, every case
+    looked at as it comes.
+    """
     rng, watch, now, renewals = random.Random(seed), leased(1, feeds=True), 1.0, 0
     while now < 100 * 3600:
         renewal = now + RENEW_S + 1.49 * rng.random() ** 2

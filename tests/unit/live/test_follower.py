@@ -1,4 +1,6 @@
-"""What a follower knows of a run that is recorded by the real store: from any moment on, and never more than there is."""
+"""What a follower knows of a run that is recorded by the real store: from any moment on, and never
+more than there is.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ WAIT_S = 60.0
 
 
 class LaterClock(SystemClock):
-    """The system's clock, ahead by so many seconds; `stepped_s`: by how much the wall clock alone was set."""
+    """The system's clock, ahead by so many seconds; `stepped_s`: by how much the wall clock alone
+    was set.
+    """
 
     def __init__(self) -> None:
         self.ahead_s = self.stepped_s = 0.0
@@ -80,7 +84,7 @@ def whole(follower: Follower) -> RunState:
     return state
 
 
-# -- a moment --------------------------------------------------------------------------------------------------------------
+# -- a moment --------------------------------------------------------------------------------------
 
 
 def test_a_run_as_it_is_recorded(recording: Recording, follower: Follower) -> None:
@@ -91,7 +95,13 @@ def test_a_run_as_it_is_recorded(recording: Recording, follower: Follower) -> No
     recording.counter("work_h", 12.5)
     recording.commit()
     run = whole(follower)
-    assert (run.phase, run.line, run.order, run.operator, run.unit) == (Phase.RECORDING, "bench", "88123", "A. Rossi", "SN-1")
+    assert (run.phase, run.line, run.order, run.operator, run.unit) == (
+        Phase.RECORDING,
+        "bench",
+        "88123",
+        "A. Rossi",
+        "SN-1",
+    )
     (station,) = run.stations
     assert (station.name, station.outcome, station.rate_hz) == (NAME, "running", 10.0)
     assert [(one.name, one.value) for one in station.settings] == [("temperature_select_c", "350")]
@@ -99,7 +109,12 @@ def test_a_run_as_it_is_recorded(recording: Recording, follower: Follower) -> No
     assert [port.port for port in run.ports] == [1, 2]
     port = run.ports[0]
     assert port.condition is Condition.NORMAL
-    assert (port.temperature.value, port.setpoint.value, port.power.value, port.status.value) == (347, 350, 250, "working")
+    assert (port.temperature.value, port.setpoint.value, port.power.value, port.status.value) == (
+        347,
+        350,
+        250,
+        "working",
+    )
     assert port.temperature.is_known
     assert port.temperature.age_s is not None
     assert port.temperature.age_s < 2
@@ -110,7 +125,9 @@ def test_a_run_as_it_is_recorded(recording: Recording, follower: Follower) -> No
     assert [one.event.kind for one in run.events] == ["unit.begin"]
 
 
-def test_units_named_at_the_start_hold_until_one_is_read(recording: Recording, follower: Follower) -> None:
+def test_units_named_at_the_start_hold_until_one_is_read(
+    recording: Recording, follower: Follower
+) -> None:
     recording.manifest.metadata = replace(recording.manifest.metadata, units=["SN-1", "SN-2"])
     write_manifest(recording.folder, recording.manifest)
     recording.rows(1)
@@ -123,8 +140,12 @@ def test_units_named_at_the_start_hold_until_one_is_read(recording: Recording, f
         assert (run.unit, run.units) == (units[0] if units else None, units)
 
 
-def test_between_two_commits_no_trace_is_made_anew(recording: Recording, follower: Follower) -> None:
-    """Two of three looks find nothing new; 64 traces made at each of them took most of a follower's time."""
+def test_between_two_commits_no_trace_is_made_anew(
+    recording: Recording, follower: Follower
+) -> None:
+    """Two of three looks find nothing new; 64 traces made at each of them took most of a follower's
+    time.
+    """
     recording.rows(5)
     recording.commit()
     first = polled(follower).ports[0].trace
@@ -137,12 +158,24 @@ def test_between_two_commits_no_trace_is_made_anew(recording: Recording, followe
 def test_the_last_hour_is_known_whenever_following_began(recording: Recording) -> None:
     recording.rows(50, temperature_c=300, power_permille=100)
     recording.rows(25, temperature_c=400, power_permille=200)
-    recording.rows(25, temperature_c=None, power_permille=None, quality="timeout", reasons="temperature_c=timeout")
+    recording.rows(
+        25,
+        temperature_c=None,
+        power_permille=None,
+        quality="timeout",
+        reasons="temperature_c=timeout",
+    )
     recording.commit()
     with Follower(recording.folder) as early:
         polled(early)
         for _ in range(3):
-            recording.rows(50, temperature_c=None, power_permille=None, quality="timeout", reasons="temperature_c=timeout")
+            recording.rows(
+                50,
+                temperature_c=None,
+                power_permille=None,
+                quality="timeout",
+                reasons="temperature_c=timeout",
+            )
             recording.commit()
             recording.seal_part()
         recording.rows(51, temperature_c=310, power_permille=50)
@@ -168,7 +201,9 @@ def test_an_hour_and_no_more() -> None:
 
 
 def test_only_what_is_committed_is_shown(recording: Recording) -> None:
-    """The number in the lock follows the commit; what the file has beyond it may not be on the disk yet."""
+    """The number in the lock follows the commit; what the file has beyond it may not be on the disk
+    yet.
+    """
     recording.rows(1, temperature_c=300)
     recording.commit()
     recording.store._ending = True  # its thread does not write the lock again
@@ -186,12 +221,20 @@ def test_only_what_is_committed_is_shown(recording: Recording) -> None:
 
 def test_a_reading_that_failed_is_not_known(recording: Recording, follower: Follower) -> None:
     recording.rows(5)
-    lost = {"temperature_c": None, "quality": "timeout", "reasons": "temperature_c=timeout;power_permille=timeout"}
+    lost = {
+        "temperature_c": None,
+        "quality": "timeout",
+        "reasons": "temperature_c=timeout;power_permille=timeout",
+    }
     recording.rows(1, **lost, power_permille=None)
     recording.commit()
     port = whole(follower).ports[0]
     assert port.condition is Condition.NOT_KNOWN
-    assert (port.temperature.value, port.temperature.why, port.temperature.is_known) == (350, "timeout", False)
+    assert (port.temperature.value, port.temperature.why, port.temperature.is_known) == (
+        350,
+        "timeout",
+        False,
+    )
     assert (port.setpoint.value, port.setpoint.is_known) == (350, True)
     assert (port.coverage.due, port.coverage.obtained) == (6, 5)
     assert port.trace.temperature_c[-1] is None
@@ -200,7 +243,9 @@ def test_a_reading_that_failed_is_not_known(recording: Recording, follower: Foll
     assert polled(follower).ports[0].condition is Condition.NORMAL
 
 
-def test_an_old_reading_is_stale(recording: Recording, follower: Follower, clock: LaterClock) -> None:
+def test_an_old_reading_is_stale(
+    recording: Recording, follower: Follower, clock: LaterClock
+) -> None:
     """The recorder goes on to commit, and one of two ports has no rows any more."""
     recording.rows(5)
     recording.commit()
@@ -228,7 +273,10 @@ LOST = {
 }
 
 
-@pytest.mark.parametrize(("failed", "expected"), [(1, Condition.NOT_KNOWN), (2, Condition.NOT_KNOWN), (3, Condition.STALE)])
+@pytest.mark.parametrize(
+    ("failed", "expected"),
+    [(1, Condition.NOT_KNOWN), (2, Condition.NOT_KNOWN), (3, Condition.STALE)],
+)
 def test_readings_that_fail_are_stale_after_two_periods(
     recording: Recording, follower: Follower, failed: int, expected: Condition
 ) -> None:
@@ -241,7 +289,9 @@ def test_readings_that_fail_are_stale_after_two_periods(
     assert (one.temperature.why, one.temperature.is_known) == ("timeout", False)
 
 
-def test_a_station_that_is_unplugged_is_stale_in_the_update_that_shows_it(recording: Recording, follower: Follower) -> None:
+def test_a_station_that_is_unplugged_is_stale_in_the_update_that_shows_it(
+    recording: Recording, follower: Follower
+) -> None:
     recording.rows(5)
     recording.commit()
     assert polled(follower).ports[0].condition is Condition.NORMAL
@@ -272,11 +322,14 @@ def test_a_port_without_the_rows_of_the_other_is_stale(
     assert (one.condition, two.condition) == (Condition.NORMAL, expected)
 
 
-def test_without_a_commit_nothing_looks_well(recording: Recording, follower: Follower, clock: LaterClock) -> None:
+def test_without_a_commit_nothing_looks_well(
+    recording: Recording, follower: Follower, clock: LaterClock
+) -> None:
     recording.rows(5)
     recording.commit()
     assert polled(follower).phase is Phase.RECORDING
-    recording.store._ending = True  # its thread ends, as where the disk hangs: the lock is held and not renewed
+    # its thread ends, as where the disk hangs: the lock is held and not renewed
+    recording.store._ending = True
     recording.store._thread.join()
     polled(follower)
     clock.ahead_s = 10.0
@@ -287,11 +340,17 @@ def test_without_a_commit_nothing_looks_well(recording: Recording, follower: Fol
     assert not any(reading.is_known for port in run.ports for reading in port.readings.values())
 
 
-def test_a_clock_that_is_set_back_makes_nothing_look_fresh(recording: Recording, follower: Follower, clock: LaterClock) -> None:
+def test_a_clock_that_is_set_back_makes_nothing_look_fresh(
+    recording: Recording, follower: Follower, clock: LaterClock
+) -> None:
     recording.store.sample(recording.row(1, recording.began_us + 3_600_000_000))  # an hour ahead
     recording.commit()
     port = polled(follower).ports[0]
-    assert (port.temperature.value, port.temperature.age_s, port.temperature.is_known) == (350, None, False)
+    assert (port.temperature.value, port.temperature.age_s, port.temperature.is_known) == (
+        350,
+        None,
+        False,
+    )
     assert port.condition is Condition.STALE
 
 
@@ -327,12 +386,17 @@ def test_alarms_and_problems_hold_until_their_end(recording: Recording, follower
     assert [port.condition for port in polled(follower).ports] == [Condition.NORMAL] * 2
 
 
-def test_lost_alarm_flags_are_a_problem_until_they_are_read(recording: Recording, follower: Follower) -> None:
+def test_lost_alarm_flags_are_a_problem_until_they_are_read(
+    recording: Recording, follower: Follower
+) -> None:
     recording.rows(1, alarm_high=False, alarm_low=False)
     recording.event("alarm.unknown", "lost", 1)
     recording.rows(1)
     recording.commit()
-    assert [port.condition for port in polled(follower).ports] == [Condition.ATTENTION, Condition.NORMAL]
+    assert [port.condition for port in polled(follower).ports] == [
+        Condition.ATTENTION,
+        Condition.NORMAL,
+    ]
     recording.rows(1, alarm_high=False, alarm_low=False)
     recording.commit()
     assert [port.condition for port in polled(follower).ports] == [Condition.NORMAL] * 2
@@ -381,7 +445,7 @@ def test_damaged_facts_are_named_and_not_believed(recording: Recording) -> None:
     assert [station.model for station in run.stations] == [None]
 
 
-# -- from the beginning to the end -----------------------------------------------------------------------------------------
+# -- from the beginning to the end -----------------------------------------------------------------
 
 
 def test_a_run_is_finalized_while_it_is_watched(recording: Recording, follower: Follower) -> None:
@@ -414,7 +478,9 @@ def test_hourly_sealing_changes_nothing(recording: Recording, follower: Follower
         assert [port.coverage for port in run.ports] == [port.coverage for port in before.ports]
         assert len(run.events) == len(before.events)
         with Follower(recording.folder) as late:
-            assert [port.coverage for port in whole(late).ports] == [port.coverage for port in before.ports]
+            assert [port.coverage for port in whole(late).ports] == [
+                port.coverage for port in before.ports
+            ]
     assert run.ports[0].coverage.due == 30
     assert len(run.events) == 3
 
@@ -433,7 +499,9 @@ def test_rows_in_a_part_and_still_in_the_store_count_once(recording: Recording) 
     assert len(run.events) == 1
 
 
-def test_a_run_that_is_finalized_during_a_poll(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_is_finalized_during_a_poll(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
     recording.rows(20)
     recording.commit()
     plain = StoreFollower.refresh
@@ -452,7 +520,9 @@ def test_a_run_that_is_finalized_during_a_poll(recording: Recording, monkeypatch
     assert (run.phase, run.is_whole, run.ports[0].coverage.due) == (Phase.FINALIZED, True, 35)
 
 
-def test_a_follower_that_was_stopped_over_a_sealing_misses_nothing(recording: Recording, follower: Follower) -> None:
+def test_a_follower_that_was_stopped_over_a_sealing_misses_nothing(
+    recording: Recording, follower: Follower
+) -> None:
     recording.rows(10)
     recording.commit()
     whole(follower)
@@ -509,7 +579,11 @@ def test_a_new_run_takes_the_place_of_the_last(tmp_path: Path) -> None:
         second.rows(1)
         second.commit()
         run = polled(follower)
-        assert (run.folder, run.phase, run.ports[0].coverage.due) == (second.folder, Phase.RECORDING, 1)
+        assert (run.folder, run.phase, run.ports[0].coverage.due) == (
+            second.folder,
+            Phase.RECORDING,
+            1,
+        )
     second.abandon()
 
 
@@ -578,7 +652,9 @@ def test_recording_continues_in_a_new_file(recording: Recording, follower: Follo
         assert whole(late).ports[0].coverage.due == 30
 
 
-def test_a_crashed_run_is_recovered_while_it_is_watched(recording: Recording, follower: Follower, clock: LaterClock) -> None:
+def test_a_crashed_run_is_recovered_while_it_is_watched(
+    recording: Recording, follower: Follower, clock: LaterClock
+) -> None:
     recording.rows(10)
     recording.commit()
     whole(follower)
@@ -601,7 +677,7 @@ def test_a_run_that_begins(tmp_path: Path, clock: LaterClock) -> None:
         assert polled(follower).phase is Phase.CRASHED  # nobody holds it
 
 
-# -- the recorder does not notice ------------------------------------------------------------------------------------------
+# -- the recorder does not notice ------------------------------------------------------------------
 
 
 class recorder:  # noqa: N801  # used as a function
@@ -611,7 +687,9 @@ class recorder:  # noqa: N801  # used as a function
         self._out = out
 
     def __enter__(self) -> subprocess.Popen[str]:
-        self._process = subprocess.Popen(program("records.live_rows", self._out), stdout=subprocess.PIPE, text=True)
+        self._process = subprocess.Popen(
+            program("records.live_rows", self._out), stdout=subprocess.PIPE, text=True
+        )
         assert self._process.stdout is not None
         self.folder = self._out / self._process.stdout.readline().strip()
         return self._process
@@ -629,7 +707,9 @@ def wait_for(follower: Follower, phase: Phase) -> RunState:
     return state
 
 
-def test_the_lock_of_a_live_recorder_is_not_even_tested(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_lock_of_a_live_recorder_is_not_even_tested(
+    recording: Recording, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("jbclog.live.run_follower.is_held", lambda _: pytest.fail("tested"))
     recording.rows(1)
     recording.commit()
@@ -648,12 +728,17 @@ def open_files(folder: Path) -> set[str]:
     return found
 
 
-def test_files_are_opened_for_reading_only_and_without_a_lock(recording: Recording, follower: Follower) -> None:
+def test_files_are_opened_for_reading_only_and_without_a_lock(
+    recording: Recording, follower: Follower
+) -> None:
     recording.rows(5)
     recording.commit()
     known = open_files(recording.folder)
     whole(follower)
-    infos = [Path(f"/proc/self/fdinfo/{name}").read_text() for name in open_files(recording.folder) - known]
+    infos = [
+        Path(f"/proc/self/fdinfo/{name}").read_text()
+        for name in open_files(recording.folder) - known
+    ]
     assert len(infos) >= 2  # the store and its log
     for info in infos:
         flags = next(line for line in info.splitlines() if line.startswith("flags:"))
@@ -663,7 +748,10 @@ def test_files_are_opened_for_reading_only_and_without_a_lock(recording: Recordi
 
 def last_changes(folder: Path) -> dict[str, int]:
     """When each file was changed; that of the recorder's lock, which it renews, does not count."""
-    return {path.name: 0 if path.name == "live.lock" else path.stat().st_mtime_ns for path in folder.iterdir()}
+    return {
+        path.name: 0 if path.name == "live.lock" else path.stat().st_mtime_ns
+        for path in folder.iterdir()
+    }
 
 
 def test_following_changes_no_file(recording: Recording) -> None:
@@ -700,13 +788,17 @@ with StoreReader(Path(sys.argv[1])):
 """
 
 
-@pytest.mark.parametrize(("code", "grows"), [(STOPPED, False), (LOCKING, True)], ids=["follower", "reader with a lock"])
+@pytest.mark.parametrize(
+    ("code", "grows"), [(STOPPED, False), (LOCKING, True)], ids=["follower", "reader with a lock"]
+)
 def test_the_log_stays_bounded_while_a_follower_is_stopped_in_the_middle_of_a_read(
     recording: Recording, code: str, *, grows: bool
 ) -> None:
     recording.rows(1)
     recording.commit()
-    with subprocess.Popen([sys.executable, "-c", code, str(recording.folder)], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", code, str(recording.folder)], stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "reading\n"
         for _ in range(250):
@@ -756,7 +848,9 @@ for _ in range(int(sys.argv[3])):
         os._exit(0)
 sys.exit(any([os.waitpid(child, 0)[1] for child in children]))
 """
-"""As many processes that follow as it is asked for, forked from one that has everything imported."""
+"""As many processes that follow as it is asked for, forked from one that has everything
+imported.
+"""
 
 
 def test_ten_followers_see_every_row_and_the_log_stays_bounded(recording: Recording) -> None:
@@ -764,7 +858,9 @@ def test_ten_followers_see_every_row_and_the_log_stays_bounded(recording: Record
     recording.rows(1)
     recording.commit()
     command = [sys.executable, "-c", FOLLOWING, str(recording.folder), str(commits + 1), "10"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as followers:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    ) as followers:
         assert followers.stdout is not None
         try:
             assert [followers.stdout.readline() for _ in range(10)] == ["follows\n"] * 10
@@ -782,8 +878,12 @@ def test_ten_followers_see_every_row_and_the_log_stays_bounded(recording: Record
     assert recording.store.failure is None
 
 
-@pytest.mark.parametrize(("commits", "most_s"), [(3, WAIT_S), pytest.param(40, 1.0, marks=pytest.mark.campaign)])
-def test_a_stream_of_64_ports_is_at_most_a_second_behind_the_commit(tmp_path: Path, commits: int, most_s: float) -> None:
+@pytest.mark.parametrize(
+    ("commits", "most_s"), [(3, WAIT_S), pytest.param(40, 1.0, marks=pytest.mark.campaign)]
+)
+def test_a_stream_of_64_ports_is_at_most_a_second_behind_the_commit(
+    tmp_path: Path, commits: int, most_s: float
+) -> None:
     """By the clock, so on a machine that has time."""
     recording, committed = Recording(tmp_path, tuple(range(1, 65))), list[float]()
 
@@ -805,5 +905,7 @@ def test_a_stream_of_64_ports_is_at_most_a_second_behind_the_commit(tmp_path: Pa
                 break
     recorder.join()
     recording.abandon()
-    print(f"behind the commit: {sum(behind) / commits:.2f} s on average, {max(behind):.2f} s at most")
+    print(
+        f"behind the commit: {sum(behind) / commits:.2f} s on average, {max(behind):.2f} s at most"
+    )
     assert max(behind) <= most_s

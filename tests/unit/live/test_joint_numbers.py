@@ -1,4 +1,6 @@
-"""The joints of a run that goes on: as many as its record has afterwards, and not known where they are not known."""
+"""The joints of a run that goes on: as many as its record has afterwards, and not known where they
+are not known.
+"""
 
 from __future__ import annotations
 
@@ -64,7 +66,10 @@ def test_rows_in_a_part_and_still_in_the_store_are_read_once(recording: Solderin
     recording.solder(COMMIT)
     seal_rows(recording.folder)
     recording.solder(PART)
-    assert sum(len(rows) for rows in OpenRows(recording.folder, None).groups("samples", ["tick"])) == PART
+    assert (
+        sum(len(rows) for rows in OpenRows(recording.folder, None).groups("samples", ["tick"]))
+        == PART
+    )
 
 
 def test_nothing_that_is_not_committed_is_counted(recording: Soldering) -> None:
@@ -91,13 +96,16 @@ def test_a_follower_has_them_from_a_process_that_ends_with_it(recording: Solderi
     with Follower(recording.folder, joints=True) as follower:
         run = follower.poll()
         assert run is not None
-        assert [(port.joints.count, port.joints.why) for port in run.ports] == [(None, "not counted yet")] * 2
+        assert [(port.joints.count, port.joints.why) for port in run.ports] == [
+            (None, "not counted yet")
+        ] * 2
         joints = until_counted(follower).ports[0].joints
         assert joints.count == ended(recording)
         assert joints.age_s is not None
         recording.finalize()
         end = time.monotonic() + WAIT_S
-        while (run := follower.poll()) is None or run.ports[0].joints.age_s is not None:  # asked for the last count
+        # asked for the last count
+        while (run := follower.poll()) is None or run.ports[0].joints.age_s is not None:
             assert time.monotonic() < end, run
             time.sleep(0.05)
         assert run.ports[0].joints.count == len(open_run(recording.folder).joints())
@@ -139,22 +147,38 @@ def test_two_processes_count_at_the_same_commits() -> None:
     assert set(schedule(6, 2000, every=37)) <= set(schedule(6, 2000))
     assert schedule(64, 2000)[-2:] == [1024, 1536]
     assert scheduled(0, 6) == 0
-    assert scheduled(1000, 6, took_s=0.5) == scheduled(1000, 6)  # a machine that is a bit slower agrees
+    # a machine that is a bit slower agrees
+    assert scheduled(1000, 6, took_s=0.5) == scheduled(1000, 6)
     assert scheduled(1000, 6, took_s=5.0) < scheduled(1000, 6)
 
 
 @pytest.fixture
 def counted_through(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[int]], list[int | None]]:
-    """Return the batches through which a process counts that sees these commits, one each second."""
+    """Return the batches through which a process counts that sees these commits, one each
+    second.
+    """
 
     def counts(commits: Sequence[int]) -> list[int | None]:
         seen, found = iter(commits), list[int | None]()
-        clock, counted = iter(range(1000)), Counted(ports=tuple(PortCount("a", port, 0, 0, None) for port in range(6)))
+        clock, counted = (
+            iter(range(1000)),
+            Counted(ports=tuple(PortCount("a", port, 0, 0, None) for port in range(6))),
+        )
         looks = iter([0] * (len(commits) - 1))
-        monkeypatch.setattr(joint_counter, "commit_status", lambda _: SimpleNamespace(last=next(seen)))
-        monkeypatch.setattr(joint_counter, "count", lambda _folder, through, **_: (found.append(through), counted)[1])
+        monkeypatch.setattr(
+            joint_counter, "commit_status", lambda _: SimpleNamespace(last=next(seen))
+        )
+        monkeypatch.setattr(
+            joint_counter,
+            "count",
+            lambda _folder, through, **_: (found.append(through), counted)[1],
+        )
         monkeypatch.setattr(joint_counter, "_number_of_ports", lambda _: len(counted.ports))
-        monkeypatch.setattr(joint_counter.select, "select", lambda *_: ([] if next(looks, None) == 0 else [0], [], []))
+        monkeypatch.setattr(
+            joint_counter.select,
+            "select",
+            lambda *_: ([] if next(looks, None) == 0 else [0], [], []),
+        )
         monkeypatch.setattr(joint_counter.os, "read", lambda *_: b"")
         monkeypatch.setattr(joint_counter.time, "monotonic", lambda: next(clock))
         joint_counter._count_until_final(Path())
@@ -163,7 +187,9 @@ def counted_through(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[int]]
     return counts
 
 
-def test_a_run_that_stands_still_is_counted_to_its_end(counted_through: Callable[[Sequence[int]], list[int | None]]) -> None:
+def test_a_run_that_stands_still_is_counted_to_its_end(
+    counted_through: Callable[[Sequence[int]], list[int | None]],
+) -> None:
     assert counted_through([5, 6, 7, 8, 9]) == [4, 8]
     assert counted_through([7] * 10) == [4, 7]
 
@@ -180,7 +206,9 @@ def test_a_killed_process_leaves_numbers_not_known(recording: Soldering) -> None
 
 
 def test_a_recorder_gets_the_last_count_before_its_run_is_finalized(recording: Soldering) -> None:
-    """As for a run that ends with a number of joints: it is in the manifest, so the manifest cannot be final yet."""
+    """As for a run that ends with a number of joints: it is in the manifest, so the manifest cannot
+    be final yet.
+    """
     recording.solder(ROWS)
     counting = JointCounting(recording.folder)
     last = counting.last(WAIT_S)
@@ -211,7 +239,9 @@ def test_feeds_are_evidence_during_a_run_too() -> None:
     assert sum(port.found for port in count(run.folder).ports) == len(run.joints())
 
 
-def test_the_age_is_by_the_clock_of_the_run_without_steps_of_the_wall_clock(recording: Soldering) -> None:
+def test_the_age_is_by_the_clock_of_the_run_without_steps_of_the_wall_clock(
+    recording: Soldering,
+) -> None:
     recording.manifest.t0_utc = time.time() - 60.0
     write_manifest(recording.folder, recording.manifest)
     recording.solder(500)

@@ -1,4 +1,6 @@
-"""Pages and rows of SQLite, read without a lock: always one committed state, the same as SQLite's own."""
+"""Pages and rows of SQLite, read without a lock: always one committed state, the same as SQLite's
+own.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,8 @@ import os, random, sqlite3, sys
 path, commits = sys.argv[1], int(sys.argv[2])
 random.seed(5)
 db = sqlite3.connect(path, isolation_level=None)
-db.executescript("PRAGMA journal_mode = WAL; PRAGMA synchronous = OFF; PRAGMA wal_autocheckpoint = 40;"
+db.executescript("PRAGMA journal_mode = WAL; PRAGMA synchronous = OFF;"
+                 "PRAGMA wal_autocheckpoint = 40;"
                  "CREATE TABLE t (number INTEGER PRIMARY KEY, commit_number INTEGER, data BLOB);")
 print("ready", flush=True)
 number = 0
@@ -52,7 +55,10 @@ def read_once(path: Path) -> Rows:
 
 def made(path: Path, *values: object) -> sqlite3.Connection:
     db = sqlite3.connect(path, isolation_level=None)
-    db.executescript("PRAGMA journal_mode = WAL; PRAGMA synchronous = OFF; CREATE TABLE t (number INTEGER PRIMARY KEY, value)")
+    db.executescript(
+        "PRAGMA journal_mode = WAL; PRAGMA synchronous = OFF; CREATE TABLE t (number INTEGER"
+        " PRIMARY KEY, value)"
+    )
     db.execute("BEGIN")
     db.executemany("INSERT INTO t (value) VALUES (?)", ((value,) for value in values))
     db.execute("COMMIT")
@@ -61,12 +67,39 @@ def made(path: Path, *values: object) -> sqlite3.Connection:
 
 def as_sqlite_reads(path: Path) -> Rows:
     with closing(sqlite3.connect(path)) as db:
-        return [(number, [None, value]) for number, value in db.execute("SELECT number, value FROM t ORDER BY number")]
+        return [
+            (number, [None, value])
+            for number, value in db.execute("SELECT number, value FROM t ORDER BY number")
+        ]
 
 
 VALUES = [
-    *(None, 0, 1, -1, 127, 128, -32_768, 1 << 20, -(1 << 31), 1 << 40, (1 << 63) - 1, -(1 << 63), 1.5, -2e300),
-    *("", "350 °C", "x" * 4_061, "x" * 4_062, b"", b"\x00\xff", bytes(100), *(bytes(4_000 + step) for step in range(0, 200, 7))),
+    *(
+        None,
+        0,
+        1,
+        -1,
+        127,
+        128,
+        -32_768,
+        1 << 20,
+        -(1 << 31),
+        1 << 40,
+        (1 << 63) - 1,
+        -(1 << 63),
+        1.5,
+        -2e300,
+    ),
+    *(
+        "",
+        "350 °C",
+        "x" * 4_061,
+        "x" * 4_062,
+        b"",
+        b"\x00\xff",
+        bytes(100),
+        *(bytes(4_000 + step) for step in range(0, 200, 7)),
+    ),
     *(random.Random(1).randbytes(300_000), "ä" * 50_000),
 ]
 
@@ -92,10 +125,15 @@ def test_a_row_is_found_by_its_number_and_rows_after_one(tmp_path: Path) -> None
 
         def read(pages: DatabasePages) -> tuple[list[int], list[bool]]:
             root = roots(pages)["t"]
-            return [one.number for one in rows(pages, root, 2990)], [row(pages, root, n) is not None for n in (1, 2, 3, 3000, 3001)]
+            return [one.number for one in rows(pages, root, 2990)], [
+                row(pages, root, n) is not None for n in (1, 2, 3, 3000, 3001)
+            ]
 
         with closing(DatabasePages(path)) as pages:
-            assert pages.snapshot(read) == ([2992, 2993, 2995, 2996, 2998, 2999], [True, True, False, False, False])
+            assert pages.snapshot(read) == (
+                [2992, 2993, 2995, 2996, 2998, 2999],
+                [True, True, False, False, False],
+            )
 
 
 def test_rolled_back_rows_are_not_seen(tmp_path: Path) -> None:
@@ -157,7 +195,11 @@ def test_a_commit_with_a_torn_frame_is_none(tmp_path: Path) -> None:
         db.execute("INSERT INTO t (value) VALUES ('after')")
         log = bytearray(path.with_name("t.sqlite-wal").read_bytes())
         data = path.read_bytes()
-    for at, expected in ((None, ["before", "after"]), (len(log) - 1, ["before"]), (len(log) - 4096, ["before"])):
+    for at, expected in (
+        (None, ["before", "after"]),
+        (len(log) - 1, ["before"]),
+        (len(log) - 4096, ["before"]),
+    ):
         changed = bytearray(log)
         if at is not None:
             changed[at] ^= 1
@@ -188,13 +230,21 @@ def expect_one_commit(found: Rows) -> None:
         assert [number for number, _ in found[1:]] == list(range(found[1][0], found[-1][0] + 1))
 
 
-@pytest.mark.parametrize("commits", [300, pytest.param(20_000, marks=[pytest.mark.campaign, pytest.mark.timeout(900)])])
-def test_each_state_is_one_that_was_committed(tmp_path: Path, commits: int, counted: Callable[..., None]) -> None:
-    """A writer without pause, whose log begins anew every few commits: row 1 names the commit of the newest row, none is torn."""
+@pytest.mark.parametrize(
+    "commits", [300, pytest.param(20_000, marks=[pytest.mark.campaign, pytest.mark.timeout(900)])]
+)
+def test_each_state_is_one_that_was_committed(
+    tmp_path: Path, commits: int, counted: Callable[..., None]
+) -> None:
+    """A writer without pause, whose log begins anew every few commits: row 1 names the commit of
+    the newest row, none is torn.
+    """
     path = tmp_path / "t.sqlite"
     command = [sys.executable, "-c", WRITER, str(path), str(commits)]
     states = set()
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0) as writer:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
+    ) as writer:
         assert writer.stdin is not None
         assert writer.stdout is not None
         writer.stdout.readline()
@@ -254,6 +304,10 @@ def test_a_file_that_was_cut_off(tmp_path: Path, size: int) -> None:
 def test_only_files_are_opened(tmp_path: Path, made_of: str) -> None:
     path, real = tmp_path / "t.sqlite", tmp_path / "real.sqlite"
     made(real, 1).close()
-    {"folder": lambda: path.mkdir(), "link": lambda: path.symlink_to(real), "pipe": lambda: os.mkfifo(path)}[made_of]()
+    {
+        "folder": lambda: path.mkdir(),
+        "link": lambda: path.symlink_to(real),
+        "pipe": lambda: os.mkfifo(path),
+    }[made_of]()
     with pytest.raises(OSError, match=made_of):
         DatabasePages(path)

@@ -1,4 +1,6 @@
-"""The ledger: what is put in comes out, what was changed is told and counts for nothing, and one audit at a time writes to it."""
+"""The ledger: what is put in comes out, what was changed is told and counts for nothing, and one
+audit at a time writes to it.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,14 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import RecordError
-from jbclog.maintenance.counter_totals.observed import Count, Errors, Fact, Identity, Observation, Standing
+from jbclog.maintenance.counter_totals.observed import (
+    Count,
+    Errors,
+    Fact,
+    Identity,
+    Observation,
+    Standing,
+)
 from jbclog.maintenance.ledger import AuditInProgress, add, auditing, read_book, read_line, written
 from support.measured import measured
 
@@ -33,8 +42,26 @@ SEEN = Observation(
     parameters={"1.sleep_delay_min": "5"},
     errors=Errors("0", {1: "0"}, {"port.error": 2}, "2026-11-21T05:00:00+00:00"),
 )
-SILENT = replace(SEEN, seen=False, why="no answer", identity=None, counts=(), tools={}, parameters={}, errors=Errors())
-DONE = Fact("2026-11-20T05:00:00+00:00", "2026-11-21T05:00:00+00:00", "A. Rossi", "bench-3", "dde-1", "tip-change", 1, "TIP-0231")
+SILENT = replace(
+    SEEN,
+    seen=False,
+    why="no answer",
+    identity=None,
+    counts=(),
+    tools={},
+    parameters={},
+    errors=Errors(),
+)
+DONE = Fact(
+    "2026-11-20T05:00:00+00:00",
+    "2026-11-21T05:00:00+00:00",
+    "A. Rossi",
+    "bench-3",
+    "dde-1",
+    "tip-change",
+    1,
+    "TIP-0231",
+)
 
 
 @pytest.fixture
@@ -53,7 +80,9 @@ def test_what_is_put_in_comes_out(path: Path) -> None:
 def test_no_field_of_it_is_lost() -> None:
     """What is read field by field has all the fields that there are, each with something in it."""
     assert SEEN.identity is not None
-    every = replace(SEEN, identity=replace(SEEN.identity, uid="U-17"), seq=1, prev_sha256="0" * 64, why="late")
+    every = replace(
+        SEEN, identity=replace(SEEN.identity, uid="U-17"), seq=1, prev_sha256="0" * 64, why="late"
+    )
     parts = (every, every.identity, every.errors)
     assert all(getattr(part, one.name) for part in parts for one in fields(part))  # type: ignore[arg-type]  # it has one
     assert read_line(written(every)) == every
@@ -65,7 +94,12 @@ def test_a_line_is_as_it_was_published(path: Path) -> None:
     assert plain["counts"] == {"1": {"work_h": 412.0, "dispensed_mm": 0.3}}
     assert plain["moving"] == {"2": {"sleep_cycles": [7.0, 8.0, 9.0]}}
     assert plain["unread"] == {"2": {"plugged_h": "nak4"}}
-    assert plain["identity"] == {"family": "dde", "model": "DDE", "software": "8886412", "uid": None}
+    assert plain["identity"] == {
+        "family": "dde",
+        "model": "DDE",
+        "software": "8886412",
+        "uid": None,
+    }
 
 
 def test_no_file_is_an_empty_ledger(path: Path) -> None:
@@ -79,7 +113,9 @@ def test_every_changed_byte_of_a_line_is_seen() -> None:
         assert read_line(changed) is None, place
 
 
-def test_a_changed_line_is_told_and_counts_for_nothing_and_the_next_audit_is_still_kept(path: Path) -> None:
+def test_a_changed_line_is_told_and_counts_for_nothing_and_the_next_audit_is_still_kept(
+    path: Path,
+) -> None:
     add(path, [SEEN, DONE, SILENT])
     path.write_bytes(path.read_bytes().replace(b"A. Rossi", b"B. Rossi"))
     add(path, [SEEN])
@@ -145,7 +181,7 @@ def test_what_cannot_be_written_is_said(path: Path, tmp_path: Path) -> None:
         read_book(path)
 
 
-# -- ledgers of nothing but faults: bounded in memory, time and words ---------------------------------------------------------
+# -- ledgers of nothing but faults: bounded in memory, time and words ------------------------------
 
 OTHER = b'{"seq": 1, "kind": "counters", "line": "small", "station": "dde-1", "x": 1}\n'
 FLOODS = {
@@ -158,7 +194,9 @@ FLOODS = {
 
 
 @pytest.mark.parametrize("flood", FLOODS)
-def test_a_ledger_of_faults_is_refused_at_once_and_kept_as_it_is(tmp_path: Path, flood: str) -> None:
+def test_a_ledger_of_faults_is_refused_at_once_and_kept_as_it_is(
+    tmp_path: Path, flood: str
+) -> None:
     """Each took up to 7 GB and a minute, or passed for a sound ledger."""
     piece, times, said = FLOODS[flood]
     path = tmp_path / "counters.jsonl"
@@ -173,7 +211,9 @@ def test_a_ledger_of_faults_is_refused_at_once_and_kept_as_it_is(tmp_path: Path,
         read_book(path).expect_ledger()
 
 
-def test_lines_of_a_right_hash_and_a_wrong_chain_are_counted_up_to_a_limit(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lines_of_a_right_hash_and_a_wrong_chain_are_counted_up_to_a_limit(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("jbclog.maintenance.ledger.MOST_WRONG", 300)
     (kept,) = add(path, [SEEN])
     path.write_bytes((written(kept) + b"\n") * 5000)
@@ -181,7 +221,9 @@ def test_lines_of_a_right_hash_and_a_wrong_chain_are_counted_up_to_a_limit(path:
     assert (len(book.wrong), len(book.entries), book.read_to) == (300, 301, 301)
     assert len(book.sentences) == 102
     assert book.sentences[-2].endswith("line 102 is wrong, too, as 199 later lines are")
-    assert book.sentences[-1].endswith("was not read beyond line 301, because 300 faults were found up to there")
+    assert book.sentences[-1].endswith(
+        "was not read beyond line 301, because 300 faults were found up to there"
+    )
     with pytest.raises(RecordError, match=r"not read beyond line 301.*Nothing was added"):
         book.expect_ledger()
 

@@ -1,4 +1,6 @@
-"""A run carries what it stood on, and is judged by it, from the file of verifications to the manifest."""
+"""A run carries what it stood on, and is judged by it, from the file of verifications to the
+manifest.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,13 @@ ASKED = RECIPE + "\n[acceptance]\nverification_days = 30\n"
 
 
 def run_of(home: Path, tips: tuple[str, ...] = ()) -> Manifest:
-    (home / "line.toml").write_text(line_text("joints_per_minute = 0\n", "ports = [1, 2]"), encoding="utf-8")
+    (home / "line.toml").write_text(
+        line_text("joints_per_minute = 0\n", "ports = [1, 2]"), encoding="utf-8"
+    )
     (home / "recipe.toml").write_text(ASKED, encoding="utf-8")
-    wanted = RunOptions(home / "line.toml", home / "recipe.toml", duration_s=4.0, metadata=Metadata(tips=tips))
+    wanted = RunOptions(
+        home / "line.toml", home / "recipe.toml", duration_s=4.0, metadata=Metadata(tips=tips)
+    )
     return read_manifest(RecordedRun(make_plan(wanted), home / "runs").result.folder)
 
 
@@ -32,14 +38,22 @@ def verified(home: Path, port: int, days_before: float, reading: float = 351.0) 
 
 
 def rules(manifest: Manifest) -> dict[object, object]:
-    return {rule["port"]: rule["result"] for rule in manifest.verdict_rules if rule["name"] == "verification"}
+    return {
+        rule["port"]: rule["result"]
+        for rule in manifest.verdict_rules
+        if rule["name"] == "verification"
+    }
 
 
 def test_each_port_cites_its_own_last_one(tmp_path: Path) -> None:
     verified(tmp_path, 1, 12)
     manifest = run_of(tmp_path)
     one, two = manifest.verifications
-    assert (one.state, one.days, one.sha256) == ("pass", pytest.approx(12, abs=0.01), read_book(tmp_path / "runs").head)
+    assert (one.state, one.days, one.sha256) == (
+        "pass",
+        pytest.approx(12, abs=0.01),
+        read_book(tmp_path / "runs").head,
+    )
     assert (two.port, two.state) == (2, "none")
     assert rules(manifest) == {1: "pass", 2: "missing"}
 
@@ -66,7 +80,9 @@ def test_a_file_that_cannot_be_believed_keeps_no_run_from_being_made(tmp_path: P
     assert manifest.verdict == "INCONCLUSIVE"
 
 
-def test_a_line_that_a_run_cites_and_that_was_changed_or_is_gone_is_found_by_check(tmp_path: Path) -> None:
+def test_a_line_that_a_run_cites_and_that_was_changed_or_is_gone_is_found_by_check(
+    tmp_path: Path,
+) -> None:
     verified(tmp_path, 1, 12)
     verified(tmp_path, 2, 11)
     run_of(tmp_path)
@@ -78,7 +94,9 @@ def test_a_line_that_a_run_cites_and_that_was_changed_or_is_gone_is_found_by_che
     first, second, third = file.read_bytes().splitlines(keepends=True)
     file.write_bytes(first.replace(b"351.0", b"350.0") + second + third)
     (found,) = check(folder)
-    assert str(found).startswith("../verifications.jsonl: lacks the line that this run cites (dde-1 port 1)")
+    assert str(found).startswith(
+        "../verifications.jsonl: lacks the line that this run cites (dde-1 port 1)"
+    )
     file.write_bytes(b"")
     assert len(check(folder)) == 2
     file.unlink()

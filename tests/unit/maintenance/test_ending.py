@@ -32,7 +32,13 @@ def rows(audit: FleetAudit) -> list[dict[str, str]]:
 def read_as(one: StationAudit, standing: Standing, why: str = "") -> StationAudit:
     """The station with its first counter read so."""
     first, *others = one.meters
-    return replace(one, meters=(replace(first, read=Count(1, first.counter, "h", None, standing, (1, 2, 3), why)), *others))
+    return replace(
+        one,
+        meters=(
+            replace(first, read=Count(1, first.counter, "h", None, standing, (1, 2, 3), why)),
+            *others,
+        ),
+    )
 
 
 FINE = fleets.station("fine", 1, tasks=(fleets.task(0, 20),))
@@ -43,17 +49,27 @@ FINE = fleets.station("fine", 1, tasks=(fleets.task(0, 20),))
     [
         (FINE, set(), 0),
         (replace(FINE, tasks=(fleets.task(0, 85),)), {Finding.SOON}, 0),
-        (replace(FINE, tasks=(fleets.task(0, 104), fleets.task(1, 85))), {Finding.DUE, Finding.SOON}, 1),
+        (
+            replace(FINE, tasks=(fleets.task(0, 104), fleets.task(1, 85))),
+            {Finding.DUE, Finding.SOON},
+            1,
+        ),
         (replace(FINE, tasks=(fleets.task(0, 130),)), {Finding.OVERDUE}, 1),
         (replace(FINE, tasks=(fleets.unknown_task(0),)), set(), 0),
         (replace(FINE, seen=False), {Finding.UNSEEN}, 3),
-        (replace(FINE, seen=False, tasks=(fleets.task(0, 130),)), {Finding.UNSEEN, Finding.OVERDUE}, 3),
+        (
+            replace(FINE, seen=False, tasks=(fleets.task(0, 130),)),
+            {Finding.UNSEEN, Finding.OVERDUE},
+            3,
+        ),
         (read_as(FINE, Standing.MOVING), {Finding.SUSPECT}, 1),
         (read_as(FINE, Standing.UNREAD, "timeout"), {Finding.UNSEEN}, 3),
         (read_as(FINE, Standing.UNREAD, "nak4"), set(), 0),
     ],
 )
-def test_the_exit_code_follows_from_what_is_found(station: StationAudit, found: set[Finding], code: int) -> None:
+def test_the_exit_code_follows_from_what_is_found(
+    station: StationAudit, found: set[Finding], code: int
+) -> None:
     assert findings(station) == found
     assert exit_code(fleets.fleet(FINE, station)) == code
 
@@ -65,19 +81,24 @@ def test_doubt_and_drift_are_found_where_they_are() -> None:
     assert Finding.DRIFT in by_name["line3-nae"]
 
 
-@pytest.mark.parametrize(("named", "code"), [(USUAL, 3), ((Finding.DUE,), 1), ((Finding.SUSPECT,), 1), ((), 0)])
+@pytest.mark.parametrize(
+    ("named", "code"), [(USUAL, 3), ((Finding.DUE,), 1), ((Finding.SUSPECT,), 1), ((), 0)]
+)
 def test_what_is_not_named_does_not_count(named: tuple[Finding, ...], code: int) -> None:
     assert exit_code(fleets.trouble(), named) == code
 
 
-# -- CSV --------------------------------------------------------------------------------------------------------------------
+# -- CSV -------------------------------------------------------------------------------------------
 
 
 def test_the_columns_are_those_that_were_promised() -> None:
-    """Whoever reads these files has them by name: a change is a new SCHEMA and a line in the change log."""
+    """Whoever reads these files has them by name: a change is a new SCHEMA and a line in the change
+    log.
+    """
     assert SCHEMA == 1
-    assert ",".join(COLUMNS) == (
-        "schema,audit,line,station,url,family,model,software,seen,source,last_seen,"
+    assert (
+        ",".join(COLUMNS)
+        == "schema,audit,line,station,url,family,model,software,seen,source,last_seen,"
         "kind,port,name,unit,value,low,high,standing,state,since,due_p10,due_p50,due_p90,part,text"
     )
 
@@ -89,18 +110,34 @@ def test_every_row_says_of_what_it_is(make: Callable[[], FleetAudit]) -> None:
         assert list(row) == list(COLUMNS)
         assert (row["schema"], row["audit"], bool(row["station"])) == ("1", audit.audit, True)
         assert row["kind"] in ("station", "counter", "task", "use", "error", "parameter", "note")
-        assert all("inf" not in row[name] and "nan" not in row[name] for name in ("value", "low", "high"))
+        assert all(
+            "inf" not in row[name] and "nan" not in row[name] for name in ("value", "low", "high")
+        )
     assert sum(row["kind"] == "station" for row in rows(audit)) == len(audit.stations)
 
 
 def test_tasks_and_counters_are_in_it_as_numbers() -> None:
     found = rows(fleets.three())
-    (tip,) = [row for row in found if row["kind"] == "task" and row["station"] == "ale-1" and row["name"] == "tip-change"]
-    assert (tip["value"], tip["unit"], tip["state"], tip["port"], tip["part"]) == ("400.0", "h", "overdue", "1", "T-0231")
+    (tip,) = [
+        row
+        for row in found
+        if row["kind"] == "task" and row["station"] == "ale-1" and row["name"] == "tip-change"
+    ]
+    assert (tip["value"], tip["unit"], tip["state"], tip["port"], tip["part"]) == (
+        "400.0",
+        "h",
+        "overdue",
+        "1",
+        "T-0231",
+    )
     assert float(tip["low"]) < 131 < float(tip["high"])
     (soon,) = [row for row in found if row["name"] == "rollers" and row["state"] == "soon"]
     assert soon["due_p10"] < soon["due_p50"] < soon["due_p90"]
-    (worked,) = [row for row in found if (row["station"], row["kind"], row["name"]) == ("dde-2", "counter", "work_h")]
+    (worked,) = [
+        row
+        for row in found
+        if (row["station"], row["kind"], row["name"]) == ("dde-2", "counter", "work_h")
+    ]
     assert (worked["standing"], float(worked["value"]).is_integer()) == ("ok", True)
 
 
@@ -113,10 +150,12 @@ def test_what_has_no_end_leaves_it_empty() -> None:
 @pytest.mark.parametrize("text", ["=1+1", "@SUM(A1)", "+cmd|' /C calc'!A0", "-2+3"])
 def test_no_text_becomes_a_formula(text: str) -> None:
     audit = fleets.fleet(replace(FINE, notes=(text,), why=text))
-    assert {row["text"] for row in rows(audit) if row["kind"] in ("note", "station")} == {f"'{text}"}
+    assert {row["text"] for row in rows(audit) if row["kind"] in ("note", "station")} == {
+        f"'{text}"
+    }
 
 
-# -- JSON and terminal ------------------------------------------------------------------------------------------------------
+# -- JSON and terminal -----------------------------------------------------------------------------
 
 
 @every_fleet
@@ -127,7 +166,9 @@ def test_json_has_no_infinity_and_each_stations_findings(make: Callable[[], Flee
 
 
 def test_json_says_null_where_there_is_no_end() -> None:
-    told = plain_audit(fleets.fleet(replace(FINE, tasks=(replace(fleets.task(0, 20), used=Interval(3, inf)),))))
+    told = plain_audit(
+        fleets.fleet(replace(FINE, tasks=(replace(fleets.task(0, 20), used=Interval(3, inf)),)))
+    )
     assert '"used": {"low": 3, "high": null}' in json.dumps(told)
 
 
@@ -135,7 +176,9 @@ def test_the_table_has_the_worst_first_and_says_what_to_do() -> None:
     told = lines(fleets.trouble())
     assert told[0] == "✕ 1 OVERDUE"
     assert told[1].startswith("OVERDUE    line3-ale    ALE 0203456  worked ")
-    assert told[2].startswith("           overdue      port 1 Tip change (T-0231): 141 to 142 %, 566 to 570 of 400 h; ")
+    assert told[2].startswith(
+        "           overdue      port 1 Tip change (T-0231): 141 to 142 %, 566 to 570 of 400 h; "
+    )
     seen = "\n".join(told)
     for text in (
         "NOT SEEN   line3-dde-c  Robot mode is off",
@@ -149,7 +192,8 @@ def test_the_table_has_the_worst_first_and_says_what_to_do() -> None:
 
 def test_the_table_tells_what_was_not_read() -> None:
     moving, unread = (
-        "\n".join(lines(fleets.fleet(one))) for one in (read_as(FINE, Standing.MOVING), read_as(FINE, Standing.UNREAD, "timeout"))
+        "\n".join(lines(fleets.fleet(one)))
+        for one in (read_as(FINE, Standing.MOVING), read_as(FINE, Standing.UNREAD, "timeout"))
     )
     assert "unread  port 1 plugged_h: moving, 1, 2, 3" in moving
     assert "unread  port 1 plugged_h: timeout" in unread
@@ -157,7 +201,9 @@ def test_the_table_tells_what_was_not_read() -> None:
 
 def test_what_is_not_known_has_no_number() -> None:
     why = "last service date unknown"
-    told = replace(fleets.task(5, 20), used=None, percent=None, state=State.UNKNOWN, due=None, why=why)
+    told = replace(
+        fleets.task(5, 20), used=None, percent=None, state=State.UNKNOWN, due=None, why=why
+    )
     seen = "\n".join(lines(fleets.fleet(replace(FINE, tasks=(told,)))))
     assert f"not known  Tip temperature verified: {why} (interval: 90 d)" in seen
 

@@ -18,8 +18,14 @@ from jbclog.maintenance.ledger import add, read_book
 from support.fleets.looks import at, seen, told
 
 WEEK = 168.0
-TASKS = parse_tasks('[[task]]\nname = "tip-change"\ncounter = "work_h"\nlife_h = 100\n[[task]]\nname = "check"\nlife_days = 30\n')
-LOOKS = [seen(week * WEEK, {"plugged_h": 5000 + 40 * week, "work_h": 3000 + 20 * week}) for week in range(4)]
+TASKS = parse_tasks(
+    '[[task]]\nname = "tip-change"\ncounter = "work_h"\nlife_h = 100\n[[task]]\nname ='
+    ' "check"\nlife_days = 30\n'
+)
+LOOKS = [
+    seen(week * WEEK, {"plugged_h": 5000 + 40 * week, "work_h": 3000 + 20 * week})
+    for week in range(4)
+]
 SILENT = replace(seen(4 * WEEK, {}), seen=False, why="no answer", identity=None)
 
 
@@ -41,12 +47,23 @@ def test_a_row_has_what_follows_from_the_ledger(ledger: Path) -> None:
     audit = gathered(ledger, [*LOOKS, told(WEEK, "tip-change", 1, "T-7")], LOOKS[-1])
     one = audit.stations[0]
     assert (audit.line, audit.wrong, audit.is_whole, len(audit.facts)) == ("line", (), True, 1)
-    assert (one.station, one.audits, one.last_seen, one.notes, one.doubts) == ("dde-1", 4, LOOKS[-1].time, (), ())
+    assert (one.station, one.audits, one.last_seen, one.notes, one.doubts) == (
+        "dde-1",
+        4,
+        LOOKS[-1].time,
+        (),
+        (),
+    )
     meters = {meter.counter: meter for meter in one.meters}
     assert meters["work_h"].counter_total.total == Interval(59, 61)
     assert meters["work_h"].per_day == Interval(59 / 21, 61 / 21)
     tip, check = one.tasks
-    assert (tip.used, tip.part, tip.state, check.state) == (Interval(39, 41), "T-7", State.FINE, State.UNKNOWN)
+    assert (tip.used, tip.part, tip.state, check.state) == (
+        Interval(39, 41),
+        "T-7",
+        State.FINE,
+        State.UNKNOWN,
+    )
     assert tip.due is not None
 
 
@@ -69,14 +86,21 @@ def test_a_reset_is_told_and_a_counter_that_was_never_read_too(ledger: Path) -> 
     assert "port 1, work_h: 3060, now 20: reset." in one.notes[1]
     unread = one.meters[2]
     assert unread.read is not None
-    assert (unread.read.standing, unread.counter_total.is_known, unread.last) == (Standing.UNREAD, False, None)
+    assert (unread.read.standing, unread.counter_total.is_known, unread.last) == (
+        Standing.UNREAD,
+        False,
+        None,
+    )
     assert one.doubts == ()
 
 
 def test_what_is_in_doubt_is_a_doubt_of_this_audit_only(ledger: Path) -> None:
     strange = seen(4 * WEEK, {"plugged_h": 5160, "work_h": 3900})
     one = row(ledger, [*LOOKS, strange], strange)
-    assert {doubt.kind for doubt in one.doubts} == {DifferenceKind.IMPOSSIBLE, DifferenceKind.SUSPECT}
+    assert {doubt.kind for doubt in one.doubts} == {
+        DifferenceKind.IMPOSSIBLE,
+        DifferenceKind.SUSPECT,
+    }
     after = seen(5 * WEEK, {"plugged_h": 5200, "work_h": 3100})
     later = row(ledger, [after], after)
     assert later.doubts == ()
@@ -91,7 +115,10 @@ def test_stations_of_one_name_on_two_lines_are_two(ledger: Path) -> None:
     add(ledger, [*LOOKS, *others])
     audit = fleet_of(read_book(ledger), [LOOKS[-1], others[-1]], LOOKS[-1].time)
     assert audit.line == "line, other"
-    assert [one.meters[1].counter_total.total for one in audit.stations] == [Interval(59, 61), Interval(0, 1)]
+    assert [one.meters[1].counter_total.total for one in audit.stations] == [
+        Interval(59, 61),
+        Interval(0, 1),
+    ]
 
 
 def test_what_could_not_be_written_counts_all_the_same(ledger: Path) -> None:

@@ -33,20 +33,50 @@ def call(*words: str | Path) -> Result:
 
 
 def test_a_fact_is_kept_as_it_was_told(ledger: Path) -> None:
-    ended = call("done", "--station", "dde-1", *DONE, "--at", "2024-11-20T14:30", "--note", "worn", "--ledger", ledger)
+    ended = call(
+        "done",
+        "--station",
+        "dde-1",
+        *DONE,
+        "--at",
+        "2024-11-20T14:30",
+        "--note",
+        "worn",
+        "--ledger",
+        ledger,
+    )
     assert (ended.exit_code, ended.stderr) == (0, "")
-    assert ended.stdout == f"2024-11-20 14:30  dde-1 port 1  tip-change  A. Rossi  T-17  worn  (line 4 of {ledger})\n"
+    assert (
+        ended.stdout
+        == "2024-11-20 14:30  dde-1 port 1  tip-change  A. Rossi  T-17  worn  (line 4 of"
+        f" {ledger})\n"
+    )
     (fact,) = read_book(ledger).facts
-    assert (fact.line, fact.station, fact.task, fact.port, fact.part) == ("bench-3", "dde-1", "tip-change", 1, "T-17")
+    assert (fact.line, fact.station, fact.task, fact.port, fact.part) == (
+        "bench-3",
+        "dde-1",
+        "tip-change",
+        1,
+        "T-17",
+    )
     assert fact.time == "2024-11-20T14:30:00.000+00:00"
     assert fact.told > fact.time
     assert (fact.seq, read_book(ledger).wrong) == (4, [])
 
 
-def test_who_is_logged_in_did_it_now_where_nobody_says_else(ledger: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_is_logged_in_did_it_now_where_nobody_says_else(
+    ledger: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("LOGNAME", "weber")
-    told = json.loads(call("done", "-s", "dde-1", "--task", "verification", "--ledger", ledger, "--json").stdout)
-    assert (told["by"], told["port"], told["part"], told["time"]) == ("weber", None, "", told["told"])
+    told = json.loads(
+        call("done", "-s", "dde-1", "--task", "verification", "--ledger", ledger, "--json").stdout
+    )
+    assert (told["by"], told["port"], told["part"], told["time"]) == (
+        "weber",
+        None,
+        "",
+        told["told"],
+    )
 
 
 @pytest.mark.parametrize(
@@ -54,10 +84,19 @@ def test_who_is_logged_in_did_it_now_where_nobody_says_else(ledger: Path, monkey
     [
         (("done", "-s", "dde-2", *DONE), "has no station of that name; did you mean dde-1?"),
         (("done", "-s", "qqqq", *DONE), "has no station of that name; there are ale-1, dde-1"),
-        (("done", "-s", "ale-1", *DONE), "several lines have a station of that name; give bench-3/ale-1 or hall/ale-1"),
-        (("done", "-s", "dde-1", "--task", "tip-chnge"), "did you mean tip-change, cartridge-change?; give a tasks file"),
+        (
+            ("done", "-s", "ale-1", *DONE),
+            "several lines have a station of that name; give bench-3/ale-1 or hall/ale-1",
+        ),
+        (
+            ("done", "-s", "dde-1", "--task", "tip-chnge"),
+            "did you mean tip-change, cartridge-change?; give a tasks file",
+        ),
         (("done", "-s", "dde-1"), "give `done` with --station and --task, or `list`"),
-        (("done", "-s", "dde-1", "--task", "service", "--port", "4"), "--port 4: dde-1 has no such port; its ports are 1, 2"),
+        (
+            ("done", "-s", "dde-1", "--task", "service", "--port", "4"),
+            "--port 4: dde-1 has no such port; its ports are 1, 2",
+        ),
         (("done", "-s", "dde-1", "--task", "service", "--by", " "), "--by: must not be empty"),
         (("undo",), "give `done` with --station and --task, or `list`"),
         (("done", "-s", "dde-1", *DONE, "--at", "2126-01-01"), "is in the future"),
@@ -66,7 +105,9 @@ def test_who_is_logged_in_did_it_now_where_nobody_says_else(ledger: Path, monkey
         (("list", "-s", "dde-2"), "did you mean dde-1"),
     ],
 )
-def test_what_cannot_be_meant_is_refused_with_what_can(ledger: Path, words: tuple[str, ...], told: str) -> None:
+def test_what_cannot_be_meant_is_refused_with_what_can(
+    ledger: Path, words: tuple[str, ...], told: str
+) -> None:
     before = ledger.read_bytes()
     ended = call(*words, "--ledger", ledger)
     assert (ended.exit_code, ended.stdout) == (2, "")
@@ -79,18 +120,29 @@ def test_a_station_of_two_lines_is_named_with_its_line(ledger: Path) -> None:
     assert [fact.line for fact in read_book(ledger).facts] == ["hall"]
 
 
-def test_a_ledger_that_is_not_there_knows_no_station_but_those_of_a_line_file(tmp_path: Path) -> None:
+def test_a_ledger_that_is_not_there_knows_no_station_but_those_of_a_line_file(
+    tmp_path: Path,
+) -> None:
     ledger, line = tmp_path / "new.jsonl", tmp_path / "line.toml"
-    line.write_text('[line]\nname = "bench-3"\n[[station]]\nname = "dde-1"\nurl = "/dev/x"\nfamily = "dde"\n', encoding="utf-8")
+    line.write_text(
+        '[line]\nname = "bench-3"\n[[station]]\nname = "dde-1"\nurl = "/dev/x"\nfamily = "dde"\n',
+        encoding="utf-8",
+    )
     refused = call("done", "-s", "dde-1", *DONE, "--ledger", ledger)
-    assert (refused.exit_code, "has no station yet" in refused.stderr, ledger.exists()) == (2, True, False)
+    assert (refused.exit_code, "has no station yet" in refused.stderr, ledger.exists()) == (
+        2,
+        True,
+        False,
+    )
     assert call("done", "-s", "dde-1", *DONE, "--ledger", ledger, "--line", line).exit_code == 0
     assert [(fact.line, fact.station) for fact in read_book(ledger).facts] == [("bench-3", "dde-1")]
 
 
 def test_a_tasks_file_says_which_tasks_there_are(ledger: Path, tmp_path: Path) -> None:
     tasks = tmp_path / "tasks.toml"
-    tasks.write_text('[[task]]\nname = "guide-tube"\ncounter = "dispensed_mm"\nlife_m = 100\n', encoding="utf-8")
+    tasks.write_text(
+        '[[task]]\nname = "guide-tube"\ncounter = "dispensed_mm"\nlife_m = 100\n', encoding="utf-8"
+    )
     asked = ("done", "-s", "dde-1", "--ledger", ledger, "--by", "W", "--tasks", tasks)
     assert call(*asked, "--task", "guide-tube").exit_code == 0
     assert call(*asked, "--task", "counters-reset").exit_code == 0  # which needs no tasks file
@@ -100,7 +152,11 @@ def test_a_tasks_file_says_which_tasks_there_are(ledger: Path, tmp_path: Path) -
 
 
 def test_the_list_has_what_was_done_in_order(ledger: Path) -> None:
-    for day, station in (("2024-11-03", "dde-1"), ("2024-11-01", "dde-1"), ("2024-11-02", "hall/ale-1")):
+    for day, station in (
+        ("2024-11-03", "dde-1"),
+        ("2024-11-01", "dde-1"),
+        ("2024-11-02", "hall/ale-1"),
+    ):
         call("done", "-s", station, *DONE, "--at", day, "--ledger", ledger)
     assert [line[:10] for line in call("list", "--ledger", ledger).stdout.splitlines()[1:]] == [
         "2024-11-01",
@@ -108,7 +164,10 @@ def test_the_list_has_what_was_done_in_order(ledger: Path) -> None:
         "2024-11-03",
     ]
     assert len(call("list", "-s", "dde-1", "--ledger", ledger).stdout.splitlines()) == 3  # heads
-    assert [one["station"] for one in json.loads(call("list", "--ledger", ledger, "--json").stdout)["facts"]] == [
+    assert [
+        one["station"]
+        for one in json.loads(call("list", "--ledger", ledger, "--json").stdout)["facts"]
+    ] == [
         "dde-1",
         "ale-1",
         "dde-1",
@@ -127,7 +186,10 @@ def test_a_damaged_ledger_takes_the_fact_and_says_so(ledger: Path) -> None:
 
 def test_a_ledger_that_cannot_be_written_ends_with_4(tmp_path: Path) -> None:
     line = tmp_path / "line.toml"
-    line.write_text('[line]\nname = "b"\n[[station]]\nname = "dde-1"\nurl = "/dev/x"\nfamily = "dde"\n', encoding="utf-8")
+    line.write_text(
+        '[line]\nname = "b"\n[[station]]\nname = "dde-1"\nurl = "/dev/x"\nfamily = "dde"\n',
+        encoding="utf-8",
+    )
     ended = call("done", "-s", "dde-1", *DONE, "--ledger", "/proc/counters.jsonl", "--line", line)
     assert (ended.exit_code, ended.stdout) == (4, "")
     assert "/proc/counters.jsonl cannot be written" in ended.stderr

@@ -1,4 +1,6 @@
-"""The page of an audit: what it says first, that it opens offline, and that nothing from outside can act in it."""
+"""The page of an audit: what it says first, that it opens offline, and that nothing from outside
+can act in it.
+"""
 
 from __future__ import annotations
 
@@ -54,8 +56,11 @@ def test_what_a_user_has_set_for_figures_does_not_change_it() -> None:
 @every_fleet
 def test_the_page_needs_nothing_but_itself(make: Callable[[], FleetAudit]) -> None:
     page = drawn(make)
-    assert "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'" in page
-    assert Acting(re.sub(r"</?svg[^>]*>", "", page)).found == []  # the drawings are ours, of numbers only
+    assert (
+        "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'" in page
+    )
+    # the drawings are ours, of numbers only
+    assert Acting(re.sub(r"</?svg[^>]*>", "", page)).found == []
     assert not re.search(r"url\(|@import|<img|<script|href=", page)
 
 
@@ -71,7 +76,9 @@ def test_the_worst_station_stands_first_and_the_headline_says_how_many() -> None
 
 def test_of_what_is_not_used_up_the_soonest_stands_first() -> None:
     late, soon = fleets.task(0, 70, pace=0.1), fleets.task(0, 40, pace=4.0)
-    rows = overview_of(fleets.fleet(fleets.station("a", 1, tasks=(late,)), fleets.station("b", 1, tasks=(soon,)))).rows
+    rows = overview_of(
+        fleets.fleet(fleets.station("a", 1, tasks=(late,)), fleets.station("b", 1, tasks=(soon,)))
+    ).rows
     assert [row.station.station for row in rows] == ["b", "a"]
 
 
@@ -84,48 +91,86 @@ def test_of_what_is_not_used_up_the_soonest_stands_first() -> None:
         (lambda: first(fleets.unknown_task(0)), "✓ BASELINE RECORDED"),
         (lambda: first(), "✓ BASELINE RECORDED"),
         (lambda: first(fleets.task(0, 101)), "✕ 1 DUE"),  # by the calendar
-        (lambda: replace(first(fleets.unknown_task(0)), wrong=("line 1 was changed",)), "? 1 NOT KNOWN"),
-        (lambda: fleets.fleet(*first().stations, replace(*first().stations, station="b", seen=False)), "– 1 NOT SEEN"),
+        (
+            lambda: replace(first(fleets.unknown_task(0)), wrong=("line 1 was changed",)),
+            "? 1 NOT KNOWN",
+        ),
+        (
+            lambda: fleets.fleet(
+                *first().stations, replace(*first().stations, station="b", seen=False)
+            ),
+            "– 1 NOT SEEN",
+        ),
         (lambda: fleets.fleet(fleets.station("a", 1, tasks=(fleets.task(0, 85),))), "△ 1 DUE SOON"),
-        (lambda: fleets.fleet(fleets.station("a", 1, tasks=(fleets.unknown_task(0),))), "? 1 NOT KNOWN"),
+        (
+            lambda: fleets.fleet(fleets.station("a", 1, tasks=(fleets.unknown_task(0),))),
+            "? 1 NOT KNOWN",
+        ),
         (lambda: fleets.fleet(fleets.station("a", 1, tasks=())), "– NO TASK DEFINED"),
-        (lambda: fleets.fleet(replace(fleets.station("a", 1, tasks=(fleets.task(0, 9),)), seen=False)), "– 1 NOT SEEN"),
+        (
+            lambda: fleets.fleet(
+                replace(fleets.station("a", 1, tasks=(fleets.task(0, 9),)), seen=False)
+            ),
+            "– 1 NOT SEEN",
+        ),
     ],
 )
-def test_the_headline_is_the_worst_that_there_is(make: Callable[[], FleetAudit], headline: str) -> None:
+def test_the_headline_is_the_worst_that_there_is(
+    make: Callable[[], FleetAudit], headline: str
+) -> None:
     assert f" {headline} " in words(drawn(make))
 
 
 def test_a_due_range_is_a_range_and_never_one_day() -> None:
     page = words(drawn(fleets.three))
-    assert re.search(r"83 to 84 %, 334 to 338 of 400 h due 2026-12-18 to 2026-12-29", page.replace("\u00a0", " "))
+    assert re.search(
+        r"83 to 84 %, 334 to 338 of 400 h due 2026-12-18 to 2026-12-29", page.replace("\u00a0", " ")
+    )
     far = replace(fleets.task(0, 5, pace=0.2), state=State.FINE)
     assert "or later" in words(page_of(fleets.fleet(fleets.station("a", 1, tasks=(far,)))))
 
 
 def test_the_first_audit_ever_promises_nothing() -> None:
     page = words(drawn(fleets.first_ever))
-    assert "First audit: 3 stations read; their use counts from here. Next: audit daily. Due dates need at least 4 audits." in page
+    assert (
+        "First audit: 3 stations read; their use counts from here. Next: audit daily. Due dates"
+        " need at least 4 audits." in page
+    )
     assert "not enough data: 1 of 4 audits" in page
     assert "Not counted here, or not read twice yet." in page
 
 
 def test_a_first_audit_says_once_what_no_station_knows_and_what_is_not_defined() -> None:
-    unknown = replace(fleets.unknown_task(5), title="Verify the tip", why="no verification", port=None)
-    both = fleets.fleet(*(replace(fleets.station(name, 0, tasks=(unknown,)), audits=1) for name in ("a", "b")))
+    unknown = replace(
+        fleets.unknown_task(5), title="Verify the tip", why="no verification", port=None
+    )
+    both = fleets.fleet(
+        *(replace(fleets.station(name, 0, tasks=(unknown,)), audits=1) for name in ("a", "b"))
+    )
     assert list(overview_of(both).reasons[2:]) == ["a and b: Verify the tip, no verification"]
     assert "No task is defined: --tasks names a file of tasks" in words(page_of(first()))
-    (headline, did, following, *_) = lines(both)
+    headline, did, following, *_ = lines(both)
     assert headline == "✓ BASELINE RECORDED"
     assert (did, following) == overview_of(both).reasons[:2]
 
 
 @every_fleet
-def test_a_phone_where_headings_are_hidden_shows_the_name_of_each_figure(make: Callable[[], FleetAudit]) -> None:
+def test_a_phone_where_headings_are_hidden_shows_the_name_of_each_figure(
+    make: Callable[[], FleetAudit],
+) -> None:
     page = drawn(make)
     assert re.findall(r'<td class="(?:n|used|when|wide)">(?!<small class="k">).{40}', page) == []
-    hidden, phone = page.index(".rows small.k { display: none; }"), page.index("@media screen and (max-width: 640px)")
-    assert hidden < phone < page.index(".rows small.k, .overview td.used small.k, .overview td.when small.k { display: inline;")
+    hidden, phone = (
+        page.index(".rows small.k { display: none; }"),
+        page.index("@media screen and (max-width: 640px)"),
+    )
+    assert (
+        hidden
+        < phone
+        < page.index(
+            ".rows small.k, .overview td.used small.k, .overview td.when small.k { display: inline;"
+        )
+    )
 
 
 def test_what_is_not_known_is_a_dash_with_its_reason_and_never_zero() -> None:
@@ -136,8 +181,16 @@ def test_what_is_not_known_is_a_dash_with_its_reason_and_never_zero() -> None:
 
 def test_marks_stand_with_their_rule_and_what_was_worked_at_least_and_at_most() -> None:
     page = words(drawn(fleets.trouble))
-    found = page[page.index("Counter changes that are not explained", page.index("Not seen Station")) :]
-    for said in ("working: 941, 12; 12 to 121 h", "fell together", "impossible", "31 or more", "nothing tells why"):
+    found = page[
+        page.index("Counter changes that are not explained", page.index("Not seen Station")) :
+    ]
+    for said in (
+        "working: 941, 12; 12 to 121 h",
+        "fell together",
+        "impossible",
+        "31 or more",
+        "nothing tells why",
+    ):
         assert said in found, said
     assert "Rolled over as expected: line3-ale · port 1, feeds, 1 time." in found
     assert "line 41 is no observation or fact, or was changed" in page
@@ -163,12 +216,36 @@ def test_a_hall_of_a_hundred_is_drawn_small_and_whole() -> None:
 
 
 def spoilt(value: object, texts: object) -> object:
-    """The same value with a hostile text in the place of every text that is not a time or a word of ours."""
+    """The same value with a hostile text in the place of every text that is not a time or a word of
+    ours.
+    """
     if isinstance(value, msgspec.Struct) or (is_dataclass(value) and not isinstance(value, type)):
-        kept = {"time", "told", "audit", "begin", "end", "since", "last_seen", "p10", "p50", "p90", "than", "kind", "name"}
-        names = [one.name for one in fields(value) if one.init] if is_dataclass(value) else value.__struct_fields__
+        kept = {
+            "time",
+            "told",
+            "audit",
+            "begin",
+            "end",
+            "since",
+            "last_seen",
+            "p10",
+            "p50",
+            "p90",
+            "than",
+            "kind",
+            "name",
+        }
+        names = (
+            [one.name for one in fields(value) if one.init]
+            if is_dataclass(value)
+            else value.__struct_fields__
+        )
         changed = {name: spoilt(getattr(value, name), texts) for name in names if name not in kept}
-        return replace(value, **changed) if is_dataclass(value) else msgspec.structs.replace(value, **changed)
+        return (
+            replace(value, **changed)
+            if is_dataclass(value)
+            else msgspec.structs.replace(value, **changed)
+        )
     if isinstance(value, tuple):
         return tuple(spoilt(one, texts) for one in value)
     if isinstance(value, dict):
@@ -182,6 +259,9 @@ def spoilt(value: object, texts: object) -> object:
 def test_texts_from_outside_are_shown_and_do_nothing(first: int) -> None:
     texts = cycle([*HOSTILE.values()][first:] + [*HOSTILE.values()][:first])
     page = page_of(spoilt(fleets.trouble(), texts))  # type: ignore[arg-type]
-    ours = r'<svg class="\w+" width="[\d.]+" height="[\d.]+" role="img" [^<>]*>|<svg viewBox="0 0 12 12"[^<>]*>|</svg>'
+    ours = (
+        r'<svg class="\w+" width="[\d.]+" height="[\d.]+" role="img" [^<>]*>|<svg viewBox="0 0 12'
+        r' 12"[^<>]*>|</svg>'
+    )
     assert Acting(re.sub(ours, "", page)).found == []
     assert not re.search("[\u202a-\u202e\u2066-\u2069\x00\x1b\x07\x08]", page)

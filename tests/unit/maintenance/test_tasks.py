@@ -1,4 +1,6 @@
-"""The tasks file: what it gives, and everything that is wrong with it, at once, with line and key."""
+"""The tasks file: what it gives, and everything that is wrong with it, at once, with line and
+key.
+"""
 
 from __future__ import annotations
 
@@ -42,12 +44,20 @@ def test_a_good_file_gives_its_tasks(tmp_path: Path) -> None:
     tip, rollers, verification = load_tasks(tmp_path / "tasks.toml")
     assert tip == Task("tip-change", "Change the tip", "work_h", 400.0, families=("dde", "ale"))
     assert (rollers.life, rollers.warn_percent, rollers.of_station) == (900_000.0, 90.0, True)
-    assert (verification.counter, verification.life, verification.title) == ("days", 90.0, "verification")
+    assert (verification.counter, verification.life, verification.title) == (
+        "days",
+        90.0,
+        "verification",
+    )
 
 
 def test_a_task_is_of_its_families_and_stations() -> None:
     tip, rollers, verification = parse_tasks(GOOD)
-    assert [one.is_of("dde-1", "dde") for one in (tip, rollers, verification)] == [True, False, True]
+    assert [one.is_of("dde-1", "dde") for one in (tip, rollers, verification)] == [
+        True,
+        False,
+        True,
+    ]
     assert [one.is_of("ale-1", "ale") for one in (tip, rollers, verification)] == [True, True, True]
     assert [one.is_of("x", None) for one in (tip, rollers, verification)] == [False, False, True]
 
@@ -73,10 +83,28 @@ life_days = 3
 families = ["dda"]
 """
     said = wrong(text)
-    assert [line.split(":")[1] for line in said] == ["2", "3", "4", "8", "10", "11", "13", "14", "17"]
-    assert said[1] == 'tasks.toml:3: task[1].counter: "work_hours" is not allowed; did you mean work_h?'
-    assert said[3] == "tasks.toml:8: task[2].counter: work_h is not counted so; with life_m one of dispensed_mm"
-    assert said[6].startswith("tasks.toml:13: task[3]: life_h and life_days are given; exactly one of")
+    assert [line.split(":")[1] for line in said] == [
+        "2",
+        "3",
+        "4",
+        "8",
+        "10",
+        "11",
+        "13",
+        "14",
+        "17",
+    ]
+    assert (
+        said[1]
+        == 'tasks.toml:3: task[1].counter: "work_hours" is not allowed; did you mean work_h?'
+    )
+    assert (
+        said[3] == "tasks.toml:8: task[2].counter: work_h is not counted so; with life_m one of"
+        " dispensed_mm"
+    )
+    assert said[6].startswith(
+        "tasks.toml:13: task[3]: life_h and life_days are given; exactly one of"
+    )
     assert said[7] == "tasks.toml:14: task[3].name: rollers is given twice, first in line 7"
 
 
@@ -84,12 +112,27 @@ families = ["dda"]
     ("text", "sentence"),
     [
         ("", "task: missing; at least one [[task]]"),
-        ('[[task]]\nname = "a"\n', "no service interval is given; exactly one of life_h, life_cycles, life_m, life_days"),
-        ('[[task]]\nname = "a"\nlife_h = 3\n', "task[1].counter: missing; with life_h one of plugged_h"),
-        ('[[task]]\nname = "a"\ncounter = "work_h"\nlife_days = 3\n', "days of the calendar and take no counter"),
+        (
+            '[[task]]\nname = "a"\n',
+            "no service interval is given; exactly one of life_h, life_cycles, life_m, life_days",
+        ),
+        (
+            '[[task]]\nname = "a"\nlife_h = 3\n',
+            "task[1].counter: missing; with life_h one of plugged_h",
+        ),
+        (
+            '[[task]]\nname = "a"\ncounter = "work_h"\nlife_days = 3\n',
+            "days of the calendar and take no counter",
+        ),
         ('[[task]]\nname = "counters-reset"\nlife_days = 3\n', "give the task another name"),
-        ('[[task]]\nname = "a"\nlife_days = 1e-300\n', "life_days: 1e-300 is not allowed; days, 0.01 or more"),
-        ('[[task]]\nname = "a"\nlife_days = "3"\n', 'life_days: "3" is not allowed; days, 0.01 or more'),
+        (
+            '[[task]]\nname = "a"\nlife_days = 1e-300\n',
+            "life_days: 1e-300 is not allowed; days, 0.01 or more",
+        ),
+        (
+            '[[task]]\nname = "a"\nlife_days = "3"\n',
+            'life_days: "3" is not allowed; days, 0.01 or more',
+        ),
         ('[task]\nname = "a"\n', "task"),
         ("[[task]\n", "not TOML"),
         ("task = []\n", "there is none; at least one [[task]]"),

@@ -18,14 +18,19 @@ WEEKLY = [7.0 * week for week in range(60, -1, -1)]
 
 
 def figures(
-    *series: Trace, looks: Sequence[Observation] = (), rated_power_w: float | None = None, port: int | None = None
+    *series: Trace,
+    looks: Sequence[Observation] = (),
+    rated_power_w: float | None = None,
+    port: int | None = None,
 ) -> Mapping[str, UseFigure]:
     known = {(one.port, one.counter): one for one in series}
     found = use_of(Past(known, looks, ago(0), rated_power_w))
     return {one.name: one for one in found if one.port == port}
 
 
-def steady(counter: str, a_day: float, port: int = 1, days: Sequence[float] = tuple(WEEKLY)) -> Trace:
+def steady(
+    counter: str, a_day: float, port: int = 1, days: Sequence[float] = tuple(WEEKLY)
+) -> Trace:
     return went(counter, [(day, round((420 - day) * a_day)) for day in days], port)
 
 
@@ -50,7 +55,10 @@ def test_how_much_it_worked_says_on_what_it_rests() -> None:
 def test_no_reading_near_is_no_figure_and_never_zero() -> None:
     rare = figures(went("work_h", [(200, 100), (100, 700)]))
     assert rare["work_h_last"].value == 600
-    assert (rare["work_h_a_day_30"].value, rare["work_h_a_day_30"].why) == (None, "no reading about 30 days ago")
+    assert (rare["work_h_a_day_30"].value, rare["work_h_a_day_30"].why) == (
+        None,
+        "no reading about 30 days ago",
+    )
     assert rare["use_percent"].value is None
     assert figures()["work_h_last"].why == "not counted here, or not read twice yet"
     assert all(one.value is None and one.why for one in figures().values())
@@ -76,12 +84,18 @@ def test_hours_that_were_lost_to_a_reset_have_a_range_or_no_middle_at_all() -> N
     assert figures(lost)["work_h_last"].range == Interval(0, 720)  # no more than went by
     feeds = then(went("dispensed_cycles", [(30, 500)]), 0, 3, Join.LOOSE, Interval(0, inf))
     found = figures(feeds)["joints_a_day"]
-    assert (found.value, found.range, found.why) == (None, Interval(0, inf), "no upper bound is known")
+    assert (found.value, found.range, found.why) == (
+        None,
+        Interval(0, inf),
+        "no upper bound is known",
+    )
 
 
 def test_a_reading_with_a_wrong_clock_is_read_over() -> None:
     right = {(1, "work_h"): went("work_h", [(30, 500), (-160, 560), (0, 680)])}
-    found = {one.name: one for one in use_of(Past(right, (), ago(0), believed=lambda look: look != 1))}
+    found = {
+        one.name: one for one in use_of(Past(right, (), ago(0), believed=lambda look: look != 1))
+    }
     assert found["work_h_last"].range == Interval(179, 181)
     assert found["work_h_last"].days == 30
     assert found["work_h_a_day_30"].value == 6
@@ -91,7 +105,11 @@ def test_a_reading_with_a_wrong_clock_is_read_over() -> None:
 
 
 def test_ports_stand_together_and_alone() -> None:
-    two = [steady(name, pace, port) for name, pace in (("work_h", 4.0), ("plugged_h", 8.0)) for port in (1, 2)]
+    two = [
+        steady(name, pace, port)
+        for name, pace in (("work_h", 4.0), ("plugged_h", 8.0))
+        for port in (1, 2)
+    ]
     assert figures(*two)["work_h_last"].range == Interval(54, 58)
     assert figures(*two, port=2)["work_h_last"].range == Interval(27, 29)
     assert figures(*two, port=2)["use_percent"].value == pytest.approx(50, abs=0.2)
@@ -102,13 +120,15 @@ def test_a_port_that_was_never_read_is_not_left_out_of_the_sum() -> None:
     assert found["work_h_last"].value is None
 
 
-# -- hot for nothing ------------------------------------------------------------------------------------------------------------
+# -- hot for nothing -------------------------------------------------------------------------------
 
 
 def busy_and_lazy() -> tuple[Trace, Trace]:
     """Thirty weeks with 2000 joints in 20 h, and thirty with 500 in 20 h."""
     hours = [(day, 20.0 * at) for at, day in enumerate(WEEKLY)]
-    joints = [(day, 2000.0 * min(at, 30) + 500.0 * max(at - 30, 0)) for at, day in enumerate(WEEKLY)]
+    joints = [
+        (day, 2000.0 * min(at, 30) + 500.0 * max(at - 30, 0)) for at, day in enumerate(WEEKLY)
+    ]
     return went("work_h", hours), went("dispensed_cycles", joints)
 
 
@@ -125,7 +145,10 @@ def test_idle_while_hot_is_what_exceeds_the_best_weekly_rate() -> None:
 
 
 def test_without_a_rated_power_there_are_hours_only() -> None:
-    assert figures(*busy_and_lazy())["idle_hot_kwh"].why == "the line file declares no rated_power_w: hours only"
+    assert (
+        figures(*busy_and_lazy())["idle_hot_kwh"].why
+        == "the line file declares no rated_power_w: hours only"
+    )
 
 
 def test_where_nothing_counts_joints_no_idle_time_is_claimed() -> None:
@@ -138,7 +161,10 @@ def test_where_nothing_counts_joints_no_idle_time_is_claimed() -> None:
 
 
 def test_a_few_weeks_are_no_pace() -> None:
-    work, joints = (went(one.counter, [(7.0 * week, 900.0 - 100 * week) for week in (3, 2, 1, 0)]) for one in busy_and_lazy())
+    work, joints = (
+        went(one.counter, [(7.0 * week, 900.0 - 100 * week) for week in (3, 2, 1, 0)])
+        for one in busy_and_lazy()
+    )
     assert figures(work, joints)["idle_hot_h"].why == "not enough data: 3 of 4 weeks with joints"
 
 
@@ -149,11 +175,13 @@ def test_wire_a_joint_and_what_it_was_before() -> None:
     assert (found["mm_a_joint"].value, found["mm_a_joint_before"].value) == (6, 5)
     assert found["mm_a_joint"].n == 2
     assert figures(steady("work_h", 5.0))["mm_a_joint"].why == "this station feeds no solder wire"
-    short = figures(went("dispensed_mm", [(9, 0), (0, 60)]), went("dispensed_cycles", [(9, 0), (0, 10)]))
+    short = figures(
+        went("dispensed_mm", [(9, 0), (0, 60)]), went("dispensed_cycles", [(9, 0), (0, 10)])
+    )
     assert (short["mm_a_joint"].value, short["mm_a_joint_before"].value) == (6, None)
 
 
-# -- errors ---------------------------------------------------------------------------------------------------------------------
+# -- errors ----------------------------------------------------------------------------------------
 
 
 def test_errors_are_those_that_runs_saw() -> None:
@@ -169,29 +197,41 @@ def test_errors_are_those_that_runs_saw() -> None:
     assert apart.range.low < 75 < apart.range.high
 
 
-@pytest.mark.parametrize(("events", "why"), [(None, "no run was recorded"), ({}, "not enough data: 0 of 3 errors")])
+@pytest.mark.parametrize(
+    ("events", "why"), [(None, "no run was recorded"), ({}, "not enough data: 0 of 3 errors")]
+)
 def test_few_errors_or_no_record_give_no_mean(events: dict[str, int] | None, why: str) -> None:
-    looks = [look(days_ago=20, counts={(1, "plugged_h"): 100}), look(counts={(1, "plugged_h"): 400}, events=events)]
+    looks = [
+        look(days_ago=20, counts={(1, "plugged_h"): 100}),
+        look(counts={(1, "plugged_h"): 400}, events=events),
+    ]
     assert figures(looks=looks)["error_mtbf_h"].why.startswith(why)
 
 
-@pytest.mark.parametrize(("count", "exact"), [(3, (0.8177, 7.7537)), (10, (5.4254, 16.9622)), (100, (84.139, 118.079))])
+@pytest.mark.parametrize(
+    ("count", "exact"), [(3, (0.8177, 7.7537)), (10, (5.4254, 16.9622)), (100, (84.139, 118.079))]
+)
 def test_bounds_of_a_count_are_those_of_the_tables(count: int, exact: tuple[float, float]) -> None:
-    assert poisson_bounds(count, 0.05) == pytest.approx(exact, rel=0.01)  # half the chi-square quantiles of 2n and 2n + 2
+    # half the chi-square quantiles of 2n and 2n + 2
+    assert poisson_bounds(count, 0.05) == pytest.approx(exact, rel=0.01)
 
 
-# -- week by week ---------------------------------------------------------------------------------------------------------------
+# -- week by week ----------------------------------------------------------------------------------
 
 
 def test_each_week_of_the_last_year_has_its_hours() -> None:
     weeks = weeks_of([steady("work_h", 6.0)], ago(0))
     assert len(weeks) == 53
     assert weeks[-1].begin == "2026-11-14"
-    assert all(week.per_day is not None and 6.0 in week.per_day and not week.is_spread for week in weeks)
+    assert all(
+        week.per_day is not None and 6.0 in week.per_day and not week.is_spread for week in weeks
+    )
 
 
 def test_between_audits_hours_are_spread_and_before_the_first_nothing_is_known() -> None:
-    weeks = weeks_of([went("work_h", [(100, 0), (93, 42), (23, 42 + 140), (9, 200), (2, 210)])], ago(0))
+    weeks = weeks_of(
+        [went("work_h", [(100, 0), (93, 42), (23, 42 + 140), (9, 200), (2, 210)])], ago(0)
+    )
     assert [week.per_day for week in weeks[:38]] == [None] * 38
     long = weeks[42]
     assert long.is_spread
@@ -210,7 +250,9 @@ def test_two_ports_are_added_and_one_that_is_not_known_makes_the_week_unknown() 
 
 
 def test_a_reset_makes_its_own_week_wide_and_no_other() -> None:
-    work = then(went("work_h", [(21, 500), (14, 530), (7, 560)]), 0, 12, Join.FROM_ZERO, Interval(0, 60))
+    work = then(
+        went("work_h", [(21, 500), (14, 530), (7, 560)]), 0, 12, Join.FROM_ZERO, Interval(0, 60)
+    )
     weeks = weeks_of([work], ago(0))
     assert weeks[-1].per_day == Interval((12 - 1) / 7, (12 + 60 + 1) / 7)
     assert weeks[-2].per_day == Interval(29 / 7, 31 / 7)

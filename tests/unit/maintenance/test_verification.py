@@ -44,13 +44,16 @@ def kept(out: Path, result: str = "pass", days: float = 0.0, **more: object) -> 
     return keep(out, one)[0]
 
 
-# -- rules ------------------------------------------------------------------------------------------------------------------
+# -- rules -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("reading", "result"), [(365.0, "pass"), (365.1, "fail"), (335.0, "pass"), (334.9, "fail"), (350.0, "pass")]
+    ("reading", "result"),
+    [(365.0, "pass"), (365.1, "fail"), (335.0, "pass"), (334.9, "fail"), (350.0, "pass")],
 )
-def test_the_limit_is_15_either_way_and_belongs_to_what_is_allowed(reading: float, result: str) -> None:
+def test_the_limit_is_15_either_way_and_belongs_to_what_is_allowed(
+    reading: float, result: str
+) -> None:
     one = verify(given(reading), OWN, NOW)
     assert (one.result, one.offset_c) == (result, round(reading - 350, 2))
 
@@ -64,14 +67,22 @@ def test_the_setting_counts_as_well_as_the_stations_own_reading() -> None:
 
 
 def test_an_instrument_past_its_due_date_proves_nothing() -> None:
-    assert verify(given(400.0, due=NOW.date()), OWN, NOW).result == "fail"  # on the day it still holds
+    # on the day it still holds
+    assert verify(given(400.0, due=NOW.date()), OWN, NOW).result == "fail"
     one = verify(given(400.0, due=NOW.date() - timedelta(days=1)), OWN, NOW)
     assert (one.result, one.is_valid, one.proposed_adjust_c) == (Result.INVALID, False, None)
 
 
 @pytest.mark.parametrize(
     ("reading", "adjust", "proposed"),
-    [(340.0, 0.0, 10), (362.0, 0.0, -12), (340.0, 45.0, None), (340.0, 40.0, 50), (350.2, 0.0, None), (340.0, None, None)],
+    [
+        (340.0, 0.0, 10),
+        (362.0, 0.0, -12),
+        (340.0, 45.0, None),
+        (340.0, 40.0, 50),
+        (350.2, 0.0, None),
+        (340.0, None, None),
+    ],
 )
 def test_the_proposal_brings_the_two_together_within_what_a_station_takes(
     reading: float, adjust: float | None, proposed: int | None
@@ -82,15 +93,26 @@ def test_the_proposal_brings_the_two_together_within_what_a_station_takes(
 def test_uncertainty_is_of_steps_spread_and_the_instrument() -> None:
     one = verify(given(), OWN, NOW)
     assert one.uncertainty_c == pytest.approx(2 / 12**0.5, abs=0.01)  # whole degrees, no spread
-    assert verify(given(instrument_u_c=3.0), OWN, NOW).uncertainty_c == pytest.approx((4 / 12 + 9) ** 0.5, abs=0.01)
+    assert verify(given(instrument_u_c=3.0), OWN, NOW).uncertainty_c == pytest.approx(
+        (4 / 12 + 9) ** 0.5, abs=0.01
+    )
     near = verify(given(364.5, instrument_u_c=3.0), OWN, NOW)
-    assert (near.result, "difference to the limit is within the uncertainty" in near.text) == ("pass", True)
+    assert (near.result, "difference to the limit is within the uncertainty" in near.text) == (
+        "pass",
+        True,
+    )
     assert "uncertainty" not in verify(given(355.0, instrument_u_c=3.0), OWN, NOW).text
 
 
 @pytest.mark.parametrize(
     "more",
-    [{"limit_c": 0.0}, {"limit_c": float("nan")}, {"instrument_u_c": -1.0}, {"reading_c": float("inf")}, {"reading_c": 900.0}],
+    [
+        {"limit_c": 0.0},
+        {"limit_c": float("nan")},
+        {"instrument_u_c": -1.0},
+        {"reading_c": float("inf")},
+        {"reading_c": 900.0},
+    ],
 )
 def test_what_no_thermometer_says_is_refused(more: dict[str, float]) -> None:
     with pytest.raises(UsageError):
@@ -106,7 +128,7 @@ def test_a_tip_that_does_not_stand_still_cannot_stand_for_itself() -> None:
     assert "only 3" in (unstable([350.0] * 3, working, [350.0]) or "")
 
 
-# -- the file ---------------------------------------------------------------------------------------------------------------
+# -- the file --------------------------------------------------------------------------------------
 
 
 def test_it_is_read_back_as_it_was_kept_and_chained(tmp_path: Path) -> None:
@@ -125,7 +147,9 @@ def test_a_folder_that_is_not_there_yet_is_made(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("change", ["value", "out", "swap", "first"])
-def test_a_line_changed_taken_out_or_moved_shows_and_nothing_is_added_behind_it(tmp_path: Path, change: str) -> None:
+def test_a_line_changed_taken_out_or_moved_shows_and_nothing_is_added_behind_it(
+    tmp_path: Path, change: str
+) -> None:
     for result in ("pass", "fail", "pass"):
         kept(tmp_path, result)
     path = tmp_path / NAME
@@ -150,7 +174,9 @@ def test_a_line_that_was_cut_off_does_not_count_and_stops_nothing(tmp_path: Path
     kept(tmp_path)
     whole = (tmp_path / NAME).read_bytes()
     (tmp_path / NAME).write_bytes(whole + whole[:100])
-    assert [text for _, text in read_book(tmp_path).wrong] == ["was cut off while it was written; it counts for nothing"]
+    assert [text for _, text in read_book(tmp_path).wrong] == [
+        "was cut off while it was written; it counts for nothing"
+    ]
     kept(tmp_path, "fail")
     book = read_book(tmp_path)
     assert ([one.result for one in book.all], book.wrong) == (["pass", "fail"], [])
@@ -181,7 +207,7 @@ def test_a_line_of_another_kind_is_no_verification(tmp_path: Path) -> None:
     assert read_book(tmp_path).wrong == [(2, "is no verification, or was changed")]
 
 
-# -- which one a run stands on ----------------------------------------------------------------------------------------------
+# -- which one a run stands on ---------------------------------------------------------------------
 
 
 def test_the_last_valid_one_is_cited_whether_it_passed_or_not(tmp_path: Path) -> None:
@@ -198,14 +224,20 @@ def test_a_port_or_station_that_was_never_verified_has_none(tmp_path: Path) -> N
     kept(tmp_path)
     kept(tmp_path, "invalid", port=2)
     found = cited(tmp_path, [("dde-1", 2), ("dde-2", 1)], {}, NOW)
-    assert [(one.station, one.port, one.state) for one in found] == [("dde-1", 2, "none"), ("dde-2", 1, "none")]
+    assert [(one.station, one.port, one.state) for one in found] == [
+        ("dde-1", 2, "none"),
+        ("dde-2", 1, "none"),
+    ]
 
 
 def test_a_verification_is_that_of_a_tip(tmp_path: Path) -> None:
     kept(tmp_path, "pass", 0, tip="T-17")
     kept(tmp_path, "fail", 1, tip="T-18")
     later, place = NOW + timedelta(days=2), ("dde-1", 1)
-    states = [cited(tmp_path, [place], {place: tip}, later)[0].state for tip in ("T-17", "T-18", "T-19", None)]
+    states = [
+        cited(tmp_path, [place], {place: tip}, later)[0].state
+        for tip in ("T-17", "T-18", "T-19", None)
+    ]
     assert states == ["pass", "fail", "other tip", "fail"]
     found = last_valid(read_book(tmp_path), "dde-1", 1, "T-17")
     assert found is not None

@@ -1,4 +1,6 @@
-"""OMEGA's frames as they are written; how they are read is in `tests/unit/protocol/frame/test_omega.py`."""
+"""OMEGA's frames as they are written; how they are read is in
+`tests/unit/protocol/frame/test_omega.py`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,11 @@ from jbclog.protocol.omega import LONGEST, encode, only_reads, sum_of
 from support.golden import manual_003
 
 
-@pytest.mark.parametrize("golden", [*manual_003.FRAMES, *manual_003.BY_HAND], ids=lambda golden: f"{golden.where} {golden.text}")
+@pytest.mark.parametrize(
+    "golden",
+    [*manual_003.FRAMES, *manual_003.BY_HAND],
+    ids=lambda golden: f"{golden.where} {golden.text}",
+)
 def test_it_is_written(golden: manual_003.OmegaGolden) -> None:
     assert encode(golden.text) == golden.wire
 

@@ -1,7 +1,7 @@
 """OMEGA's values: digits that stand for words, numbers of conditions, and the condition record.
 
-No frame of these stands in a manual here: what is on the wire is put together by hand (docs/reference/protocol.md, "Condition
-record"), and its sums are computed by the few lines below.
+No frame of these stands in a manual here: what is on the wire is put together by hand
+(docs/reference/protocol.md, "Condition record"), and its sums are computed by the few lines below.
 """
 
 from __future__ import annotations
@@ -43,13 +43,21 @@ COUNTED_ON_WIRE = "007C100A01401E02803203C04605005A06406E07808208C096"
 
 
 def test_the_record_of_the_reference() -> None:
-    """Four digits of number, one of mode, fifteen fields of three: 50 characters, and a frame of 55."""
+    """Four digits of number, one of mode, fifteen fields of three: 50 characters, and a frame of
+    55.
+    """
     assert RECORD.encode(COUNTED) == COUNTED_ON_WIRE
     assert RECORD.decode(COUNTED_ON_WIRE) == COUNTED
     assert len(COUNTED_ON_WIRE) == 50
     frame = encode("c" + COUNTED_ON_WIRE)
     assert len(frame) == 55
-    assert frame == b"\x02c" + COUNTED_ON_WIRE.encode() + b"\x03" + f"{sum(b'c' + COUNTED_ON_WIRE.encode()) % 256:02X}".encode()
+    assert (
+        frame
+        == b"\x02c"
+        + COUNTED_ON_WIRE.encode()
+        + b"\x03"
+        + f"{sum(b'c' + COUNTED_ON_WIRE.encode()) % 256:02X}".encode()
+    )
 
 
 def test_a_time_of_three_and_a_half_seconds() -> None:
@@ -63,9 +71,11 @@ def test_the_fields_are_those_of_a_recipe() -> None:
 
 def test_shorter_records() -> None:
     assert RECORD.encode(SetTemperature(399, 3500, 10)) == "018F5DAC00A"
-    assert RECORD.decode("018F5DAC00A") == SetTemperature(399, 3500, 10)  # raw: tenths or whole degrees, nothing decides (B-51)
+    # raw: tenths or whole degrees, nothing decides (B-51)
+    assert RECORD.decode("018F5DAC00A") == SetTemperature(399, 3500, 10)
     assert RECORD.encode(Cleaning(1.0)) == "000000A"
-    assert RECORD.decode("000000A") == RECORD.decode("0000000A") == Cleaning(1.0)  # with a digit for its mode, and without
+    # with a digit for its mode, and without
+    assert RECORD.decode("000000A") == RECORD.decode("0000000A") == Cleaning(1.0)
 
 
 @pytest.mark.parametrize(
@@ -91,13 +101,19 @@ def test_what_is_no_record(data: str) -> None:
         RECORD.decode(data)
 
 
-@pytest.mark.parametrize("value", [ConditionRecord(101, 0, 0.05, *[0.0] * 14), ConditionRecord(101, 0, 409.6, *[0.0] * 14)])
+@pytest.mark.parametrize(
+    "value",
+    [ConditionRecord(101, 0, 0.05, *[0.0] * 14), ConditionRecord(101, 0, 409.6, *[0.0] * 14)],
+)
 def test_what_three_digits_of_tenths_cannot_carry(value: StoredRecord) -> None:
     with pytest.raises(ValueError, match=r"step of 0\.1|409\.6 is not within 0 to 409\.5"):
         RECORD.encode(value)
 
 
-@pytest.mark.parametrize("value", [ConditionRecord(100, 0, *[0.0] * 15), ConditionRecord(101, 5, *[0.0] * 15), 101, "condition"])
+@pytest.mark.parametrize(
+    "value",
+    [ConditionRecord(100, 0, *[0.0] * 15), ConditionRecord(101, 5, *[0.0] * 15), 101, "condition"],
+)
 def test_what_is_no_condition(value: object) -> None:
     with pytest.raises(ValueError, match=r"no number|known mode"):
         RECORD.encode(value)  # type: ignore[arg-type]  # that is the test
@@ -139,11 +155,15 @@ def test_where_two_records_differ() -> None:
 
 
 def test_a_record_in_words() -> None:
-    assert str(COUNTED).startswith("condition 124: mode 1, rise_s 1.0, feed1_mm 2.0, feed1_mm_s 3.0")
+    assert str(COUNTED).startswith(
+        "condition 124: mode 1, rise_s 1.0, feed1_mm 2.0, feed1_mm_s 3.0"
+    )
     assert [unit for _, unit, _ in COUNTED.values()][:4] == ["", "s", "mm", "mm/s"]
 
 
-@pytest.mark.parametrize("command", [one for one in OMEGA if isinstance(one.quantity, Digit)], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "command", [one for one in OMEGA if isinstance(one.quantity, Digit)], ids=lambda one: one.name
+)
 def test_a_digit_is_one_word_of_its_command(command: object) -> None:
     quantity = command.quantity  # type: ignore[attr-defined]  # a command
     for number, name in enumerate(quantity.names):
@@ -160,7 +180,10 @@ def test_a_digit_is_one_word_of_its_command(command: object) -> None:
 def test_what_the_digits_of_a_say() -> None:
     """0 normal, 1 solder shortage, 2 clogged, 3 both (003, 11.3.1; docs/reference/protocol.md)."""
     names = OMEGA[0].quantity.names  # type: ignore[attr-defined]  # digits
-    assert [[name in TRUE_ANSWERS[column] for column in ("solder_shortage", "clogged")] for name in names] == [
+    assert [
+        [name in TRUE_ANSWERS[column] for column in ("solder_shortage", "clogged")]
+        for name in names
+    ] == [
         [False, False],
         [True, False],
         [False, True],

@@ -7,15 +7,24 @@ from jbclog.session.run.setting import WRITES
 
 
 def test_each_written_command_either_can_heat_or_cannot() -> None:
-    assert set(CAN_HEAT) | set(CANNOT_HEAT) == set(WRITES) - {"stop_feeding"}  # which belongs to no start
+    # which belongs to no start
+    assert set(CAN_HEAT) | set(CANNOT_HEAT) == set(WRITES) - {"stop_feeding"}
     assert not set(CAN_HEAT) & set(CANNOT_HEAT)
 
 
 def test_what_can_heat_comes_last_in_the_order_of_each_kind_of_tool() -> None:
-    on_tips = [command in CAN_HEAT for key, command in COMMAND_OF.items() if not key.startswith(("air.", "feeder."))]
+    on_tips = [
+        command in CAN_HEAT
+        for key, command in COMMAND_OF.items()
+        if not key.startswith(("air.", "feeder."))
+    ]
     assert on_tips == sorted(on_tips)
 
 
 def test_every_setpoint_can_heat() -> None:
-    setpoints = {command for key, command in COMMAND_OF.items() if key.endswith((".select_c", ".temperature_c", "set_c"))}
+    setpoints = {
+        command
+        for key, command in COMMAND_OF.items()
+        if key.endswith((".select_c", ".temperature_c", "set_c"))
+    }
     assert setpoints <= set(CAN_HEAT)

@@ -36,7 +36,13 @@ def lines(folder: Path) -> list[bytes]:
 
 def test_who_when_what_and_why_are_kept(run: Path) -> None:
     say(run)
-    append(run, who="jbclog guard", what="dde-1 port 1: stand", why="its recorder was killed", kind="safety.safe_state")
+    append(
+        run,
+        who="jbclog guard",
+        what="dde-1 port 1: stand",
+        why="its recorder was killed",
+        kind="safety.safe_state",
+    )
     first, second = read(run).said
     assert (first.seq, first.time, first.kind) == (1, "2026-09-21T14:13:20.250000Z", "note")
     assert (first.who, first.what, first.why) == ("A. Rossi", "SN-12 was scrapped", "cracked joint")
@@ -91,7 +97,9 @@ def test_a_line_that_was_cut_off_anywhere_is_told_and_keeps_nobody_from_going_on
         say(run, "three")
         assert wrong(run) == [], "the line behind vouches for what is left"
         assert [one.what for one in read(run).said if one.what != "two"] == ["one", "three"]
-    assert (run / NAME).read_bytes().startswith(whole[: len(whole) - 1]), "nothing is ever taken away"
+    assert (run / NAME).read_bytes().startswith(whole[: len(whole) - 1]), (
+        "nothing is ever taken away"
+    )
 
 
 def test_a_run_that_is_not_sealed_takes_none(tmp_path: Path) -> None:
@@ -136,10 +144,15 @@ def test_many_writers_at_once_make_one_chain(run: Path) -> None:
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(lambda number: say(run, f"number {number}"), range(40)))
     assert wrong(run) == []
-    assert sorted(one.what for one in read(run).said) == sorted(f"number {number}" for number in range(40))
+    assert sorted(one.what for one in read(run).said) == sorted(
+        f"number {number}" for number in range(40)
+    )
 
 
-@pytest.mark.parametrize("line", ["", "{}", "[]", "null", "1", "[" * 5000, '{"sha256": 1}', "\x00", '{"seq": 1, "sha256": "x"}'])
+@pytest.mark.parametrize(
+    "line",
+    ["", "{}", "[]", "null", "1", "[" * 5000, '{"sha256": 1}', "\x00", '{"seq": 1, "sha256": "x"}'],
+)
 def test_a_line_that_is_no_annotation_is_a_sentence(run: Path, line: str) -> None:
     (run / NAME).write_text(line + "\n")
     assert wrong(run) == ["1: is no annotation, or was changed"]
@@ -147,14 +160,37 @@ def test_a_line_that_is_no_annotation_is_a_sentence(run: Path, line: str) -> Non
 
 def test_the_lines_are_plain_json_for_whoever_reads_them(run: Path) -> None:
     say(run)
-    assert set(json.loads(lines(run)[0])) == {"seq", "time", "kind", "who", "what", "why", "prev_sha256", "sha256"}
+    assert set(json.loads(lines(run)[0])) == {
+        "seq",
+        "time",
+        "kind",
+        "who",
+        "what",
+        "why",
+        "prev_sha256",
+        "sha256",
+    }
 
 
 @pytest.mark.parametrize(
-    "changed", [{"who": ""}, {"who": " "}, {"why": ""}, {"what": "\t"}, {"time": "yesterday"}], ids=lambda one: "".join(one)
+    "changed",
+    [{"who": ""}, {"who": " "}, {"why": ""}, {"what": "\t"}, {"time": "yesterday"}],
+    ids=lambda one: "".join(one),
 )
-def test_what_nobody_said_or_with_no_reason_counts_for_nothing_though_its_hash_is_right(run: Path, changed: dict[str, str]) -> None:
-    said = asdict(Annotation(1, "2026-09-21T14:13:20.250000Z", "note", "A. Rossi", "hot", "door open", manifest_sha256(run)))
+def test_what_nobody_said_or_with_no_reason_counts_for_nothing_though_its_hash_is_right(
+    run: Path, changed: dict[str, str]
+) -> None:
+    said = asdict(
+        Annotation(
+            1,
+            "2026-09-21T14:13:20.250000Z",
+            "note",
+            "A. Rossi",
+            "hot",
+            "door open",
+            manifest_sha256(run),
+        )
+    )
     (run / NAME).write_bytes(line_of(said) + b"\n")
     assert len(read(run).said) == 1
     (run / NAME).write_bytes(line_of({**said, **changed}) + b"\n")

@@ -68,7 +68,14 @@ def test_nonsense_with_a_right_check_sum_is_damage_too() -> None:
 
 @pytest.mark.parametrize(
     ("column", "value"),
-    [("temperature_c", "350"), ("temperature_c", 350.5), ("tool", True), ("alarm_high", 1), ("status", 1), ("quality", None)],
+    [
+        ("temperature_c", "350"),
+        ("temperature_c", 350.5),
+        ("tool", True),
+        ("alarm_high", 1),
+        ("status", 1),
+        ("quality", None),
+    ],
 )
 def test_what_does_not_fit_a_column_is_refused_by_name(column: str, value: object) -> None:
     row = few_rows.sample(0)
@@ -97,12 +104,16 @@ def stored(data: bytes, rows: int = 1) -> Batch:
 
 def packed(stream: bytes, size: int | None = None) -> bytes:
     """A stream of Arrow as it stands in a live store."""
-    return struct.pack("<I", len(stream) if size is None else size) + bytes(pa.Codec("zstd").compress(stream, asbytes=True))
+    return struct.pack("<I", len(stream) if size is None else size) + bytes(
+        pa.Codec("zstd").compress(stream, asbytes=True)
+    )
 
 
 def stream_of(rows: pa.RecordBatch, compression: str | None = None) -> bytes:
     sink = pa.BufferOutputStream()
-    with pa.ipc.new_stream(sink, rows.schema, options=pa.ipc.IpcWriteOptions(compression=compression)) as writer:
+    with pa.ipc.new_stream(
+        sink, rows.schema, options=pa.ipc.IpcWriteOptions(compression=compression)
+    ) as writer:
         writer.write_batch(rows)
     return bytes(sink.getvalue().to_pybytes())
 
@@ -114,10 +125,21 @@ ONE_ROW = pa.record_batch({"x": pa.array([1])})
     ("batch", "why"),
     [
         (stored(packed(bytes(1), MOST_BYTES + 1)), "bytes, unpacked"),
-        (stored(packed(stream_of(ONE_ROW), 10), MOST_ROWS + 1), "rows; a recorder's batches have at most"),
+        (
+            stored(packed(stream_of(ONE_ROW), 10), MOST_ROWS + 1),
+            "rows; a recorder's batches have at most",
+        ),
         (stored(packed(stream_of(ONE_ROW)), 2), "1 rows, not 2"),
-        (stored(packed(stream_of(pa.record_batch({"x": pa.array([0] * 99_999)}), "zstd")), 99_999), "packed twice"),
-        (stored(packed(stream_of(pa.record_batch({"x": pa.array(["a"]).dictionary_encode()})))), "what no recorder writes"),
+        (
+            stored(
+                packed(stream_of(pa.record_batch({"x": pa.array([0] * 99_999)}), "zstd")), 99_999
+            ),
+            "packed twice",
+        ),
+        (
+            stored(packed(stream_of(pa.record_batch({"x": pa.array(["a"]).dictionary_encode()})))),
+            "what no recorder writes",
+        ),
     ],
 )
 def test_a_batch_that_unpacks_to_more_than_a_recorder_s(batch: Batch, why: str) -> None:

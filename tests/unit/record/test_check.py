@@ -51,7 +51,9 @@ def test_what_comes_after_sealing_is_no_finding(run: Path) -> None:
     assert texts(run) == []
 
 
-def test_an_empty_folder_that_nobody_knows_and_a_lease_that_nobody_closed_are_told(run: Path) -> None:
+def test_an_empty_folder_that_nobody_knows_and_a_lease_that_nobody_closed_are_told(
+    run: Path,
+) -> None:
     (run / "extra" / "inner").mkdir(parents=True)
     (run / "figures").mkdir()
     assert texts(run) == ["extra/inner/: is not in the manifest"]
@@ -110,7 +112,7 @@ def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
         check(tmp_path)
 
 
-# -- tables rewritten together with the manifest: hashes agree, contents do not ---------------------------------------------
+# -- tables rewritten together with the manifest: hashes agree, contents do not --------------------
 
 Change = Callable[[pa.Table], pa.Table]
 
@@ -121,7 +123,9 @@ def rewrite(folder: Path, table: str, change: Change) -> None:
     metadata = pq.read_metadata(path).metadata
     with pq.ParquetFile(path) as file:
         changed = change(file.read())
-    pq.write_table(changed.replace_schema_metadata({**(changed.schema.metadata or {}), **metadata}), path)
+    pq.write_table(
+        changed.replace_schema_metadata({**(changed.schema.metadata or {}), **metadata}), path
+    )
     manifest = read_manifest(folder)
     manifest.files = list(files_of(folder))
     write_manifest(folder, manifest)
@@ -131,7 +135,9 @@ def set_cell(table: pa.Table, row: int, column: str, value: object) -> pa.Table:
     values = table[column].to_pylist()
     values[row] = value
     place = table.schema.get_field_index(column)
-    return table.set_column(place, table.schema.field(column), pa.array(values, table.schema.field(column).type))
+    return table.set_column(
+        place, table.schema.field(column), pa.array(values, table.schema.field(column).type)
+    )
 
 
 @pytest.mark.parametrize(
@@ -140,16 +146,40 @@ def set_cell(table: pa.Table, row: int, column: str, value: object) -> pa.Table:
         ("samples", lambda t: t.slice(3), "temperature_c: {'due'"),
         ("samples", lambda t: t.filter(pc.not_equal(t["station"], "ale-1")), "ale-1 port 1"),
         ("samples", lambda t: set_cell(t, 5, "temperature_c", None), "temperature_c"),
-        ("samples", lambda t: set_cell(t, 5, "reasons", "temperature_c=timeout"), "a value of temperature_c and a reason"),
-        ("samples", lambda t: set_cell(t, 5, "reasons", "temperature_c=timeout"), "quality ok with reasons temperature_c=timeout"),
-        ("samples", lambda t: set_cell(t, 5, "reasons", "colour=red"), "colour, which is not a signal"),
-        ("samples", lambda t: set_cell(t, 5, "quality", "timeout"), "quality timeout with reasons None"),
+        (
+            "samples",
+            lambda t: set_cell(t, 5, "reasons", "temperature_c=timeout"),
+            "a value of temperature_c and a reason",
+        ),
+        (
+            "samples",
+            lambda t: set_cell(t, 5, "reasons", "temperature_c=timeout"),
+            "quality ok with reasons temperature_c=timeout",
+        ),
+        (
+            "samples",
+            lambda t: set_cell(t, 5, "reasons", "colour=red"),
+            "colour, which is not a signal",
+        ),
+        (
+            "samples",
+            lambda t: set_cell(t, 5, "quality", "timeout"),
+            "quality timeout with reasons None",
+        ),
         ("samples", lambda t: set_cell(t, 9, "tick", 0), "ticks do not rise"),
         ("samples", lambda t: set_cell(t, 9, "time", 5), "time goes back"),
         ("counters", lambda t: set_cell(t, 0, "value", None), "plugged_h"),
-        ("events", lambda t: set_cell(t, 0, "text", "nothing happened"), "event 2 does not carry the hash"),
+        (
+            "events",
+            lambda t: set_cell(t, 0, "text", "nothing happened"),
+            "event 2 does not carry the hash",
+        ),
         ("events", lambda t: t.slice(1), "event 2 follows event 0; 1 are missing"),
-        ("events", lambda t: pa.concat_tables([t.slice(0, 1), t.slice(2)]), "event 3 follows event 1"),
+        (
+            "events",
+            lambda t: pa.concat_tables([t.slice(0, 1), t.slice(2)]),
+            "event 3 follows event 1",
+        ),
         ("events", lambda t: pa.concat_tables([t, t.slice(0, 1)]), "event 1 stands after event"),
     ],
 )
@@ -160,8 +190,12 @@ def test_contents_that_do_not_agree(run: Path, table: str, change: Change, said:
 
 def test_the_due_time_of_a_missed_tick_may_lie_before_a_late_answer(run: Path) -> None:
     def late(samples: pa.Table) -> pa.Table:
-        """The answer to a tick comes after the next one was due, which is skipped and has its due time."""
-        mine = pc.and_(pc.equal(samples["station"], "dde-1"), pc.equal(samples["port"], 2)).to_pylist()
+        """The answer to a tick comes after the next one was due, which is skipped and has its due
+        time.
+        """
+        mine = pc.and_(
+            pc.equal(samples["station"], "dde-1"), pc.equal(samples["port"], 2)
+        ).to_pylist()
         rows = [place for place, is_mine in enumerate(mine) if is_mine]
         skipped = samples["time"].to_pylist()[rows[4]]
         samples = set_cell(samples, rows[3], "time", skipped + timedelta(milliseconds=5))
@@ -182,7 +216,9 @@ def test_a_ledger_that_was_improved(run: Path) -> None:
     manifest = json.loads(path.read_text())
     manifest["ledger"]["dde-1"]["1"]["temperature_c"]["ok"] += 1
     path.write_text(json.dumps(manifest))
-    assert any(text.startswith("manifest.json: ledger, dde-1 port 1: temperature_c") for text in texts(run))
+    assert any(
+        text.startswith("manifest.json: ledger, dde-1 port 1: temperature_c") for text in texts(run)
+    )
 
 
 def test_a_session_that_counted_otherwise(run: Path) -> None:
@@ -200,7 +236,8 @@ def test_a_list_that_somebody_made_gives_a_hundred_findings_of_a_kind(run: Path)
     found = texts(run)
     assert len(found) < 120
     assert found[0] == "samples/gone-0000: is missing"
-    assert "manifest.json: files: lists samples/gone-0000 2 times" not in found  # of 6001 of that kind it is not among the first
+    # of 6001 of that kind it is not among the first
+    assert "manifest.json: files: lists samples/gone-0000 2 times" not in found
     assert "extra/: and 5901 more findings of this kind" in found
 
 

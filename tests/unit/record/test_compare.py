@@ -1,4 +1,6 @@
-"""Two records of the same happenings are held against each other row by row, but for the moments of writing."""
+"""Two records of the same happenings are held against each other row by row, but for the moments of
+writing.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture
 def pair(made: list[Path], tmp_path: Path) -> tuple[Path, Path]:
-    first, second = (copytree(run, tmp_path / name / run.name) for name, run in zip(("first", "second"), made, strict=True))
+    first, second = (
+        copytree(run, tmp_path / name / run.name)
+        for name, run in zip(("first", "second"), made, strict=True)
+    )
     return first, second
 
 
@@ -42,17 +47,23 @@ def with_value(table: pa.Table, row: int, column: str, value: object) -> pa.Tabl
     values = table[column].to_pylist()
     values[row] = value
     place = table.schema.get_field_index(column)
-    return table.set_column(place, table.schema.field(column), pa.array(values, table.schema.field(column).type))
+    return table.set_column(
+        place, table.schema.field(column), pa.array(values, table.schema.field(column).type)
+    )
 
 
 def test_the_same_run_twice(pair: tuple[Path, Path]) -> None:
     assert compare_records(*pair).differences == []
 
 
-def test_moments_of_writing_and_events_of_the_run_as_a_whole_are_left_out(pair: tuple[Path, Path]) -> None:
+def test_moments_of_writing_and_events_of_the_run_as_a_whole_are_left_out(
+    pair: tuple[Path, Path],
+) -> None:
     def later(table: pa.Table) -> pa.Table:
         moved = pc.add(table["time"].cast(pa.int64()), 5000).cast(table.schema.field("time").type)
-        return table.set_column(table.schema.get_field_index("time"), table.schema.field("time"), moved)
+        return table.set_column(
+            table.schema.get_field_index("time"), table.schema.field("time"), moved
+        )
 
     for table in ("samples", "events", "settings", "counters"):
         rewrite(pair[1], table, later)
@@ -62,9 +73,16 @@ def test_moments_of_writing_and_events_of_the_run_as_a_whole_are_left_out(pair: 
 
 @pytest.mark.parametrize(
     ("table", "column", "value"),
-    [("samples", "temperature_c", 999), ("samples", "late_us", 7), ("samples", "reasons", "x=y"), ("settings", "readback", "999")],
+    [
+        ("samples", "temperature_c", 999),
+        ("samples", "late_us", 7),
+        ("samples", "reasons", "x=y"),
+        ("settings", "readback", "999"),
+    ],
 )
-def test_one_value_is_found_and_named(pair: tuple[Path, Path], table: str, column: str, value: object) -> None:
+def test_one_value_is_found_and_named(
+    pair: tuple[Path, Path], table: str, column: str, value: object
+) -> None:
     rewrite(pair[1], table, lambda rows: with_value(rows, 4, column, value))
     (found,) = compare_records(*pair).differences
     assert found.startswith(f"{table}, ")
@@ -79,7 +97,13 @@ def test_rows_that_are_missing(pair: tuple[Path, Path]) -> None:
 
 
 def test_a_table_that_differs_everywhere_is_said_briefly(pair: tuple[Path, Path]) -> None:
-    rewrite(pair[1], "samples", lambda rows: rows.set_column(rows.schema.get_field_index("late_us"), "late_us", [[1] * len(rows)]))
+    rewrite(
+        pair[1],
+        "samples",
+        lambda rows: rows.set_column(
+            rows.schema.get_field_index("late_us"), "late_us", [[1] * len(rows)]
+        ),
+    )
     found = [text for text in compare_records(*pair).differences if "dde-1" in text]
     assert len(found) == MOST_SHOWN + 1
     assert "more rows differ" in found[-1]
@@ -102,11 +126,16 @@ def test_how_much_was_compared(pair: tuple[Path, Path]) -> None:
     recorded = whole.share("samples")[1]
     assert whole.share("samples") == (recorded, recorded)
     assert whole.lacking == []
-    assert whole.rows == sum(whole.share(table)[1] for table in ("samples", "events", "settings", "counters"))
+    assert whole.rows == sum(
+        whole.share(table)[1] for table in ("samples", "events", "settings", "counters")
+    )
     rewrite(pair[1], "samples", lambda rows: rows.slice(0, 4))
     short = compare_records(*pair, is_cut=True)
     assert short.share("samples") == (4, recorded)
-    assert any(re.fullmatch(r"samples, dde-\d: only \d+ of \d+ rows could be compared", text) for text in short.lacking)
+    assert any(
+        re.fullmatch(r"samples, dde-\d: only \d+ of \d+ rows could be compared", text)
+        for text in short.lacking
+    )
 
 
 def test_two_that_share_nothing_do_not_differ_and_it_is_seen(pair: tuple[Path, Path]) -> None:

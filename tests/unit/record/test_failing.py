@@ -1,4 +1,5 @@
-"""What a disk that fails for a moment, or for good, leaves in a record: losses by their number, and nothing taken for damage.
+"""What a disk that fails for a moment, or for good, leaves in a record: losses by their number, and
+nothing taken for damage.
 
 The campaign that found these is `tests/faults/test_failing_disk.py`; here each stands by itself.
 """
@@ -65,7 +66,9 @@ def test_rows_that_the_disk_did_not_take_to_the_end_are_counted_in_the_manifest(
     unkept = store.unkept_rows
     assert unkept >= 50
     seal_rows(store.folder)
-    conclude(store.folder, Manifest(store.folder.name, exit_status="failed", exit_code=4), store.lock)
+    conclude(
+        store.folder, Manifest(store.folder.name, exit_status="failed", exit_code=4), store.lock
+    )
     assert few_rows.sealed_numbers(store.folder) == list(range(70))
     lost = read_manifest(store.folder).lost
     assert lost is not None
@@ -82,7 +85,9 @@ def test_and_when_it_is_recovered_later(tmp_path: Path, monkeypatch: pytest.Monk
     assert f"{store.unkept_rows} rows could not be kept" in lost.text
 
 
-def test_the_last_rows_get_room_from_the_reserve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_last_rows_get_room_from_the_reserve(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     store = begun(tmp_path)
     reserve = store.folder / RESERVE
     full(monkeypatch, while_true=lambda: reserve.stat().st_size > RESERVE_BYTES // 4)
@@ -94,7 +99,9 @@ def test_the_last_rows_get_room_from_the_reserve(tmp_path: Path, monkeypatch: py
     assert few_rows.sealed_numbers(store.folder) == list(range(10))
 
 
-def test_a_reserve_that_cannot_be_removed_does_not_break_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reserve_that_cannot_be_removed_does_not_break_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     store = begun(tmp_path)
     hand_over(store, range(10))
     real = Path.unlink
@@ -113,11 +120,21 @@ def test_a_reserve_that_cannot_be_removed_does_not_break_the_end(tmp_path: Path,
     assert check(store.folder) == []
 
 
-@pytest.mark.parametrize("code", [sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR_SHMSIZE, sqlite3.SQLITE_NOMEM])
+@pytest.mark.parametrize(
+    "code",
+    [
+        sqlite3.SQLITE_CANTOPEN,
+        sqlite3.SQLITE_FULL,
+        sqlite3.SQLITE_IOERR_SHMSIZE,
+        sqlite3.SQLITE_NOMEM,
+    ],
+)
 def test_a_store_that_cannot_be_read_just_now_is_not_a_damaged_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int
 ) -> None:
-    """It was: its rows were left out, it was set aside, and the manifest said that they were lost."""
+    """It was: its rows were left out, it was set aside, and the manifest said that they were
+    lost.
+    """
     folder = few_rows.abandoned(tmp_path)
 
     def fails(self: Segment) -> bool:
@@ -134,7 +151,9 @@ def test_a_store_that_cannot_be_read_just_now_is_not_a_damaged_one(
     assert lost.seconds_at_most == 1.0
 
 
-def test_places_that_cannot_be_read_any_more_are_damage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_places_that_cannot_be_read_any_more_are_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = few_rows.abandoned(tmp_path)
     real = Segment.get
 
@@ -152,7 +171,9 @@ def test_places_that_cannot_be_read_any_more_are_damage(tmp_path: Path, monkeypa
 
 
 def test_what_was_at_risk_is_told_as_it_was(tmp_path: Path) -> None:
-    """A disk or a machine that kept the last commit waiting: the guard saw when the recorder ended."""
+    """A disk or a machine that kept the last commit waiting: the guard saw when the recorder
+    ended.
+    """
     folder = few_rows.abandoned(tmp_path)
     said = commit_status(folder)
     assert said.since is not None
@@ -188,8 +209,17 @@ def test_a_commit_that_waited_long_before_is_reckoned_with(tmp_path: Path) -> No
 def test_what_a_kill_left_aside_at_the_start_is_removed(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
     (folder / "recipes").mkdir()
-    for name in ("probe", ".probe.tmp", ".line.toml.tmp", ".manifest.json.tmp", "lease.json.new", "recipes/.job.toml.tmp"):
+    for name in (
+        "probe",
+        ".probe.tmp",
+        ".line.toml.tmp",
+        ".manifest.json.tmp",
+        "lease.json.new",
+        "recipes/.job.toml.tmp",
+    ):
         (folder / name).write_text("half")
     recover(folder)
     assert check(folder) == []
-    assert [path.name for path in folder.rglob("*") if path.name.endswith((".tmp", ".new", "probe"))] == []
+    assert [
+        path.name for path in folder.rglob("*") if path.name.endswith((".tmp", ".new", "probe"))
+    ] == []

@@ -1,4 +1,6 @@
-"""Runs are found by anything that was said of them, whatever else lies in the folder, and quickly."""
+"""Runs are found by anything that was said of them, whatever else lies in the folder, and
+quickly.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +15,27 @@ from jbclog.core.locks import FolderLock
 from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import append
 from jbclog.record.find_runs import Filter, Found, Unreadable, find, summary_of
-from jbclog.record.manifest import NAME, LineFile, Manifest, Metadata, RecipeFile, Unit, manifest_text, write_manifest
+from jbclog.record.manifest import (
+    NAME,
+    LineFile,
+    Manifest,
+    Metadata,
+    RecipeFile,
+    Unit,
+    manifest_text,
+    write_manifest,
+)
 
-SAID = Metadata("A. Rossi", "88123", 'board "7"', ["SN-0"], {"shift": "früh"}, ["W-7"], ["F-1"], ["T1", "ale-1:1=T2"])
+SAID = Metadata(
+    "A. Rossi",
+    "88123",
+    'board "7"',
+    ["SN-0"],
+    {"shift": "früh"},
+    ["W-7"],
+    ["F-1"],
+    ["T1", "ale-1:1=T2"],
+)
 FULL = Manifest(
     "20261121T013000Z-bench-3-k7qd",
     state="sealed",
@@ -122,11 +142,15 @@ def test_one_run_may_be_asked_for_itself(runs: Path) -> None:
 
 def test_a_run_under_another_name_is_found_by_its_time(runs: Path) -> None:
     (runs / FULL.run).rename(runs / "kept for the audit")
-    assert names(find(runs, Filter(since=utc("2026-11-21"), until=utc("2026-11-22")))) == ["kept for the audit"]
+    assert names(find(runs, Filter(since=utc("2026-11-21"), until=utc("2026-11-22")))) == [
+        "kept for the audit"
+    ]
 
 
 def test_a_serial_that_was_told_late_finds_the_run(runs: Path) -> None:
-    append(runs / OTHER.run, who="A. Rossi", what="SN-7", why="the reader was off", kind="unit.late")
+    append(
+        runs / OTHER.run, who="A. Rossi", what="SN-7", why="the reader was off", kind="unit.late"
+    )
     assert names(find(runs, Filter(unit="SN-7"))) == [OTHER.run]
 
 
@@ -136,7 +160,7 @@ def test_what_else_lies_there_is_no_run(runs: Path) -> None:
     assert len(list(find(runs))) == 2
 
 
-# -- not sealed ---------------------------------------------------------------------------------------------------------------
+# -- not sealed ------------------------------------------------------------------------------------
 
 
 def test_a_run_that_goes_on_and_one_that_crashed(runs: Path) -> None:
@@ -145,10 +169,12 @@ def test_a_run_that_goes_on_and_one_that_crashed(runs: Path) -> None:
     lock = FolderLock.take(folder)
     assert [one.state for one in find(folder) if isinstance(one, Found)] == ["running"]
     lock.release()
-    assert [one.state for one in find(runs, Filter(state="crashed")) if isinstance(one, Found)] == ["crashed"]
+    assert [one.state for one in find(runs, Filter(state="crashed")) if isinstance(one, Found)] == [
+        "crashed"
+    ]
 
 
-# -- damaged ------------------------------------------------------------------------------------------------------------------
+# -- damaged ---------------------------------------------------------------------------------------
 
 TEXT = manifest_text(FULL)
 DAMAGED = {
@@ -171,7 +197,9 @@ def test_a_damaged_manifest_is_told_and_the_others_are_found(runs: Path, text: s
     assert other.folder.name == OTHER.run
 
 
-@pytest.mark.parametrize("wanted", [Filter(order="1"), Filter(unit="x"), Filter(until=utc("2026-11-22"))], ids=repr)
+@pytest.mark.parametrize(
+    "wanted", [Filter(order="1"), Filter(unit="x"), Filter(until=utc("2026-11-22"))], ids=repr
+)
 def test_of_a_damaged_one_nobody_can_say_whether_it_fits(runs: Path, wanted: Filter) -> None:
     (runs / FULL.run / NAME).write_text(DAMAGED["cut"])
     (one,) = find(runs, wanted)
@@ -188,4 +216,7 @@ def test_a_folder_that_was_cut_off_at_its_very_start(runs: Path) -> None:
 def test_a_changed_manifest_is_found_by_what_it_says_now_and_that_is_told(runs: Path) -> None:
     (runs / OTHER.run / NAME).write_text(manifest_text(OTHER).replace("REJECT", "ACCEPT"))
     found = [one for one in find(runs, Filter(verdict="ACCEPT")) if isinstance(one, Found)]
-    assert [(one.folder.name, bool(one.changed)) for one in found] == [(FULL.run, False), (OTHER.run, True)]
+    assert [(one.folder.name, bool(one.changed)) for one in found] == [
+        (FULL.run, False),
+        (OTHER.run, True),
+    ]

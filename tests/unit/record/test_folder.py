@@ -1,4 +1,6 @@
-"""A run's folder is new, is named as docs/reference/run-folder.md says, and is known to take writes."""
+"""A run's folder is new, is named as docs/reference/run-folder.md says, and is known to take
+writes.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ def test_no_two_runs_share_a_folder(tmp_path: Path) -> None:
     assert len(set(folders)) == 100
 
 
-@pytest.mark.parametrize("name", ["", ".", "..", "a/b", "../a", "a\n", "-a b", ".hidden", "a" * 65, "a\x1b[31m", "ä"])
+@pytest.mark.parametrize(
+    "name", ["", ".", "..", "a/b", "../a", "a\n", "-a b", ".hidden", "a" * 65, "a\x1b[31m", "ä"]
+)
 def test_a_hostile_line_name_makes_no_folder(tmp_path: Path, name: str) -> None:
     with pytest.raises(RecordError):
         create_run(tmp_path, name, START)
@@ -63,7 +67,9 @@ def test_a_folder_without_permission(tmp_path: Path) -> None:
         create_run(tmp_path, "bench", START)
 
 
-def test_a_disk_that_does_not_sync_is_found_before_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_does_not_sync_is_found_before_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(path: Path) -> None:
         raise OSError(5, "Input/output error")
 

@@ -1,4 +1,6 @@
-"""What a guard did stands in the recovered record: as events behind the last one, in the facts, in the files' list."""
+"""What a guard did stands in the recovered record: as events behind the last one, in the facts, in
+the files' list.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,19 @@ def guarded(tmp_path: Path) -> Path:
     """A run whose recorder died, and whose guard could save one of two tools."""
     folder = few_rows.abandoned(tmp_path)
     action_log = ActionLog(folder)
-    action_log.write("safety.safe_state", "info", "The guard put the tool in its safe state, as read back: stand.", "a", 1)
-    action_log.write("safety.not_safe", "critical", "The tool could not be made safe; it may be hot.", "a", 2)
-    action_log.write("guard.took_over", "critical", "The guard took over, because the recorder died.")
+    action_log.write(
+        "safety.safe_state",
+        "info",
+        "The guard put the tool in its safe state, as read back: stand.",
+        "a",
+        1,
+    )
+    action_log.write(
+        "safety.not_safe", "critical", "The tool could not be made safe; it may be hot.", "a", 2
+    )
+    action_log.write(
+        "guard.took_over", "critical", "The guard took over, because the recorder died."
+    )
     return folder
 
 
@@ -39,7 +51,11 @@ def test_guard_and_record_mean_the_same_file() -> None:
 
 def test_its_diary_becomes_events_behind_the_recorders_and_facts(guarded: Path) -> None:
     recover(guarded)
-    assert events(guarded)[-3:] == [("safety.safe_state", "a", 1), ("safety.not_safe", "a", 2), ("guard.took_over", None, None)]
+    assert events(guarded)[-3:] == [
+        ("safety.safe_state", "a", 1),
+        ("safety.not_safe", "a", 2),
+        ("guard.took_over", None, None),
+    ]
     facts = read_manifest(guarded).stations[0]
     assert facts.safe_state == {1: "verified", 2: "failed"}
     assert facts.unsafe == ["a port 2: The tool could not be made safe; it may be hot."]

@@ -25,9 +25,14 @@ URL = f"socket://host-{os.getpid()}:4001"  # runs of other workers are seen from
 
 @pytest.fixture
 def run(tmp_path: Path) -> Iterator[tuple[Path, LiveStore]]:
-    """A run in progress with two stations, recorded by this process; nothing has been stored of them yet."""
+    """A run in progress with two stations, recorded by this process; nothing has been stored of
+    them yet.
+    """
     folder = create_run(tmp_path / "runs", "bench", 1_790_000_000.0)
-    stations = [StationFacts("dde-1", str(tmp_path / "dde-1"), "dde"), StationFacts("tcp-1", URL, "dde")]
+    stations = [
+        StationFacts("dde-1", str(tmp_path / "dde-1"), "dde"),
+        StationFacts("tcp-1", URL, "dde"),
+    ]
     write_manifest(folder, Manifest(folder.name, stations=stations))
     store = LiveStore(folder)
     store.start()
@@ -95,8 +100,12 @@ def test_the_recorder_may_be_another_process(tmp_path: Path) -> None:
     folder = create_run(tmp_path, "bench", 1_790_000_000.0)
     write_manifest(folder, Manifest(folder.name, stations=[StationFacts("tcp-1", URL, "dde")]))
     script = "import sys; from pathlib import Path; from jbclog.core.locks import FolderLock\n"
-    script += "lock = FolderLock.take(Path(sys.argv[1])); print('held', flush=True); sys.stdin.read()"
-    with subprocess.Popen([sys.executable, "-c", script, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+    script += (
+        "lock = FolderLock.take(Path(sys.argv[1])); print('held', flush=True); sys.stdin.read()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", script, str(folder)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == b"held\n"
         assert run_that_holds(URL) == folder
@@ -110,7 +119,12 @@ def test_the_recorder_may_be_another_process(tmp_path: Path) -> None:
 def test_a_server_s_port_is_known_under_all_names_of_its_host(tmp_path: Path) -> None:
     number = 20000 + os.getpid() % 20000  # runs of other workers are seen from here too
     folder = create_run(tmp_path, "bench", 1_790_000_000.0)
-    write_manifest(folder, Manifest(folder.name, stations=[StationFacts("tcp-1", f"socket://127.0.0.1:{number}", "dde")]))
+    write_manifest(
+        folder,
+        Manifest(
+            folder.name, stations=[StationFacts("tcp-1", f"socket://127.0.0.1:{number}", "dde")]
+        ),
+    )
     store = LiveStore(folder)
     try:
         store.start()
@@ -129,13 +143,18 @@ def test_facts_that_are_none_say_nothing(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", [3, b"\xff", '{"outcome": "compl'])
-def test_a_stranger_s_store_keeps_nobody_from_starting(run: tuple[Path, LiveStore], text: object) -> None:
+def test_a_stranger_s_store_keeps_nobody_from_starting(
+    run: tuple[Path, LiveStore], text: object
+) -> None:
     """Its facts may be of any kind, with a check sum that fits."""
     folder, store = run
     store.facts(StationFacts("tcp-1", URL, "dde", outcome="stopped"))
     store.commit_now()
     with closing(sqlite3.connect(folder / "live.sqlite")) as db, db:
-        db.execute("UPDATE note SET text = ?, crc = ? WHERE key = 'tcp-1'", (text, zlib.crc32(f"facts tcp-1 {text}".encode())))
+        db.execute(
+            "UPDATE note SET text = ?, crc = ? WHERE key = 'tcp-1'",
+            (text, zlib.crc32(f"facts tcp-1 {text}".encode())),
+        )
     assert run_that_holds(URL) == folder
 
 

@@ -1,4 +1,6 @@
-"""The ledger: due = ok + each reason, from the tables alone, and it knows when the session counted otherwise."""
+"""The ledger: due = ok + each reason, from the tables alone, and it knows when the session counted
+otherwise.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,10 @@ def row(tick: int, port: int, reasons: dict[str, str] | None = None, **values: o
     made[COLUMN["tick"]] = tick
     for column, value in values.items():
         made[COLUMN[column]] = value
-    made[COLUMN["quality"]], made[COLUMN["reasons"]] = quality_of(reasons or {}), reasons_text(reasons or {})
+    made[COLUMN["quality"]], made[COLUMN["reasons"]] = (
+        quality_of(reasons or {}),
+        reasons_text(reasons or {}),
+    )
     return made
 
 
@@ -38,10 +43,22 @@ def sealed(store: LiveStore) -> Path:
 
 def test_each_reading_is_due_and_ok_or_has_its_reason(store: LiveStore) -> None:
     flags = {"alarm_high": "timeout", "alarm_low": "timeout"}
-    store.sample(row(0, 1, temperature_c=350, status="working", cooling=False, alarm_high=False, alarm_low=True))
+    store.sample(
+        row(
+            0,
+            1,
+            temperature_c=350,
+            status="working",
+            cooling=False,
+            alarm_high=False,
+            alarm_low=True,
+        )
+    )
     store.sample(row(1, 1, {"temperature_c": "timeout", **flags}, status="working", cooling=False))
     store.sample(row(2, 1, {"temperature_c": "nak3", "status": "bcc", "cooling": "bcc"}))
-    store.sample(row(3, 1, {"delay_s": "not_counting"}, temperature_c=350, status="stand", cooling=False))
+    store.sample(
+        row(3, 1, {"delay_s": "not_counting"}, temperature_c=350, status="stand", cooling=False)
+    )
     store.sample(row(0, 2, temperature_c=330))
     assert ledger_of(sealed(store)) == {
         "a": {
@@ -61,7 +78,10 @@ def test_counters_by_their_names_and_a_failed_one_by_its_reason(store: LiveStore
         store.counter(CounterRow(few_rows.T0, "a", 1, "work_h", value, "h", raw))
     store.counter(CounterRow(few_rows.T0, "a", None, "on_h", 1.0, "h", "00001"))
     assert ledger_of(sealed(store)) == {
-        "a": {"1": {"work_h": {"due": 4, "ok": 2, "nak4": 1, "timeout": 1}}, "station": {"on_h": {"due": 1, "ok": 1}}}
+        "a": {
+            "1": {"work_h": {"due": 4, "ok": 2, "nak4": 1, "timeout": 1}},
+            "station": {"on_h": {"due": 1, "ok": 1}},
+        }
     }
 
 
@@ -76,8 +96,12 @@ def test_ticks_without_rows_were_due_for_what_is_read_every_tick(store: LiveStor
 
 
 def test_watched_settings_stand_in_it_as_the_session_counted_them(store: LiveStore) -> None:
-    facts = StationFacts("a", "", "dde", watched={"1": {"alarm_high_limit": {"due": 3, "ok": 2, "timeout": 1}}})
-    assert ledger_of(sealed(store), [facts]) == {"a": {"1": {"alarm_high_limit": {"due": 3, "ok": 2, "timeout": 1}}}}
+    facts = StationFacts(
+        "a", "", "dde", watched={"1": {"alarm_high_limit": {"due": 3, "ok": 2, "timeout": 1}}}
+    )
+    assert ledger_of(sealed(store), [facts]) == {
+        "a": {"1": {"alarm_high_limit": {"due": 3, "ok": 2, "timeout": 1}}}
+    }
 
 
 def test_it_says_where_the_session_counted_otherwise(store: LiveStore) -> None:
@@ -93,7 +117,9 @@ def test_it_says_where_the_session_counted_otherwise(store: LiveStore) -> None:
         "a port 2: tool: 0 readings in the record, 5 were due",
     ]
     facts.due = {"1": {"temperature_c": 0}}
-    assert list(disagreements(ledger_of(store.folder), facts)) == ["a port 1: temperature_c: 1 readings in the record, 0 were due"]
+    assert list(disagreements(ledger_of(store.folder), facts)) == [
+        "a port 1: temperature_c: 1 readings in the record, 0 were due"
+    ]
 
 
 def test_it_is_the_same_in_many_parts(tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""Tools that a dead recorder may have left hot: told in the record, in its exit status, and to whoever recovers it."""
+"""Tools that a dead recorder may have left hot: told in the record, in its exit status, and to
+whoever recovers it.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,10 @@ from support.records import few_rows
 TOUCHED = replace(few_rows.facts(), touched=[1, 2], asked_safe_state="stand")
 FEEDS = replace(TOUCHED, touched=[1], may_feed=True)
 SEEN = "Last read 352 °C at 14:13:34 UTC; it may be hot."
-DIED = "Whether the tool was made safe is not known: recorder and guard ended, or could not write it down."
+DIED = (
+    "Whether the tool was made safe is not known: recorder and guard ended, or could not write it"
+    " down."
+)
 
 Left = Callable[..., Path]
 
@@ -41,7 +46,10 @@ def left(tmp_path: Path) -> Left:
 
     def make(facts: StationFacts, *leases: dict[str, object], guard: str = "on") -> Path:
         store = few_rows.begun(tmp_path)
-        write_manifest(store.folder, Manifest(run=store.folder.name, guard=guard, stations=[replace(facts, touched=[])]))
+        write_manifest(
+            store.folder,
+            Manifest(run=store.folder.name, guard=guard, stations=[replace(facts, touched=[])]),
+        )
         store.facts(facts)
         few_rows.hand_over(store, range(150))
         store.commit_now()
@@ -59,20 +67,32 @@ def lease(*ports: int, feeds: bool = False) -> dict[str, object]:
 
 def told(folder: Path) -> list[tuple[int | None, str, float | None]]:
     """The events that say so."""
-    rows = [row for group in row_groups(folder, "events") for row in group.to_pylist() if row["kind"] == conclude.KIND]
+    rows = [
+        row
+        for group in row_groups(folder, "events")
+        for row in group.to_pylist()
+        if row["kind"] == conclude.KIND
+    ]
     assert {row["severity"] for row in rows} <= {"critical"}
     return [(row["port"], row["text"], row["value"]) for row in rows]
 
 
-def test_a_lease_that_nobody_closed_is_told_port_by_port_with_what_was_last_read(left: Left) -> None:
+def test_a_lease_that_nobody_closed_is_told_port_by_port_with_what_was_last_read(
+    left: Left,
+) -> None:
     folder = left(TOUCHED, lease(1, 2))
     done = recover(folder)
-    assert told(folder) == [(1, f"{DIED} {SEEN}", 352.0), (2, f"{DIED} It was never read; it may be hot.", None)]
+    assert told(folder) == [
+        (1, f"{DIED} {SEEN}", 352.0),
+        (2, f"{DIED} It was never read; it may be hot.", None),
+    ]
     assert not done.is_safe
     assert "Tools of a may still be hot: their safe state is not confirmed." in done.text
     manifest = read_manifest(folder)
     assert (manifest.exit_status, manifest.exit_code) == ("lost", 5)
-    assert manifest.stations[0].unsafe == [f"a port {port}: {text}" for port, text, _ in told(folder)]
+    assert manifest.stations[0].unsafe == [
+        f"a port {port}: {text}" for port, text, _ in told(folder)
+    ]
     assert check(folder) == []
 
 
@@ -81,13 +101,21 @@ def test_what_was_touched_is_told_although_no_lease_could_be_kept(left: Left) ->
 
 
 @pytest.mark.parametrize(
-    "made", [lambda path: os.mkfifo(path), lambda path: path.write_bytes(b"\xff{torn"), lambda path: path.mkdir()]
+    "made",
+    [
+        lambda path: os.mkfifo(path),
+        lambda path: path.write_bytes(b"\xff{torn"),
+        lambda path: path.mkdir(),
+    ],
 )
 def test_a_lease_that_cannot_be_read_is_no_closed_one(
     left: Left, made: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What it named is not known; the tools that were touched are told, and the next start of the line says it as well."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))  # other tests leave leases that cannot be read
+    """What it named is not known; the tools that were touched are told, and the next start of the
+    line says it as well.
+    """
+    # other tests leave leases that cannot be read
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     folder = left(TOUCHED)
     made(folder / LEASE)
     done = recover(folder)
@@ -103,27 +131,35 @@ def test_a_lease_that_cannot_be_read_is_no_closed_one(
 
 def test_without_a_guard_that_is_the_reason(left: Left) -> None:
     folder = recover(left(TOUCHED, guard="none")).folder
-    assert told(folder)[0][1].startswith("Whether the tool was made safe is not known: the recorder ended, and there was no guard.")
+    assert told(folder)[0][1].startswith(
+        "Whether the tool was made safe is not known: the recorder ended, and there was no guard."
+    )
 
 
 def test_a_diary_that_was_cut_short_leaves_the_others_unknown(left: Left) -> None:
     """As on a disk that takes no more: the lease stays open then."""
     folder = left(TOUCHED, lease(1, 2))
-    ActionLog(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
+    ActionLog(folder).write(
+        "safety.safe_state", "info", "The tool was put in its safe state.", "a", 1
+    )
     assert not recover(folder).is_safe
     assert [port for port, _, _ in told(folder)] == [2]
 
 
-# -- a guard that was killed after it had made the tools safe and before it closed the lease --------------------------------------
+# -- a guard that was killed after it had made the tools safe and before it closed the lease -------
 
 
 def logged_safe(folder: Path, *ports: int) -> None:
     for port in ports:
-        ActionLog(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", port)
+        ActionLog(folder).write(
+            "safety.safe_state", "info", "The tool was put in its safe state.", "a", port
+        )
 
 
 def test_what_the_guard_logged_as_safe_is_known_although_its_lease_is_open(left: Left) -> None:
-    """Recovering, the record, the view of it and its check agree; the lease stays for the next start."""
+    """Recovering, the record, the view of it and its check agree; the lease stays for the next
+    start.
+    """
     folder = left(TOUCHED, lease(1, 2))
     logged_safe(folder, 1, 2)
     done = recover(folder)
@@ -140,7 +176,9 @@ def test_what_the_guard_logged_as_safe_is_known_although_its_lease_is_open(left:
 def older_than_a_reading(folder: Path) -> None:
     """The guard's line is older than the recorder's last reading of the tool of port 1."""
     text = (folder / DIARY).read_text()
-    (folder / DIARY).write_text("".join(f"{json.dumps(json.loads(one) | {'time': 1})}\n" for one in text.split("\n") if one))
+    (folder / DIARY).write_text(
+        "".join(f"{json.dumps(json.loads(one) | {'time': 1})}\n" for one in text.split("\n") if one)
+    )
     os.utime(folder / LEASE, (0, 0))
 
 
@@ -155,7 +193,9 @@ def taken_line(folder: Path) -> None:
 
 
 def later_failure(folder: Path) -> None:
-    ActionLog(folder).write("safety.not_safe", "critical", "The tool could not be made safe.", "a", 1)
+    ActionLog(folder).write(
+        "safety.not_safe", "critical", "The tool could not be made safe.", "a", 1
+    )
 
 
 @pytest.mark.parametrize(
@@ -163,7 +203,9 @@ def later_failure(folder: Path) -> None:
     [(older_than_a_reading, [1]), (newer_lease, [1, 2]), (taken_line, [1]), (later_failure, [])],
     ids=["older than a reading", "newer lease", "a line missing", "failed later"],
 )
-def test_what_the_guard_did_not_log_last_stays_not_known(left: Left, spoil: Callable[[Path], None], hot: list[int]) -> None:
+def test_what_the_guard_did_not_log_last_stays_not_known(
+    left: Left, spoil: Callable[[Path], None], hot: list[int]
+) -> None:
     folder = left(TOUCHED, lease(1, 2))
     logged_safe(folder, 1, 2)
     spoil(folder)
@@ -175,16 +217,22 @@ def test_what_the_guard_did_not_log_last_stays_not_known(left: Left, spoil: Call
     assert CliRunner().invoke(app, ["recover", str(folder)]).exit_code == 5
 
 
-def test_a_tool_that_the_recorder_itself_made_safe_before_both_were_killed_is_known(left: Left) -> None:
+def test_a_tool_that_the_recorder_itself_made_safe_before_both_were_killed_is_known(
+    left: Left,
+) -> None:
     folder = left(replace(TOUCHED, safe_state={1: "verified", 2: "verified"}), lease(1, 2))
     assert (recover(folder).is_safe, check(folder)) == (True, [])
 
 
 def test_a_lease_of_a_recorder_that_ended_needs_the_guards_lines(left: Left) -> None:
     """Such a recorder closes its lease: another one in its folder is a disagreement."""
-    folder = left(replace(TOUCHED, outcome="completed", safe_state={1: "verified", 2: "verified"}), lease(1))
+    folder = left(
+        replace(TOUCHED, outcome="completed", safe_state={1: "verified", 2: "verified"}), lease(1)
+    )
     assert "Tools of a may still be hot" in recover(folder).text
-    assert [str(one) for one in check(folder)] == ["lease.json: names a as possibly hot; the manifest does not"]
+    assert [str(one) for one in check(folder)] == [
+        "lease.json: names a as possibly hot; the manifest does not"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -194,7 +242,16 @@ def test_a_lease_of_a_recorder_that_ended_needs_the_guards_lines(left: Left) -> 
         (FEEDS, [lease(1)], [1, None]),
         (replace(FEEDS, may_feed=False), [lease(feeds=True)], [1, None]),
         (replace(TOUCHED, safe_state={1: "verified", 2: "verified"}), [], []),
-        (replace(TOUCHED, outcome="completed", safe_state={1: "verified", 2: "failed"}, unsafe=["a port 2: hot"]), [], []),
+        (
+            replace(
+                TOUCHED,
+                outcome="completed",
+                safe_state={1: "verified", 2: "failed"},
+                unsafe=["a port 2: hot"],
+            ),
+            [],
+            [],
+        ),
         (replace(TOUCHED, asked_safe_state=""), [], []),  # an OMEGA has none
         (few_rows.facts(), [], []),
     ],
@@ -228,7 +285,9 @@ def test_a_diary_that_was_never_needed_is_no_part_of_the_record(left: Left) -> N
     assert not (folder / DIARY).exists()
 
 
-def test_a_recovery_that_is_cut_off_and_done_again_tells_it_once(left: Left, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recovery_that_is_cut_off_and_done_again_tells_it_once(
+    left: Left, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = left(TOUCHED, lease(1, 2))
 
     def torn(*_: object) -> None:
@@ -243,7 +302,7 @@ def test_a_recovery_that_is_cut_off_and_done_again_tells_it_once(left: Left, mon
     assert check(folder) == []
 
 
-# -- whoever recovers it -------------------------------------------------------------------------------------------------------
+# -- whoever recovers it ---------------------------------------------------------------------------
 
 
 def test_recover_ends_with_5_until_the_lease_is_closed(left: Left) -> None:

@@ -1,4 +1,6 @@
-"""Each run carries the head of the one before it on its line, so that neither can be written anew unseen."""
+"""Each run carries the head of the one before it on its line, so that neither can be written anew
+unseen.
+"""
 
 from __future__ import annotations
 
@@ -10,17 +12,32 @@ import pytest
 
 from jbclog.record.chains import HEAD, is_head, previous_run, short_head
 from jbclog.record.check import check
-from jbclog.record.manifest import LineFile, Manifest, Previous, manifest_sha256, read_manifest, write_manifest
+from jbclog.record.manifest import (
+    LineFile,
+    Manifest,
+    Previous,
+    manifest_sha256,
+    read_manifest,
+    write_manifest,
+)
 from support.records.small_run import make_run
 
-NAMES = ("20260921T141318Z-bench-aaaa", "20260921T141319Z-bench-aaab", "20260921T141320Z-bench-aaac")
+NAMES = (
+    "20260921T141318Z-bench-aaaa",
+    "20260921T141319Z-bench-aaab",
+    "20260921T141320Z-bench-aaac",
+)
 
 
-def sealed(out: Path, name: str, line: str = "bench", state: str = "sealed", **more: object) -> Path:
+def sealed(
+    out: Path, name: str, line: str = "bench", state: str = "sealed", **more: object
+) -> Path:
     """A run that is only a manifest."""
     folder = out / name
     folder.mkdir(parents=True)
-    write_manifest(folder, replace(Manifest(name, state=state, line=LineFile(line, "line.toml", "00")), **more))  # type: ignore[arg-type]
+    write_manifest(
+        folder, replace(Manifest(name, state=state, line=LineFile(line, "line.toml", "00")), **more)
+    )  # type: ignore[arg-type]
     return folder
 
 
@@ -71,7 +88,9 @@ def test_a_run_that_was_written_anew_is_found_from_both_sides(three: list[Path])
     carried = f"its head is {after}, carried is {before}"
     assert findings(three[0]) == []
     assert findings(three[1]) == [f"manifest.json: was changed after {NAMES[2]} began: {carried}"]
-    assert findings(three[2]) == [f"manifest.json: previous: {NAMES[1]} is not what it was when this run began: {carried}"]
+    assert findings(three[2]) == [
+        f"manifest.json: previous: {NAMES[1]} is not what it was when this run began: {carried}"
+    ]
 
 
 def test_a_neighbour_that_is_not_there_cannot_be_asked(three: list[Path]) -> None:
@@ -116,7 +135,9 @@ def test_a_report_of_another_record_is_found(tmp_path: Path) -> None:
     run = make_run(tmp_path, seconds=2.0)
     (run / "report.json").write_text(json.dumps({"manifest_sha256": "ab" * 32}))
     (finding,) = check(run)
-    assert str(finding).startswith("report.json: was made from manifest abab-abab-abab-abab-abab-abab, not from this one, ")
+    assert str(finding).startswith(
+        "report.json: was made from manifest abab-abab-abab-abab-abab-abab, not from this one, "
+    )
     for text in ("", "[]", "1", "{}", "[" * 9000):
         (run / "report.json").write_text(text)
         assert [str(one) for one in check(run)] == ["report.json: is not a run's report"]

@@ -31,7 +31,9 @@ def test_the_second_is_refused_with_the_holders_number(tmp_path: Path) -> None:
 
 
 def test_a_holder_that_was_killed_holds_nothing(tmp_path: Path) -> None:
-    program = "from jbclog.core.locks import FolderLock; from pathlib import Path; import os, signal\n"
+    program = (
+        "from jbclog.core.locks import FolderLock; from pathlib import Path; import os, signal\n"
+    )
     program += f"FolderLock.take(Path({str(tmp_path)!r})); os.kill(os.getpid(), signal.SIGKILL)"
     subprocess.run([sys.executable, "-c", program], check=False)
     assert (tmp_path / NAME).exists()
@@ -40,7 +42,9 @@ def test_a_holder_that_was_killed_holds_nothing(tmp_path: Path) -> None:
 
 def test_a_child_that_inherited_it_holds_it_alone(tmp_path: Path) -> None:
     lock = FolderLock.take(tmp_path)
-    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=[lock.descriptor])
+    child = subprocess.Popen(
+        [sys.executable, "-c", "input()"], stdin=subprocess.PIPE, pass_fds=[lock.descriptor]
+    )
     lock.release()
     with pytest.raises(RecordError, match="or its sealing child"):
         FolderLock.take(tmp_path, 0.0)
@@ -57,7 +61,9 @@ def test_patience_waits_for_the_end_of_the_other(tmp_path: Path) -> None:
 
 
 def test_a_lock_whose_file_was_removed_meanwhile_is_not_taken_for_one(tmp_path: Path) -> None:
-    """The one that waited got the lock of a file that nobody else will ever look at; it must take the new one."""
+    """The one that waited got the lock of a file that nobody else will ever look at; it must take
+    the new one.
+    """
     first = FolderLock.take(tmp_path)
     taken: list[FolderLock] = []
     waiting = threading.Thread(target=lambda: taken.append(FolderLock.take(tmp_path, 10.0)))

@@ -30,9 +30,9 @@ from jbclog.record.manifest import (
 )
 
 KEYS = (
-    "schema, run, state, exit_status, exit_code, verdict, rules, verdict_rules, started, ended, t0_mono, t0_utc, line, recipes, "
-    "metadata, host, rate, guard, wire, stations, ledger, lost, units, files, "
-    "previous, verifications, goals"
+    "schema, run, state, exit_status, exit_code, verdict, rules, verdict_rules, started, ended,"
+    " t0_mono, t0_utc, line, recipes, metadata, host, rate, guard, wire, stations, ledger, lost,"
+    " units, files, previous, verifications, goals"
 )
 
 FULL = Manifest(
@@ -47,15 +47,24 @@ FULL = Manifest(
     t0_utc=1_790_000_000.0,
     line=LineFile("bench-3", "line.toml", "ab"),
     recipes=[RecipeFile("recipes/a.toml", "cd", "a", 7)],
-    metadata=Metadata("Ü. <b>", None, None, ["SN1"], {"k": "v"}, ["W-7"], ["F-1"], ["T1", "a=T2", "a:2=T3"]),
+    metadata=Metadata(
+        "Ü. <b>", None, None, ["SN1"], {"k": "v"}, ["W-7"], ["F-1"], ["T1", "a=T2", "a:2=T3"]
+    ),
     units=[Unit("SN2", iso(2), iso(3)), Unit("SN1", iso(3))],
     host={"python": "3.11"},
     rate="max",
-    stations=[StationFacts("a", "url", "dde", tools={1: "T210"}, safe_state={1: "verified"}, due={"1": {"tool": 3}})],
+    stations=[
+        StationFacts(
+            "a", "url", "dde", tools={1: "T210"}, safe_state={1: "verified"}, due={"1": {"tool": 3}}
+        )
+    ],
     ledger={"a": {"1": {"tool": {"due": 3, "ok": 2, "timeout": 1}}}},
     lost=Lost(1.0, "a second"),
     goals=[Goal("units", 3, 2, "Units finished: 2, wanted: 3."), Goal("joints", 40)],
-    files=[SealedFile("samples/part-0000.parquet", 10, 100, "ef"), SealedFile("line.toml", None, 5, "01")],
+    files=[
+        SealedFile("samples/part-0000.parquet", 10, 100, "ef"),
+        SealedFile("line.toml", None, 5, "01"),
+    ],
 )
 
 
@@ -67,19 +76,25 @@ def test_it_comes_back_as_it_was_written(tmp_path: Path) -> None:
     write_manifest(tmp_path, FULL)
     assert read_manifest(tmp_path) == FULL
     assert [path.name for path in tmp_path.iterdir()] == ["manifest.json"]
-    assert json.loads((tmp_path / "manifest.json").read_text())["stations"][0]["tools"] == {"1": "T210"}
+    assert json.loads((tmp_path / "manifest.json").read_text())["stations"][0]["tools"] == {
+        "1": "T210"
+    }
 
 
 def test_its_hash_is_that_of_the_file(tmp_path: Path) -> None:
     write_manifest(tmp_path, FULL)
     before = manifest_sha256(tmp_path)
-    FULL.previous = Previous("20261120T013000Z-bench-3-aaaa", before, "The run before this one on line bench-3.")
+    FULL.previous = Previous(
+        "20261120T013000Z-bench-3-aaaa", before, "The run before this one on line bench-3."
+    )
     write_manifest(tmp_path, FULL)
     FULL.previous = None
     assert manifest_sha256(tmp_path) != before
 
 
-def test_a_write_that_fails_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_write_that_fails_leaves_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(path: Path) -> None:
         raise OSError(28, "No space left on device")
 
@@ -98,17 +113,25 @@ def test_a_write_that_fails_leaves_the_old_one(tmp_path: Path, monkeypatch: pyte
         ("[]", "no manifest"),
         ("{}", "missing required field `run`"),
         ('{"run": 5}', "run"),
-        ('{"run": "r", "stations": [{"name": "a"}]}', r"missing required field `url` - at `\$.stations\[0\]`"),
+        (
+            '{"run": "r", "stations": [{"name": "a"}]}',
+            r"missing required field `url` - at `\$.stations\[0\]`",
+        ),
         ('{"run": "r", "lost": {"seconds_at_most": "x", "text": ""}}', "lost"),
         (
-            '{"run": "r", "stations": [{"name": "a", "url": "", "family": "", "tools": {"x": "T"}}]}',
+            (
+                '{"run": "r", "stations": [{"name": "a", "url": "", "family": "", "tools": {"x":'
+                ' "T"}}]}'
+            ),
             r"Expected `int`, got `str` - at `key` in `\$.stations\[0\].tools`",
         ),
         ('{"run": "r", "schema": 99}', "this jbclog knows 1"),
         ("[" * 100_000, "no manifest"),
     ],
 )
-def test_what_is_no_manifest_is_refused_with_its_reason(tmp_path: Path, text: str, why: str) -> None:
+def test_what_is_no_manifest_is_refused_with_its_reason(
+    tmp_path: Path, text: str, why: str
+) -> None:
     (tmp_path / "manifest.json").write_text(text)
     with pytest.raises(RecordError, match=why):
         read_manifest(tmp_path)
@@ -143,26 +166,45 @@ def test_the_tip_of_a_port_is_the_one_said_of_it_of_its_station_or_of_all() -> N
 
 
 def test_what_was_said_is_told_once_each_and_no_tag_stands_for_something_else() -> None:
-    said = Metadata("A. Rossi", None, "", ["1", "2"], {"operator": "M", "shift": "1"}, ["W"], [], ["T"])
-    expected = {"operator": "A. Rossi", "units": "1, 2", "wire lots": "W", "tips": "T", "tag operator": "M", "shift": "1"}
+    said = Metadata(
+        "A. Rossi", None, "", ["1", "2"], {"operator": "M", "shift": "1"}, ["W"], [], ["T"]
+    )
+    expected = {
+        "operator": "A. Rossi",
+        "units": "1, 2",
+        "wire lots": "W",
+        "tips": "T",
+        "tag operator": "M",
+        "shift": "1",
+    }
     assert said.said() == expected
 
 
 def test_each_serial_stands_once() -> None:
-    manifest = Manifest("r", metadata=Metadata(units=["1", "2"]), units=[Unit("2", "t"), Unit("3", "t"), Unit("2", "u")])
+    manifest = Manifest(
+        "r",
+        metadata=Metadata(units=["1", "2"]),
+        units=[Unit("2", "t"), Unit("3", "t"), Unit("2", "u")],
+    )
     assert manifest.serials() == ["1", "2", "3"]
 
 
 def test_what_utf_8_cannot_write_is_a_question_mark_and_the_digest_holds(tmp_path: Path) -> None:
-    """The url of a station below a folder whose name is in another code: a run of it must be sealed all the same."""
+    """The url of a station below a folder whose name is in another code: a run of it must be sealed
+    all the same.
+    """
     write_manifest(tmp_path, Manifest("r", stations=[StationFacts("a", "/dev/b\udcff/a", "dde")]))
     assert read_manifest(tmp_path).stations[0].url == "/dev/b?/a"
     assert wrong_digest(tmp_path) is None
 
 
 @pytest.mark.parametrize("period_s", [0, -0.1, 1e-300, 1e7])
-def test_a_period_that_no_run_can_have_makes_it_no_manifest(tmp_path: Path, period_s: float) -> None:
-    write_manifest(tmp_path, replace(FULL, stations=[StationFacts("a", "url", "dde", period_s=period_s)]))
+def test_a_period_that_no_run_can_have_makes_it_no_manifest(
+    tmp_path: Path, period_s: float
+) -> None:
+    write_manifest(
+        tmp_path, replace(FULL, stations=[StationFacts("a", "url", "dde", period_s=period_s)])
+    )
     with pytest.raises(NoManifest, match="is no sampling period"):
         read_manifest(tmp_path)
     found = summary_of(tmp_path, ALL)
@@ -173,11 +215,17 @@ def test_a_period_that_no_run_can_have_makes_it_no_manifest(tmp_path: Path, peri
 STATION = StationFacts("a", "url", "dde")
 TOO_LONG = {
     "513 stations, at most 512": replace(FULL, stations=[STATION] * 513),
-    "1001 tags, at most 1000": replace(FULL, metadata=Metadata(tags={f"t{number}": "v" for number in range(1001)})),
+    "1001 tags, at most 1000": replace(
+        FULL, metadata=Metadata(tags={f"t{number}": "v" for number in range(1001)})
+    ),
     "8193 tips, at most 8192": replace(FULL, metadata=Metadata(tips=["T"] * 8193)),
     "1025 recipes, at most 1024": replace(FULL, recipes=FULL.recipes * 1025),
-    "513 stations in the accounting, at most 512": replace(FULL, ledger={f"s{number}": {} for number in range(513)}),
-    "1001 entries of unsafe at one station": replace(FULL, stations=[replace(STATION, unsafe=["hot"] * 1001)]),
+    "513 stations in the accounting, at most 512": replace(
+        FULL, ledger={f"s{number}": {} for number in range(513)}
+    ),
+    "1001 entries of unsafe at one station": replace(
+        FULL, stations=[replace(STATION, unsafe=["hot"] * 1001)]
+    ),
 }
 
 
@@ -192,7 +240,9 @@ def test_a_list_that_is_too_long_makes_it_unreadable(tmp_path: Path, why: str) -
 def test_a_week_of_units_is_read_and_only_the_first_are_listed(tmp_path: Path) -> None:
     """One each 5 s for a week."""
     began = iso(2)
-    write_manifest(tmp_path, replace(FULL, units=[Unit(f"SN{number}", began) for number in range(120_960)]))
+    write_manifest(
+        tmp_path, replace(FULL, units=[Unit(f"SN{number}", began) for number in range(120_960)])
+    )
     manifest = read_manifest(tmp_path)
     shown = replace(manifest.metadata, units=manifest.serials()).said()["units"]
     assert (len(manifest.units), len(shown) < 6000) == (120_960, True)

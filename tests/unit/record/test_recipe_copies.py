@@ -1,4 +1,6 @@
-"""A link in the place of a run's recipes is not followed, whoever reads them; the run is answered all the same."""
+"""A link in the place of a run's recipes is not followed, whoever reads them; the run is answered
+all the same.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Recovery: any state that a crash leaves ends sealed, says what is missing, and a second time changes nothing."""
+"""Recovery: any state that a crash leaves ends sealed, says what is missing, and a second time
+changes nothing.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,9 @@ PLAIN = '[recipe]\nname = "a"\n'
 
 def contents(folder: Path) -> dict[str, str]:
     return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.rglob("*") if path.is_file()
+        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in folder.rglob("*")
+        if path.is_file()
     }
 
 
@@ -47,22 +51,31 @@ def test_what_was_committed_is_sealed_and_the_manifest_says_lost(abandoned: Path
     assert done.outcome is Outcome.RECOVERED
     assert few_rows.sealed_numbers(abandoned) == list(range(150))
     assert few_rows.sealed_events(abandoned) == list(range(0, 150, 7))
-    assert (manifest.state, manifest.exit_status, manifest.exit_code, manifest.verdict) == ("sealed", "lost", 4, "NOT JUDGED")
+    assert (manifest.state, manifest.exit_status, manifest.exit_code, manifest.verdict) == (
+        "sealed",
+        "lost",
+        4,
+        "NOT JUDGED",
+    )
     assert manifest.lost is not None
     assert manifest.lost.seconds_at_most == 1.0
     assert [facts.name for facts in manifest.stations] == ["a"]
     assert manifest.ledger["a"]["1"]["temperature_c"] == {"due": 150, "ok": 150}
     assert check(abandoned) == []
-    assert sorted(path.name for path in abandoned.iterdir()) == [*sorted(["manifest.json", *TABLES])]
+    assert sorted(path.name for path in abandoned.iterdir()) == [
+        *sorted(["manifest.json", *TABLES])
+    ]
 
 
-def test_it_tells_samples_events_settings_counters_and_lines_of_wires_apart(abandoned: Path) -> None:
+def test_it_tells_samples_events_settings_counters_and_lines_of_wires_apart(
+    abandoned: Path,
+) -> None:
     write_wire(abandoned)
     done = recover(abandoned)
     assert done.rows == {"samples": 150, "events": 22, "settings": 1, "counters": 2, "wire": 25}
     assert (
-        "recovered, 150 samples, 22 events, 1 setting, 2 counters and 25 lines of serial capture sealed; exit status lost"
-        in done.text
+        "recovered, 150 samples, 22 events, 1 setting, 2 counters and 25 lines of serial capture"
+        " sealed; exit status lost" in done.text
     )
     assert read_manifest(abandoned).wire == "whole"
 
@@ -105,7 +118,10 @@ def test_recovered_is_what_would_have_been_sealed(tmp_path: Path) -> None:
     assert few_rows.sealed_events(killed) == few_rows.sealed_events(store.folder)
 
 
-@pytest.mark.parametrize(("recipe", "verdict"), [(JUDGED, "INCONCLUSIVE"), (PLAIN, "NOT JUDGED"), ("[[[ no toml", "INCONCLUSIVE")])
+@pytest.mark.parametrize(
+    ("recipe", "verdict"),
+    [(JUDGED, "INCONCLUSIVE"), (PLAIN, "NOT JUDGED"), ("[[[ no toml", "INCONCLUSIVE")],
+)
 def test_missing_evidence_is_never_accepted(abandoned: Path, recipe: str, verdict: str) -> None:
     keep_text(abandoned, "recipes/a.toml", recipe)
     recover(abandoned)
@@ -113,14 +129,21 @@ def test_missing_evidence_is_never_accepted(abandoned: Path, recipe: str, verdic
 
 
 def test_what_the_recorder_had_written_of_the_run_stays(abandoned: Path) -> None:
-    write_manifest(abandoned, Manifest(abandoned.name, started="2026-11-21T01:30:00.000000Z", t0_mono=5.0, rate=10.0))
+    write_manifest(
+        abandoned,
+        Manifest(abandoned.name, started="2026-11-21T01:30:00.000000Z", t0_mono=5.0, rate=10.0),
+    )
     recover(abandoned)
     manifest = read_manifest(abandoned)
-    assert (manifest.started, manifest.t0_mono, manifest.rate) == ("2026-11-21T01:30:00.000000Z", 5.0, 10.0)
+    assert (manifest.started, manifest.t0_mono, manifest.rate) == (
+        "2026-11-21T01:30:00.000000Z",
+        5.0,
+        10.0,
+    )
     assert manifest.ended == "2026-09-21T14:13:34.900000Z"
 
 
-# -- the states that a crash can leave -----------------------------------------------------------------------------------
+# -- the states that a crash can leave -------------------------------------------------------------
 
 
 def test_an_empty_folder(tmp_path: Path) -> None:
@@ -151,10 +174,18 @@ def test_a_run_that_was_closed_and_said_how_it_ended_is_not_lost(tmp_path: Path)
     few_rows.hand_over(store, range(20))
     store.close()
     store.release()
-    write_manifest(store.folder, Manifest(store.folder.name, exit_status="success", exit_code=0, verdict="ACCEPT"))
+    write_manifest(
+        store.folder,
+        Manifest(store.folder.name, exit_status="success", exit_code=0, verdict="ACCEPT"),
+    )
     recover(store.folder)
     manifest = read_manifest(store.folder)
-    assert (manifest.exit_status, manifest.exit_code, manifest.verdict, manifest.lost) == ("success", 0, "ACCEPT", None)
+    assert (manifest.exit_status, manifest.exit_code, manifest.verdict, manifest.lost) == (
+        "success",
+        0,
+        "ACCEPT",
+        None,
+    )
 
 
 def test_a_run_that_was_closed_without_saying_how_it_ended(tmp_path: Path) -> None:
@@ -209,7 +240,7 @@ def test_an_unreadable_part_is_set_aside_and_sealed_again_from_the_store(abandon
     assert check(abandoned) == []
 
 
-# -- who is left alone -----------------------------------------------------------------------------------------------------
+# -- who is left alone -----------------------------------------------------------------------------
 
 
 def test_a_run_that_is_being_recorded_is_left_alone(tmp_path: Path) -> None:
@@ -233,7 +264,9 @@ def test_a_store_of_a_newer_jbclog_is_left_alone(abandoned: Path) -> None:
     before = contents(abandoned)
     with pytest.raises(RecordError, match="this jbclog knows 1"):
         recover(abandoned)
-    assert contents(abandoned).items() >= before.items() - {("live.lock", before.get("live.lock", ""))}
+    assert contents(abandoned).items() >= before.items() - {
+        ("live.lock", before.get("live.lock", ""))
+    }
 
 
 def test_a_manifest_of_a_newer_jbclog_is_left_alone(abandoned: Path) -> None:
@@ -258,13 +291,17 @@ def test_many_runs_at_once(tmp_path: Path) -> None:
     (tmp_path / "notes").mkdir()
     (tmp_path / "a-file").write_text("")
     found = {done.folder: done.outcome for done in recover_all(tmp_path, 0.0)}
-    assert found == {alive.folder: Outcome.REFUSED, crashed: Outcome.RECOVERED, whole: Outcome.WHOLE}
+    assert found == {
+        alive.folder: Outcome.REFUSED,
+        crashed: Outcome.RECOVERED,
+        whole: Outcome.WHOLE,
+    }
     alive.close()
     alive.release()
     assert [done.outcome for done in recover_all(alive.folder)] == [Outcome.RECOVERED]
 
 
-# -- damage ------------------------------------------------------------------------------------------------------------------
+# -- damage ----------------------------------------------------------------------------------------
 
 
 def altered(folder: Path, sql: str, *values: object) -> None:
@@ -275,7 +312,11 @@ def altered(folder: Path, sql: str, *values: object) -> None:
 
 
 def test_a_damaged_batch_is_left_out_counted_and_named(abandoned: Path) -> None:
-    altered(abandoned, "UPDATE batch SET data = zeroblob(9) WHERE number = (SELECT min(number) FROM batch WHERE name = 'samples')")
+    altered(
+        abandoned,
+        "UPDATE batch SET data = zeroblob(9) WHERE number = (SELECT min(number) FROM batch WHERE"
+        " name = 'samples')",
+    )
     recover(abandoned)
     lost = read_manifest(abandoned).lost
     assert few_rows.sealed_numbers(abandoned) == list(range(50, 150))
@@ -291,7 +332,11 @@ def test_a_damaged_batch_is_left_out_counted_and_named(abandoned: Path) -> None:
 
 @pytest.mark.parametrize("which", ["min", "max"])
 def test_a_batch_that_vanished_is_missed(abandoned: Path, which: str) -> None:
-    altered(abandoned, f"DELETE FROM batch WHERE number = (SELECT {which}(number) FROM batch WHERE name = 'samples')")
+    altered(
+        abandoned,
+        f"DELETE FROM batch WHERE number = (SELECT {which}(number) FROM batch WHERE name ="
+        " 'samples')",
+    )
     recover(abandoned)
     lost = read_manifest(abandoned).lost
     assert lost is not None
@@ -300,7 +345,11 @@ def test_a_batch_that_vanished_is_missed(abandoned: Path, which: str) -> None:
 
 
 def test_a_batch_of_no_table_is_said(abandoned: Path) -> None:
-    altered(abandoned, "UPDATE batch SET name = 'simples' WHERE number = (SELECT max(number) FROM batch WHERE name = 'samples')")
+    altered(
+        abandoned,
+        "UPDATE batch SET name = 'simples' WHERE number = (SELECT max(number) FROM batch WHERE name"
+        " = 'samples')",
+    )
     recover(abandoned)
     lost = read_manifest(abandoned).lost
     assert lost is not None
@@ -330,9 +379,13 @@ def flip(data: bytes) -> bytes:
 
 
 @pytest.mark.parametrize(
-    "alter", [flip, lambda data: data[:-30], lambda data: data[:-4000] + bytes(4000)], ids=["bit", "cut", "zeros"]
+    "alter",
+    [flip, lambda data: data[:-30], lambda data: data[:-4000] + bytes(4000)],
+    ids=["bit", "cut", "zeros"],
 )
-def test_an_end_of_the_log_that_is_gone_is_known_and_bounded(tmp_path: Path, alter: Callable[[bytes], bytes]) -> None:
+def test_an_end_of_the_log_that_is_gone_is_known_and_bounded(
+    tmp_path: Path, alter: Callable[[bytes], bytes]
+) -> None:
     """SQLite takes it for never written; the recorder had said that it was committed."""
     folder = few_rows.abandoned(tmp_path, commits=5, rows=2)
     log = folder / "live.sqlite-wal"

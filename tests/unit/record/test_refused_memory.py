@@ -1,4 +1,6 @@
-"""Memory that is refused to the live store at each request of a commit: every row is stored, once, and the chain holds."""
+"""Memory that is refused to the live store at each request of a commit: every row is stored, once,
+and the chain holds.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +28,17 @@ def test_nothing_that_was_handed_over_is_lost_or_stored_twice(tmp_path: Path, ma
     command = [
         sys.executable,
         "-c",
-        "import sys; sys.path[:0] = [sys.argv.pop(1)]; import support.faults.refused_commit as r; r.main_of(sys.argv)",
+        (
+            "import sys; sys.path[:0] = [sys.argv.pop(1)]; import support.faults.refused_commit as"
+            " r; r.main_of(sys.argv)"
+        ),
     ]
     done = subprocess.run(
-        [*command, str(SUPPORT), str(tmp_path), str(many), "1"], capture_output=True, text=True, check=False, timeout=120
+        [*command, str(SUPPORT), str(tmp_path), str(many), "1"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
     )
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
@@ -39,14 +48,21 @@ def test_nothing_that_was_handed_over_is_lost_or_stored_twice(tmp_path: Path, ma
     assert told["outages"] == commits - 1
     for table, column in (("samples", "tick"), ("settings", "setting"), ("counters", "value")):
         place = BARE[table].names.index(column)
-        numbers = [row[place] if table != "settings" else int(row[place].rpartition("_")[2]) for row in tables[table]]
+        numbers = [
+            row[place] if table != "settings" else int(row[place].rpartition("_")[2])
+            for row in tables[table]
+        ]
         assert numbers == list(range(commits)), table
     events = [dict(zip(COLUMNS, row, strict=True)) for row in tables["events"]]
     assert list(breaks(told["run"], events)) == []
-    assert [event["code"] for event in events if event["kind"] == "test.event"] == list(range(commits))
+    assert [event["code"] for event in events if event["kind"] == "test.event"] == list(
+        range(commits)
+    )
 
 
-def test_a_failure_that_cannot_even_be_worded_is_remembered_and_told_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failure_that_cannot_even_be_worded_is_remembered_and_told_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     told: list[RecordError] = []
     store = few_rows.begun(tmp_path, on_failure=told.append)
 

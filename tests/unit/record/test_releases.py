@@ -1,4 +1,5 @@
-"""Records of earlier releases stay readable for ever: one sealed and one cut off, as each release left them.
+"""Records of earlier releases stay readable for ever: one sealed and one cut off, as each release
+left them.
 
 docs/reference/faults.md, F-44.
 """
@@ -39,19 +40,35 @@ def test_a_sealed_run_says_what_it_said(release: str, tmp_path: Path) -> None:
     said = json.loads((HOME / release / "noted.json").read_text())
     assert noted(folder) == said
     run = open_run(folder)
-    frames = {"samples": run.samples(), "events": run.events(), "settings": run.settings(), "counters": run.counters()}
-    assert {table: len(frames[table]) for table in TABLES} == {table: said[table]["rows"] for table in TABLES}
+    frames = {
+        "samples": run.samples(),
+        "events": run.events(),
+        "settings": run.settings(),
+        "counters": run.counters(),
+    }
+    assert {table: len(frames[table]) for table in TABLES} == {
+        table: said[table]["rows"] for table in TABLES
+    }
     names = sorted(one.name for one in run.manifest.stations)
-    assert (run.manifest.verdict, run.manifest.exit_code, names) == ("REJECT", 1, ["ale-1", "dde-1"])
+    assert (run.manifest.verdict, run.manifest.exit_code, names) == (
+        "REJECT",
+        1,
+        ["ale-1", "dde-1"],
+    )
     tip = run.samples(station="dde-1", port=1)["temperature_c"]
-    assert tip.notna().sum() == run.manifest.ledger["dde-1"]["1"]["temperature_c"]["ok"] == SECONDS * 10
+    assert (
+        tip.notna().sum()
+        == run.manifest.ledger["dde-1"]["1"]["temperature_c"]["ok"]
+        == SECONDS * 10
+    )
 
 
 @every_release
 def test_a_sealed_run_agrees_and_gives_a_report(release: str, tmp_path: Path) -> None:
     folder = copy_of(release, "sealed", tmp_path)
     assert check(folder) == []
-    assert CliRunner().invoke(app, ["check", str(folder)]).exit_code == 0  # which holds its verdict against its record, too
+    # which holds its verdict against its record, too
+    assert CliRunner().invoke(app, ["check", str(folder)]).exit_code == 0
     assert recover(folder).outcome is Outcome.WHOLE
     assert write_report(folder).is_file()
     assert check(folder) == []

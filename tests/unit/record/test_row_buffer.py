@@ -1,4 +1,6 @@
-"""Memory that is refused at any step of taking rows in: each row is in one batch, the events' chain holds, facts arrive."""
+"""Memory that is refused at any step of taking rows in: each row is in one batch, the events' chain
+holds, facts arrive.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +26,18 @@ NEED_NONE = {"clear", "__exit__"}  # calls that need no memory
 
 
 class Refusing:
-    """Memory is refused at the `nth` call that the code of taking in makes, and at the next ones, `many` in all."""
+    """Memory is refused at the `nth` call that the code of taking in makes, and at the next ones,
+    `many` in all.
+    """
 
     def __init__(self, nth: int, many: int) -> None:
         self.calls, self.nth, self.many = 0, nth, many
 
     def __call__(self, frame: FrameType, what: str, called: object) -> None:
         asks = what == "c_call" and getattr(called, "__name__", "") not in NEED_NONE
-        if frame.f_code.co_filename in OURS and (asks or (what == "call" and self._is_function(frame.f_code))):
+        if frame.f_code.co_filename in OURS and (
+            asks or (what == "call" and self._is_function(frame.f_code))
+        ):
             self.calls += 1
             if self.nth <= self.calls < self.nth + self.many:
                 raise MemoryError
@@ -61,7 +67,15 @@ def handed_to(buffer: RowBuffer, first: int) -> None:
 
 
 def told_of(table: str, row: dict[str, object]) -> int:
-    return int(str(row["raw"] if table == "counters" else row["tick"] if table == "samples" else str(row["setting"])[8:]))
+    return int(
+        str(
+            row["raw"]
+            if table == "counters"
+            else row["tick"]
+            if table == "samples"
+            else str(row["setting"])[8:]
+        )
+    )
 
 
 def held_in(buffer: RowBuffer) -> None:
@@ -72,12 +86,16 @@ def held_in(buffer: RowBuffer) -> None:
     rows: dict[str, list[dict[str, object]]] = {}
     for batch in buffer.backlog:
         table = decode(batch, batch.crc)
-        rows.setdefault(batch.table, []).extend((plain_events(table) if batch.table == "events" else table).to_pylist())
+        rows.setdefault(batch.table, []).extend(
+            (plain_events(table) if batch.table == "events" else table).to_pylist()
+        )
     for name in ("samples", "counters", "settings"):
         assert [told_of(name, row) for row in rows[name]] == list(range(2 * ROWS)), name
     assert [row["code"] for row in rows["events"]] == list(range(2 * ROWS))
     assert list(breaks(RUN, rows["events"])) == []
-    assert json.loads(buffer.changed_facts["a"])["due"] == json.loads(json.dumps(few_rows.facts(due=ROWS).due))
+    assert json.loads(buffer.changed_facts["a"])["due"] == json.loads(
+        json.dumps(few_rows.facts(due=ROWS).due)
+    )
     assert buffer.dropped_rows == 0
 
 
@@ -90,9 +108,17 @@ def calls_of_a_turn() -> int:
 
 
 @pytest.mark.parametrize(
-    ("many", "every"), [(1, 1), (2, 3), (100, 3), *(pytest.param(many, 1, marks=pytest.mark.campaign) for many in (2, 100))]
+    ("many", "every"),
+    [
+        (1, 1),
+        (2, 3),
+        (100, 3),
+        *(pytest.param(many, 1, marks=pytest.mark.campaign) for many in (2, 100)),
+    ],
 )
-def test_nothing_is_lost_and_nothing_doubled_wherever_memory_is_refused(tmp_path: Path, many: int, every: int) -> None:
+def test_nothing_is_lost_and_nothing_doubled_wherever_memory_is_refused(
+    tmp_path: Path, many: int, every: int
+) -> None:
     bad: list[Exception] = []
     calls = calls_of_a_turn()
     assert calls > 100

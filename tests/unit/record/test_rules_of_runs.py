@@ -1,4 +1,6 @@
-"""Runs that earlier versions of the rules judged: no later jbclog calls them changed (tests/data/verdicts)."""
+"""Runs that earlier versions of the rules judged: no later jbclog calls them changed
+(tests/data/verdicts).
+"""
 
 from __future__ import annotations
 
@@ -30,10 +32,17 @@ def name_of(archive: Path) -> str:
 
 def is_reported(archive: Path) -> bool:
     """Of rules 2 three show how a report is compared; the campaign has them all."""
-    return archive.parent == OF_RULES_1 or archive.name.split(".")[0] in ("accepted", "deviations", "rejected")
+    return archive.parent == OF_RULES_1 or archive.name.split(".")[0] in (
+        "accepted",
+        "deviations",
+        "rejected",
+    )
 
 
-REPORTED = [path if is_reported(path) else pytest.param(path, marks=pytest.mark.campaign) for path in ARCHIVES]
+REPORTED = [
+    path if is_reported(path) else pytest.param(path, marks=pytest.mark.campaign)
+    for path in ARCHIVES
+]
 every_run = pytest.mark.parametrize("archive", ARCHIVES, ids=name_of)
 
 
@@ -67,29 +76,42 @@ def test_it_says_what_it_said_and_nothing_is_called_changed(archive: Path, tmp_p
 
 
 @pytest.mark.parametrize("archive", REPORTED, ids=name_of)
-def test_its_report_is_not_called_changed_and_a_new_one_says_what_it_said(archive: Path, tmp_path: Path) -> None:
+def test_its_report_is_not_called_changed_and_a_new_one_says_what_it_said(
+    archive: Path, tmp_path: Path
+) -> None:
     folder = unpack(archive, tmp_path)
     if (folder / "report.html").exists():
         code, said = said_by("report", folder, "--verify")
-        assert (code, said.count("not compared byte for byte"), "matches" in said) == (1, 1, False)  # unknown is not fine
+        # unknown is not fine
+        assert (code, said.count("not compared byte for byte"), "matches" in said) == (1, 1, False)
         assert "changed" not in said
         assert "differs" not in said
         if archive.parent != OF_RULES_1:
-            return  # its report was just made again and found the same; that it is written over, those of rules 1 show
+            # its report was just made again and found the same; that it is written over, those of
+            # rules 1 show
+            return
     write_report(folder)
     told = json.loads((folder / "report.json").read_text())
     assert told["verdict"]["word"] == read_manifest(folder).verdict
     assert said_by("check", folder)[0] == 0
 
 
-@pytest.mark.parametrize("archive", sorted(OF_RULES_1.glob("*.tar.xz")), ids=lambda path: path.name.split(".")[0])
+@pytest.mark.parametrize(
+    "archive", sorted(OF_RULES_1.glob("*.tar.xz")), ids=lambda path: path.name.split(".")[0]
+)
 def test_it_is_judged_by_its_own_rules_again_to_the_last_one(archive: Path, tmp_path: Path) -> None:
     folder = unpack(archive, tmp_path)
     manifest = read_manifest(folder)
     if manifest.exit_status != "lost":
         gone = versions.not_kept(1)
-        again = [without_text(rule) for rule in judge_again(folder, manifest).rules_as_dicts() if rule["name"] not in gone]
-        assert again == [without_text(rule) for rule in manifest.verdict_rules if rule["name"] not in gone]
+        again = [
+            without_text(rule)
+            for rule in judge_again(folder, manifest).rules_as_dicts()
+            if rule["name"] not in gone
+        ]
+        assert again == [
+            without_text(rule) for rule in manifest.verdict_rules if rule["name"] not in gone
+        ]
 
 
 def without_text(rule: dict[str, object]) -> dict[str, object]:
@@ -102,7 +124,9 @@ def test_a_report_that_was_changed_since_is_found_whoever_made_it(tmp_path: Path
     page = folder / "report.html"
     page.write_text(page.read_text("utf-8").replace("REJECT", "ACCEPT"), "utf-8")
     found = verified(folder)
-    assert [text.split(": ", 1)[1].split(";")[0] for text in found.differing] == ["was changed since report.json was written"]
+    assert [text.split(": ", 1)[1].split(";")[0] for text in found.differing] == [
+        "was changed since report.json was written"
+    ]
 
 
 def test_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
@@ -110,22 +134,33 @@ def test_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
     manifest = replace(read_manifest(folder), verdict="ACCEPT")
     shutil.rmtree(folder / "figures")
     write_manifest(folder, manifest)
-    assert check_verdict(folder, manifest).differing == ["verdict: was ACCEPT, its record gives REJECT"]
+    assert check_verdict(folder, manifest).differing == [
+        "verdict: was ACCEPT, its record gives REJECT"
+    ]
 
 
-def test_what_cannot_be_judged_as_it_was_is_said_and_is_no_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rules 3 find joints otherwise than rules 1 and do not keep the way of before; a later version may do so with any rule."""
+def test_what_cannot_be_judged_as_it_was_is_said_and_is_no_difference(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rules 3 find joints otherwise than rules 1 and do not keep the way of before; a later version
+    may do so with any rule.
+    """
     folder = run_of("deviations", tmp_path)
     manifest = read_manifest(folder)
     for rule in manifest.verdict_rules:
         if rule["name"] in ("recovery_p95", "idle_error"):
             rule["result"] = "missing"  # by the earlier method
     manifest.verdict = "INCONCLUSIVE"
-    joints = [f"verdict, {name}: judged by rules 1, not recomputable here" for name in ("joints_against_counter", "recovery_p95")]
+    joints = [
+        f"verdict, {name}: judged by rules 1, not recomputable here"
+        for name in ("joints_against_counter", "recovery_p95")
+    ]
     found = check_verdict(folder, manifest)
     assert {one.split(" of ")[0] for one in found.differing} == {"verdict, idle_error"}
     assert found.notes == joints
-    later = Version(RULES + 1, "idle is found otherwise", frozenset({"idle_error"}), keeps_earlier=False)
+    later = Version(
+        RULES + 1, "idle is found otherwise", frozenset({"idle_error"}), keeps_earlier=False
+    )
     monkeypatch.setattr(versions, "VERSIONS", (*versions.VERSIONS, later))
     found = check_verdict(folder, manifest)
     assert found.differing == []
@@ -137,10 +172,15 @@ def test_a_run_of_rules_that_are_not_known_here_is_no_difference(tmp_path: Path)
     manifest = replace(read_manifest(folder), rules=RULES + 1, verdict="REJECT")
     found = check_verdict(folder, manifest)
     assert found.differing == []
-    assert found.notes == [f"verdict: judged by rules {RULES + 1}, not recomputable here: this jbclog knows rules 1 to {RULES}"]
+    assert found.notes == [
+        f"verdict: judged by rules {RULES + 1}, not recomputable here: this jbclog knows rules 1 to"
+        f" {RULES}"
+    ]
 
 
-def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     folder = run_of("accepted", tmp_path)
     manifest = read_manifest(folder)
 
@@ -150,7 +190,13 @@ def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(tmp_p
     monkeypatch.setattr(rejudge, "load_recipe", refuse)
     found = check_verdict(folder, manifest)
     assert found.differing == []
-    assert found.notes == ["verdict: judged by rules 1, not recomputable here: this jbclog cannot read the recipe of nae-1"]
+    assert found.notes == [
+        "verdict: judged by rules 1, not recomputable here: this jbclog cannot read the recipe of"
+        " nae-1"
+    ]
     (copy,) = (folder / "recipes").iterdir()
     copy.write_text("changed")
-    assert check_verdict(folder, manifest).differing[0] == "verdict: was ACCEPT, its record gives INCONCLUSIVE"
+    assert (
+        check_verdict(folder, manifest).differing[0]
+        == "verdict: was ACCEPT, its record gives INCONCLUSIVE"
+    )

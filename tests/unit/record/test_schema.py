@@ -1,4 +1,6 @@
-"""The schema agrees with the rows that the session makes, with the commands, and with what pandas makes of it."""
+"""The schema agrees with the rows that the session makes, with the commands, and with what pandas
+makes of it.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ from jbclog.core.rows import (
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.schema import FLAG, INT, SCHEMAS, TABLES, TEXT, TIME
 
-CONTRACT = "seq, time, earliest, station, port, kind, severity, code, text, value, limit, raw, prev_sha256"
+CONTRACT = (
+    "seq, time, earliest, station, port, kind, severity, code, text, value, limit, raw, prev_sha256"
+)
 CONTRACT_EVENTS = CONTRACT.split(", ")
 FLAG_COLUMNS = [
     "cooling",
@@ -46,7 +50,9 @@ def test_columns_are_those_of_the_rows() -> None:
 
 def test_types_are_those_that_the_rows_promise() -> None:
     for field in SCHEMAS["samples"]:
-        expected = FLAG if field.name in FLAG_COLUMNS else TEXT if field.name in TEXT_COLUMNS else INT
+        expected = (
+            FLAG if field.name in FLAG_COLUMNS else TEXT if field.name in TEXT_COLUMNS else INT
+        )
         assert field.type == (TIME if field.name == "time" else expected), field.name
 
 
@@ -62,7 +68,10 @@ def test_units_and_commands_stand_in_the_fields() -> None:
     schema = SCHEMAS["samples"]
     for family in FAMILIES.values():
         for signal in family.signals:
-            command, metadata = family.commands[signal.command], schema.field(signal.columns[0]).metadata
+            command, metadata = (
+                family.commands[signal.command],
+                schema.field(signal.columns[0]).metadata,
+            )
             assert command.letters in metadata[b"command"].decode().replace("R-", "")
             if command.unit:  # a share of what the station says is its most is told in per mille
                 assert metadata[b"unit"].decode() == ("‰" if command.share_of else command.unit)
@@ -73,14 +82,22 @@ def test_units_and_commands_stand_in_the_fields() -> None:
 def test_pandas_makes_types_that_know_missing_values(tmp_path: Path, table: str) -> None:
     schema = SCHEMAS[table]
     values = {TIME: 0, INT: 2**53 + 1, FLAG: True, TEXT: "x", pa.float64(): 0.5}
-    columns = [[values[field.type], None if field.nullable else values[field.type]] for field in schema]
+    columns = [
+        [values[field.type], None if field.nullable else values[field.type]] for field in schema
+    ]
     rows = pa.table(columns, schema=schema)
     pq.write_table(rows, tmp_path / "part-0000.parquet")
     pq.write_table(schema.empty_table(), tmp_path / "part-0001.parquet")
     frame = pd.read_parquet(tmp_path)
     for field in schema:
         whole = "Int64" if field.nullable else "int64"
-        expected = {TIME: "datetime64[us, UTC]", INT: whole, FLAG: "boolean", TEXT: "str", pa.float64(): "float64"}
+        expected = {
+            TIME: "datetime64[us, UTC]",
+            INT: whole,
+            FLAG: "boolean",
+            TEXT: "str",
+            pa.float64(): "float64",
+        }
         assert str(frame.dtypes[field.name]) == expected[field.type], field.name
         if field.type == INT:
             assert frame[field.name][0] == 2**53 + 1  # not through a float

@@ -36,7 +36,10 @@ def test_parts_are_encoded_as_measured(tmp_path: Path) -> None:
     seal_rows(folder)
     (path,) = part_paths(folder, "samples")
     group = pq.read_metadata(path).row_group(0)
-    by_name = {group.column(place).path_in_schema: group.column(place) for place in range(group.num_columns)}
+    by_name = {
+        group.column(place).path_in_schema: group.column(place)
+        for place in range(group.num_columns)
+    }
     assert "DELTA_BINARY_PACKED" in by_name["time"].encodings
     assert "BYTE_STREAM_SPLIT" in by_name["temperature_c"].encodings
     assert "RLE_DICTIONARY" in by_name["station"].encodings
@@ -46,8 +49,16 @@ def test_parts_are_encoded_as_measured(tmp_path: Path) -> None:
 def test_a_sealed_run_has_the_listed_files_and_nothing_else(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
     manifest = concluded(folder)
-    assert sorted(path.name for path in folder.iterdir()) == ["counters", "events", "manifest.json", "samples", "settings"]
-    assert {file.path for file in manifest.files} == {f"{table}/part-0000.parquet" for table in TABLES}
+    assert sorted(path.name for path in folder.iterdir()) == [
+        "counters",
+        "events",
+        "manifest.json",
+        "samples",
+        "settings",
+    ]
+    assert {file.path for file in manifest.files} == {
+        f"{table}/part-0000.parquet" for table in TABLES
+    }
     assert [file.rows for file in manifest.files] == [150, 22, 1, 2]
     assert read_manifest(folder) == manifest
     assert manifest.state == "sealed"
@@ -100,14 +111,22 @@ def test_a_live_store_that_still_holds_rows_is_not_removed(tmp_path: Path) -> No
     assert (folder / "live.sqlite").exists()
 
 
-# -- what must never get a name --------------------------------------------------------------------------------------------
+# -- what must never get a name --------------------------------------------------------------------
 
 
 def test_what_reads_back_differently_is_not_a_part(tmp_path: Path) -> None:
     values = iter((1.0, 2.0))  # another one each time it is asked
 
     def groups() -> list[pa.Table]:
-        row = {"time": 0, "station": "a", "port": 1, "counter": "c", "value": next(values), "unit": "h", "raw": "1"}
+        row = {
+            "time": 0,
+            "station": "a",
+            "port": 1,
+            "counter": "c",
+            "value": next(values),
+            "unit": "h",
+            "raw": "1",
+        }
         return [pa.Table.from_pylist([row], schema=SCHEMAS["counters"])]
 
     with pytest.raises(RecordError, match="not what was written"):
@@ -146,7 +165,9 @@ def interrupted_after(calls: int, real: Callable[..., object]) -> Callable[..., 
 
 
 @pytest.mark.parametrize("transactions", range(3))
-def test_batches_in_both_part_and_store_count_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, transactions: int) -> None:
+def test_batches_in_both_part_and_store_count_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, transactions: int
+) -> None:
     """Deleting what was sealed is cut off after none, one, two of its transactions."""
     folder = few_rows.abandoned(tmp_path, commits=60, rows=5)
     with monkeypatch.context() as cut:
@@ -159,7 +180,7 @@ def test_batches_in_both_part_and_store_count_once(tmp_path: Path, monkeypatch: 
     assert manifest.lost is None
 
 
-# -- the child ---------------------------------------------------------------------------------------------------------------
+# -- the child -------------------------------------------------------------------------------------
 
 
 def test_the_child_by_hand(tmp_path: Path) -> None:
@@ -183,8 +204,16 @@ def test_the_child_is_refused_while_a_recorder_is_at_work(tmp_path: Path) -> Non
 
 def test_the_child_loads_no_pandas(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
-    program = f"import sys; from jbclog.record.seal import main; main([{str(folder)!r}]); print('pandas' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout == "False\n"
+    program = (
+        f"import sys; from jbclog.record.seal import main; main([{str(folder)!r}]); print('pandas'"
+        " in sys.modules)"
+    )
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, check=True
+        ).stdout
+        == "False\n"
+    )
 
 
 def test_the_manifest_lists_what_ran(tmp_path: Path) -> None:
@@ -193,6 +222,11 @@ def test_the_manifest_lists_what_ran(tmp_path: Path) -> None:
     (folder / "recipes").mkdir()
     (folder / "recipes" / "a.toml").write_text("y")
     files = {file.path: file for file in concluded(folder).files}
-    assert files["line.toml"].sha256 == "2d711642b726b04401627ca9fbac32f5c8530fb1903cc4db02258717921a4881"
+    assert (
+        files["line.toml"].sha256
+        == "2d711642b726b04401627ca9fbac32f5c8530fb1903cc4db02258717921a4881"
+    )
     assert files["recipes/a.toml"].rows is None
-    assert json.loads((folder / "manifest.json").read_text())["files"][-1]["path"] == "recipes/a.toml"
+    assert (
+        json.loads((folder / "manifest.json").read_text())["files"][-1]["path"] == "recipes/a.toml"
+    )

@@ -20,7 +20,9 @@ from jbclog.record.seal import seal_in_child
 EVENT = EventRow(1_790_000_000_000_000, "run.start", Severity.INFO, "It begins.")
 
 
-def test_a_folder_that_is_removed_during_the_run_is_found_missing_at_the_next_commit(tmp_path: Path) -> None:
+def test_a_folder_that_is_removed_during_the_run_is_found_missing_at_the_next_commit(
+    tmp_path: Path,
+) -> None:
     folder, told = create_run(tmp_path, "bench", 1.79e9), list[RecordError]()
     store = LiveStore(folder, told.append)
     store.start()

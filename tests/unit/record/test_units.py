@@ -1,4 +1,6 @@
-"""Units from events: when each began and ended, in runs that were sealed and in those that a crash cut off."""
+"""Units from events: when each began and ended, in runs that were sealed and in those that a crash
+cut off.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,12 @@ from support.records import event_run
 from support.records.event_run import Told
 from support.records.few_rows import T0
 
-CALM: list[Told] = [(1, "unit.begin", "SN-1"), (5, "unit.again", "SN-1"), (9, "unit.end", "SN-1"), (9, "unit.begin", "SN-2")]
+CALM: list[Told] = [
+    (1, "unit.begin", "SN-1"),
+    (5, "unit.again", "SN-1"),
+    (9, "unit.end", "SN-1"),
+    (9, "unit.begin", "SN-2"),
+]
 
 
 def run_with(out: Path, told: list[Told], *, crashes: bool = False) -> Path:
@@ -39,7 +46,13 @@ def test_a_unit_lasts_until_the_next_one_begins(tmp_path: Path) -> None:
 
 def test_between_two_units_there_may_be_none(tmp_path: Path) -> None:
     folder = run_with(
-        tmp_path, [(1, "unit.begin", "SN-1"), (4, "unit.refused", "X"), (4, "unit.end", "SN-1"), (8, "unit.begin", "SN-2")]
+        tmp_path,
+        [
+            (1, "unit.begin", "SN-1"),
+            (4, "unit.refused", "X"),
+            (4, "unit.end", "SN-1"),
+            (8, "unit.begin", "SN-2"),
+        ],
     )
     assert units_of(folder) == [Unit("SN-1", at(1), at(4)), Unit("SN-2", at(8))]
 
@@ -48,7 +61,9 @@ def test_a_run_without_serials_has_none(tmp_path: Path) -> None:
     assert read_manifest(run_with(tmp_path, [(1, "run.start", None)])).units == []
 
 
-def test_after_a_crash_the_units_are_in_the_manifest_too_and_the_last_has_no_end(tmp_path: Path) -> None:
+def test_after_a_crash_the_units_are_in_the_manifest_too_and_the_last_has_no_end(
+    tmp_path: Path,
+) -> None:
     folder = run_with(tmp_path, CALM, crashes=True)
     assert read_manifest(folder).units == []
     recover(folder)
@@ -61,14 +76,25 @@ def test_a_manifest_that_names_other_units_than_the_events_is_found(tmp_path: Pa
     manifest = read_manifest(folder)
     manifest.units[0] = Unit("SN-9", at(1), at(9))
     write_manifest(folder, manifest)
-    assert [str(finding) for finding in check(folder)] == ["manifest.json: units: differ from those in the events"]
+    assert [str(finding) for finding in check(folder)] == [
+        "manifest.json: units: differ from those in the events"
+    ]
 
 
 @pytest.mark.parametrize(
     ("named", "late", "unit"),
-    [(["1"], [], "1"), ([], ["1"], "1"), (["1"], ["1"], "1"), (["1"], ["2"], None), (["1", "2"], [], None), ([], [], None)],
+    [
+        (["1"], [], "1"),
+        ([], ["1"], "1"),
+        (["1"], ["1"], "1"),
+        (["1"], ["2"], None),
+        (["1", "2"], [], None),
+        ([], [], None),
+    ],
 )
-def test_joints_of_a_run_in_which_no_serial_was_read(named: list[str], late: list[str], unit: str | None) -> None:
+def test_joints_of_a_run_in_which_no_serial_was_read(
+    named: list[str], late: list[str], unit: str | None
+) -> None:
     assert only_unit(named, late) == unit
 
 
@@ -79,12 +105,18 @@ def test_a_serial_may_be_told_late(tmp_path: Path) -> None:
     assert late_serials(folder) == ["SN-7"]
 
 
-def test_units_beyond_what_a_manifest_can_hold_stay_in_the_events(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_units_beyond_what_a_manifest_can_hold_stay_in_the_events(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A run that was recorded can be opened, however many serials somebody scanned."""
-    whole = run_with(tmp_path / "whole", [(second, "unit.begin", f"SN-{second}") for second in range(1, 41)])
+    whole = run_with(
+        tmp_path / "whole", [(second, "unit.begin", f"SN-{second}") for second in range(1, 41)]
+    )
     size = (whole / "manifest.json").stat().st_size
     monkeypatch.setattr("jbclog.record.manifest.LIMITS", {**LIMITS, Kind.MANIFEST: size - 500})
-    folder = run_with(tmp_path / "short", [(second, "unit.begin", f"SN-{second}") for second in range(1, 41)])
+    folder = run_with(
+        tmp_path / "short", [(second, "unit.begin", f"SN-{second}") for second in range(1, 41)]
+    )
     assert size - 1000 < (folder / "manifest.json").stat().st_size <= size - 500
     kept = read_manifest(folder).units
     assert 30 < len(kept) < 40
@@ -94,9 +126,13 @@ def test_units_beyond_what_a_manifest_can_hold_stay_in_the_events(tmp_path: Path
     assert any("units: differ" in str(one) for one in check(folder))
 
 
-def test_what_no_reader_would_take_is_not_sealed_and_stays_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_no_reader_would_take_is_not_sealed_and_stays_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("jbclog.record.manifest.LIMITS", {**LIMITS, Kind.MANIFEST: 700})
-    with pytest.raises(RecordError, match=r"too much for one record: its manifest has \d+ bytes, at most 700"):
+    with pytest.raises(
+        RecordError, match=r"too much for one record: its manifest has \d+ bytes, at most 700"
+    ):
         run_with(tmp_path, CALM)
     (folder,) = tmp_path.iterdir()
     assert read_manifest(folder).state == "open"

@@ -1,4 +1,6 @@
-"""The file of a wire: what is written is read again to the bit, and whatever a crash leaves of it can be read."""
+"""The file of a wire: what is written is read again to the bit, and whatever a crash leaves of it
+can be read.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,17 @@ from hypothesis import strategies as st
 from jbclog.core.capture_rows import CaptureRow, LinkRow, ResultRow
 from jbclog.core.errors import RecordError
 from jbclog.record import capture_recorder
-from jbclog.record.capture import Head, count_rows, is_done, mend, read_head, read_rows, read_to_hole, wire_path, wire_paths
+from jbclog.record.capture import (
+    Head,
+    count_rows,
+    is_done,
+    mend,
+    read_head,
+    read_rows,
+    read_to_hole,
+    wire_path,
+    wire_paths,
+)
 from jbclog.record.capture_file import FIXED, WINDOW, Gap, blocks, line_of, row_of
 from jbclog.record.capture_recorder import WireRecorder
 from jbclog.record.check import check
@@ -26,7 +38,16 @@ from jbclog.record.recover import recover
 from support.records.few_rows import abandoned
 from support.records.small_run import make_run
 
-HEAD = Head("dde-1", "/dev/ttyUSB0", "tht.toml", 8123.480001251, 1_790_000_000.25, 90.0, "fit", jbclog="0.1.0")
+HEAD = Head(
+    "dde-1",
+    "/dev/ttyUSB0",
+    "tht.toml",
+    8123.480001251,
+    1_790_000_000.25,
+    90.0,
+    "fit",
+    jbclog="0.1.0",
+)
 QUESTION, ANSWER = b"\x020001RSMN\x03\x02", b"\x020100ASMN DDE\x03U"
 
 
@@ -44,7 +65,10 @@ def some_rows(count: int) -> Iterator[CaptureRow]:
 
 
 ROWS = list(some_rows(300))
-ENDS_EARLY = "wire/dde-1.tsv.gz ends before its session: at most the last 1 s are missing, or what wire.failed says."
+ENDS_EARLY = (
+    "wire/dde-1.tsv.gz ends before its session: at most the last 1 s are missing, or what"
+    " wire.failed says."
+)
 HEADS = 5  # of 11 blocks or so: in those of numbers 0, 1, 2, 4 and 8
 
 
@@ -64,14 +88,35 @@ def written(folder: Path, rows: list[CaptureRow], *, writes: int = 10, close: bo
     return wire_path(folder, "dde-1")
 
 
-# -- the format -------------------------------------------------------------------------------------------------------------
+# -- the format ------------------------------------------------------------------------------------
 
 moments = st.floats(0, 1e9)
 texts = st.text(max_size=40)
 rows_made_up = st.one_of(
-    st.builds(LinkRow, moments, st.sampled_from(["sent", "heard"]), st.binary(min_size=1, max_size=40), st.just("")),
-    st.builds(LinkRow, moments, st.sampled_from(["opened", "failed", "lost", "closed"]), st.just(b""), texts),
-    st.builds(ResultRow, moments, st.just("told"), st.just("ask"), st.integers(0, 4096), moments, st.just(""), moments),
+    st.builds(
+        LinkRow,
+        moments,
+        st.sampled_from(["sent", "heard"]),
+        st.binary(min_size=1, max_size=40),
+        st.just(""),
+    ),
+    st.builds(
+        LinkRow,
+        moments,
+        st.sampled_from(["opened", "failed", "lost", "closed"]),
+        st.just(b""),
+        texts,
+    ),
+    st.builds(
+        ResultRow,
+        moments,
+        st.just("told"),
+        st.just("ask"),
+        st.integers(0, 4096),
+        moments,
+        st.just(""),
+        moments,
+    ),
     st.builds(
         ResultRow,
         moments,
@@ -104,7 +149,15 @@ def test_a_row_comes_back_to_the_bit(row: CaptureRow) -> None:
     assert row_of(line) == row
 
 
-NO_ROWS = ("", "1.0\tsent", "x\tsent\t00", "1.0\tsent\t0", "1.0\tsang\tla", "1.0\ttold\tsing 1", "1.0\ttold\task x")
+NO_ROWS = (
+    "",
+    "1.0\tsent",
+    "x\tsent\t00",
+    "1.0\tsent\t0",
+    "1.0\tsang\tla",
+    "1.0\ttold\tsing 1",
+    "1.0\ttold\task x",
+)
 
 
 @pytest.mark.parametrize("line", NO_ROWS)
@@ -144,7 +197,9 @@ def test_a_port_is_closed_behind_the_end_of_its_session(tmp_path: Path) -> None:
 
 def test_a_file_that_is_none(tmp_path: Path) -> None:
     path = tmp_path / "x.tsv.gz"
-    packed = [gzip.compress(text) for text in (b"one\ttwo\n1\t2\n", b"at_s\twhat\tdata\n1.0\tsent\t00\n")]
+    packed = [
+        gzip.compress(text) for text in (b"one\ttwo\n1\t2\n", b"at_s\twhat\tdata\n1.0\tsent\t00\n")
+    ]
     for data in (b"", b"at_s\twhat\tdata\n", *packed):
         path.write_bytes(data)
         with pytest.raises(RecordError, match="is no wire record"):
@@ -166,10 +221,12 @@ def test_a_line_that_is_no_row_is_named(tmp_path: Path) -> None:
         list(read_rows(path))
 
 
-# -- what a crash leaves ------------------------------------------------------------------------------------------------------
+# -- what a crash leaves ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("tail", [b"", b"\0" * 300, FIXED, os.urandom(300)], ids=["cut", "zeros", "a beginning", "noise"])
+@pytest.mark.parametrize(
+    "tail", [b"", b"\0" * 300, FIXED, os.urandom(300)], ids=["cut", "zeros", "a beginning", "noise"]
+)
 def test_wherever_it_was_cut_off_it_is_mended_to_whole_rows(tmp_path: Path, tail: bytes) -> None:
     path = written(tmp_path, ROWS, close=False)
     whole = path.read_bytes()
@@ -230,11 +287,13 @@ def test_recover_knows_one_that_had_ended_before(tmp_path: Path) -> None:
 def test_check_looks_at_it_too(tmp_path: Path) -> None:
     folder = make_run(tmp_path, seconds=2.0)
     path = written(folder, ROWS[:50])
-    assert [str(finding) for finding in check(folder)] == ["wire/dde-1.tsv.gz: is not in the manifest"]
+    assert [str(finding) for finding in check(folder)] == [
+        "wire/dde-1.tsv.gz: is not in the manifest"
+    ]
     assert wire_paths(folder) == [path]
 
 
-# -- what goes wrong while it is written --------------------------------------------------------------------------------------
+# -- what goes wrong while it is written -----------------------------------------------------------
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, after: int) -> None:
@@ -252,7 +311,9 @@ def failing(monkeypatch: pytest.MonkeyPatch, after: int) -> None:
 
 
 @pytest.mark.parametrize("after", [0, 5, 100, 1000, 3000])
-def test_a_full_disk_ends_this_file_and_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int) -> None:
+def test_a_full_disk_ends_this_file_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int
+) -> None:
     failing(monkeypatch, after)
     recorder = WireRecorder(tmp_path)
     keep = recorder.begin(HEAD)
@@ -260,7 +321,10 @@ def test_a_full_disk_ends_this_file_and_nothing_else(tmp_path: Path, monkeypatch
         keep(row)
         recorder.write()
     (said,) = recorder.news()
-    assert said == "wire/dde-1.tsv.gz cannot be written any further: No space left on device. The run continues without it."
+    assert (
+        said == "wire/dde-1.tsv.gz cannot be written any further: No space left on device. The run"
+        " continues without it."
+    )
     assert recorder.news() == []
     recorder.close()
     path = wire_path(tmp_path, "dde-1")
@@ -284,7 +348,9 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     assert "Not a directory" in said
 
 
-def test_it_gives_way_to_the_record_where_room_is_short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_gives_way_to_the_record_where_room_is_short(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(capture_recorder, "LEAST_FREE", 1 << 60)
     recorder = WireRecorder(tmp_path)
     recorder.begin(HEAD)(ROWS[0])
@@ -335,5 +401,9 @@ def test_a_large_file_without_a_block_takes_little_memory(tmp_path: Path) -> Non
 
 
 def peak_kib() -> int:
-    (line,) = (line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    (line,) = (
+        line
+        for line in Path("/proc/self/status").read_text().splitlines()
+        if line.startswith("VmHWM")
+    )
     return int(line.split()[1])

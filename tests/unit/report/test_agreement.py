@@ -20,7 +20,10 @@ from support.records.small_run import make_run
 
 COMPUTED = {
     *("overview", "alarms", "units", "metrics", "paper_by", "drawn_by", "written"),
-    *(f"recorded.{name}" for name in ("readings", "coverage_percent", "longest_gap_s", "late_p99_ms", "gaps")),
+    *(
+        f"recorded.{name}"
+        for name in ("readings", "coverage_percent", "longest_gap_s", "late_p99_ms", "gaps")
+    ),
     *("tip", "power", "states", "air", "alarms", "doubtful_alarms", "figures", "joints"),
 }
 """As docs/explanation/record.md lists them; those of a port without its place."""
@@ -31,7 +34,13 @@ OF_PORT = "stations.[].ports.[]."
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twenty seconds of two stations with an alarm, annotated, with a report."""
     folder = make_run(tmp_path_factory.mktemp("runs"), seconds=20.0)
-    append(folder, who="A. Rossi", what="SN-0012 was scrapped", why="cracked joint", utc_s=1_790_000_100.0)
+    append(
+        folder,
+        who="A. Rossi",
+        what="SN-0012 was scrapped",
+        why="cracked joint",
+        utc_s=1_790_000_100.0,
+    )
     write_report(folder)
     return folder
 
@@ -47,7 +56,9 @@ def report(run: Path) -> Iterator[dict[str, Any]]:
 
 def branches(value: Any, place: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
     """Each place with what holds it and its key, those that hold others, too."""
-    keys = value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+    keys = (
+        value if isinstance(value, dict) else range(len(value)) if isinstance(value, list) else ()
+    )
     for key in keys:
         here = (*place, "[]" if isinstance(value, list) else str(key))
         yield here, value, key
@@ -59,7 +70,9 @@ def is_computed(place: tuple[str, ...]) -> bool:
     return parts[0] in COMPUTED or ".".join(parts[:2]) in COMPUTED
 
 
-def test_each_leaf_that_is_not_computed_is_compared(run: Path, report: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_leaf_that_is_not_computed_is_compared(
+    run: Path, report: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     opened = open_run(run)
     assert [*differences(opened, report)] == []
     known = expected_once(opened, report)
@@ -94,31 +107,52 @@ CHANGES: dict[str, tuple[Callable[[Any], object], str]] = {
         lambda said: said["verdict"]["reasons"][0].update(text="All limits passed."),
         "verdict, reasons, entry 1, text: All",
     ),
-    "number of rows": (lambda said: said["stations"][0]["ports"][0]["recorded"].update(rows=7), "recorded, rows: 7, the record"),
+    "number of rows": (
+        lambda said: said["stations"][0]["ports"][0]["recorded"].update(rows=7),
+        "recorded, rows: 7, the record",
+    ),
     "how a tool was left": (
         lambda said: said["stations"][0]["ports"][0].update(left="verified?"),
         "left: verified?",
     ),
-    "a tag": (lambda said: said["metadata"].update(colour="red"), "metadata, colour: red, the record gives nothing"),
-    "an event": (lambda said: said["events"][0].update(text="nothing"), "events, entry 1, text: nothing"),
-    "a setting": (lambda said: said["settings"][0].update(readback="1"), "readback: 1, the record gives"),
+    "a tag": (
+        lambda said: said["metadata"].update(colour="red"),
+        "metadata, colour: red, the record gives nothing",
+    ),
+    "an event": (
+        lambda said: said["events"][0].update(text="nothing"),
+        "events, entry 1, text: nothing",
+    ),
+    "a setting": (
+        lambda said: said["settings"][0].update(readback="1"),
+        "readback: 1, the record gives",
+    ),
     "an annotation left out": (lambda said: said["annotations"].clear(), "annotations: []"),
-    "a key of its own": (lambda said: said.update(accepted="yes"), "accepted: yes, the record gives nothing"),
+    "a key of its own": (
+        lambda said: said.update(accepted="yes"),
+        "accepted: yes, the record gives nothing",
+    ),
     "another maker of this version": (lambda said: said.pop("jbclog"), "names no maker"),
     "no possible maker": (lambda said: said.update(jbclog="0.0.1"), "there was none before"),
 }
 
 
 @pytest.mark.parametrize("what", CHANGES)
-def test_check_names_what_was_changed_with_its_line(run: Path, report: dict[str, Any], what: str) -> None:
+def test_check_names_what_was_changed_with_its_line(
+    run: Path, report: dict[str, Any], what: str
+) -> None:
     change, said = CHANGES[what]
     vouched_anew(run, report, change)
     ended = CliRunner().invoke(app, ["check", str(run)])
     assert ended.exit_code == 1
-    assert any(line.startswith("report.json: ") and said in line for line in ended.stdout.splitlines()), ended.stdout
+    assert any(
+        line.startswith("report.json: ") and said in line for line in ended.stdout.splitlines()
+    ), ended.stdout
 
 
-def test_a_report_that_claims_another_maker_is_not_covered(run: Path, report: dict[str, Any]) -> None:
+def test_a_report_that_claims_another_maker_is_not_covered(
+    run: Path, report: dict[str, Any]
+) -> None:
     vouched_anew(run, report, lambda said: said.update(jbclog="99.0.0"))
     ended = CliRunner().invoke(app, ["check", str(run)])
     assert ended.exit_code == 0

@@ -1,4 +1,6 @@
-"""What a report says and shows of hot air: the air, the work below it, the flow, cooling and suction."""
+"""What a report says and shows of hot air: the air, the work below it, the flow, cooling and
+suction.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,11 @@ from jbclog.report.write import write_report
 from support.readers.drawn import artists, corners, panel, texts
 from support.records.sealed_run import RECIPE, lose, micros, samples, seal, station, table
 
-HEAD = [("Setpoint", "320 °C"), ("Air min–max", "320 to 320 °C"), ("Idle error ± sd", "0.0 ± 0.0 °C")]
+HEAD = [
+    ("Setpoint", "320 °C"),
+    ("Air min–max", "320 to 320 °C"),
+    ("Idle error ± sd", "0.0 ± 0.0 °C"),
+]
 
 
 def jtse(rows: int) -> StationFacts:
@@ -60,12 +66,19 @@ def drawn(made: dict[str, NDArray[np.generic]]) -> Trace:
 def test_cooling_is_a_status_of_its_own_and_flow_and_suction_have_lanes() -> None:
     one = drawn(columns())
     lanes = {
-        lane.name: [(span.word, round(span.start, 1), round(span.end, 1)) for span in lane.spans] for lane in lanes_of(one, WIDE)
+        lane.name: [(span.word, round(span.start, 1), round(span.end, 1)) for span in lane.spans]
+        for lane in lanes_of(one, WIDE)
     }
     assert lanes["status"] == [("on", 0.0, 50.0), ("cooling", 50.0, 60.0)]
-    assert lanes["flow"] == [("600 ‰", 0.0, 25.1), ("400 ‰", 30.0, 55.1)], "between two that differ nothing is known"
+    assert lanes["flow"] == [
+        ("600 ‰", 0.0, 25.1),
+        ("400 ‰", 30.0, 55.1),
+    ], "between two that differ nothing is known"
     sucked = [(18.1, 20.0), (38.1, 40.0)]
-    assert [span[1:] for span in lanes["suction"]] == [*sucked, *sucked], "and over them, wide enough to be seen in a long run"
+    assert [span[1:] for span in lanes["suction"]] == [
+        *sucked,
+        *sucked,
+    ], "and over them, wide enough to be seen in a long run"
 
 
 def test_the_work_is_drawn_and_named_beside_the_air() -> None:
@@ -89,7 +102,9 @@ def test_a_closer_look_holds_the_same_of_its_part() -> None:
     part = drawn(columns()).between(10, 25)
     assert part.air is not None
     assert len(part.air.external) == len(part.seconds) == 151
-    assert [(span.start, span.end) for span in part.air.lanes["suction"]] == [pytest.approx((18.1, 20.0))]
+    assert [(span.start, span.end) for span in part.air.lanes["suction"]] == [
+        pytest.approx((18.1, 20.0))
+    ]
 
 
 def flows(one: Trace) -> list[tuple[str, float, float]]:
@@ -108,7 +123,11 @@ def test_nobody_cools_while_nothing_is_read() -> None:
     lose(made, slice(520, 540))
     made["cooling"][520:540] = np.nan
     one = drawn(made)
-    assert [(span.word, span.start) for span in one.status] == [("on", 0.0), ("cooling", 50.0), ("cooling", 54.0)]
+    assert [(span.word, span.start) for span in one.status] == [
+        ("on", 0.0),
+        ("cooling", 50.0),
+        ("cooling", 54.0),
+    ]
 
 
 @pytest.fixture
@@ -131,10 +150,17 @@ def test_its_twin_holds_the_figures(folder: Path) -> None:
     write_report(folder)
     assert compare_report(folder) == ([], [])
     port = json.loads((folder / "report.json").read_text("utf-8"))["stations"][0]["ports"][0]
-    assert port["air"] == {"flow_permille": 400.0, "external_least_c": 60.0, "external_greatest_c": 160.0, "suctions": 2}
+    assert port["air"] == {
+        "flow_permille": 400.0,
+        "external_least_c": 60.0,
+        "external_greatest_c": 160.0,
+        "suctions": 2,
+    }
     assert port["tip"]["greatest_c"] == 320.0
     assert port["states"] is None
-    assert port["figures"][0]["alt"].startswith("jtse-1, port 1: air temperature from 320 to 320 °C over 1 min")
+    assert port["figures"][0]["alt"].startswith(
+        "jtse-1, port 1: air temperature from 320 to 320 °C over 1 min"
+    )
 
 
 def test_without_a_thermocouple_the_page_says_so(tmp_path: Path) -> None:
@@ -145,7 +171,9 @@ def test_without_a_thermocouple_the_page_says_so(tmp_path: Path) -> None:
 
 def test_hot_air_is_judged_by_what_it_tells(folder: Path) -> None:
     """It has no alarm flags: that is no missing evidence."""
-    limits = Limits(coverage_percent=99.5, longest_gap_s=5, idle_error_c=15, idle_sd_c=5, alarms_max=0)
+    limits = Limits(
+        coverage_percent=99.5, longest_gap_s=5, idle_error_c=15, idle_sd_c=5, alarms_max=0
+    )
     facts = [jtse(600)]
     judgement = judge(Evidence(folder, facts, ledger_of(folder, facts)), {"jtse-1": limits})
     assert judgement.verdict == "ACCEPT"

@@ -1,4 +1,6 @@
-"""What a report says of alarms, of joints and of tip verifications: the same as their own commands, and what was said since."""
+"""What a report says of alarms, of joints and of tip verifications: the same as their own commands,
+and what was said since.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ LIMITS = [limit("high", "380"), limit("low", "300")]
 
 
 def hot(tmp_path: Path, **manifest: object) -> Path:
-    """A run of two minutes whose tip is beyond its limit for three seconds; the station says so too."""
+    """A run of two minutes whose tip is beyond its limit for three seconds; the station says so
+    too.
+    """
     columns = samples(1200)
     columns["temperature_c"][600:630] = 395
     columns["alarm_high"][620] = 1.0
@@ -43,7 +47,9 @@ def told(folder: Path) -> tuple[str, dict[str, Any]]:
 
 
 def rows(folder: Path, name: str) -> list[dict[str, str]]:
-    return [*csv.DictReader(io.StringIO((folder / "tables" / f"{name}.csv").read_text("utf-8-sig")))]
+    return [
+        *csv.DictReader(io.StringIO((folder / "tables" / f"{name}.csv").read_text("utf-8-sig")))
+    ]
 
 
 def test_alarms_are_those_of_their_command_with_what_was_acknowledged_since(tmp_path: Path) -> None:
@@ -58,10 +64,21 @@ def test_alarms_are_those_of_their_command_with_what_was_acknowledged_since(tmp_
     assert incident["onset_earliest"] < incident["onset"]
     assert facts["alarms"]["findings"] == found.findings()
     assert "not acknowledged" in html
-    assert [row["episode"] for row in rows(folder, "alarms")] == [row["episode"] for row in found.rows()]
+    assert [row["episode"] for row in rows(folder, "alarms")] == [
+        row["episode"] for row in found.rows()
+    ]
 
-    append(folder, who="A. Rossi", what=incident["name"], why="door open", kind=ACKNOWLEDGED, utc_s=1_790_000_900.0)
-    assert "annotations.jsonl" in verify_report(folder)[0], "a report from before it was said is not this one"
+    append(
+        folder,
+        who="A. Rossi",
+        what=incident["name"],
+        why="door open",
+        kind=ACKNOWLEDGED,
+        utc_s=1_790_000_900.0,
+    )
+    assert "annotations.jsonl" in verify_report(folder)[0], (
+        "a report from before it was said is not this one"
+    )
     html, facts = told(folder)
     assert verify_report(folder) == []
     assert facts["alarms"]["waiting"] == 0
@@ -71,10 +88,14 @@ def test_alarms_are_those_of_their_command_with_what_was_acknowledged_since(tmp_
     assert "not acknowledged" not in html
 
 
-def test_acknowledgements_that_were_changed_are_named_on_the_page_and_by_verify(tmp_path: Path) -> None:
+def test_acknowledgements_that_were_changed_are_named_on_the_page_and_by_verify(
+    tmp_path: Path,
+) -> None:
     folder = hot(tmp_path)
     name = open_run(folder).alarm_findings().incidents[0].name
-    append(folder, who="A. Rossi", what=name, why="door open", kind=ACKNOWLEDGED, utc_s=1_790_000_900.0)
+    append(
+        folder, who="A. Rossi", what=name, why="door open", kind=ACKNOWLEDGED, utc_s=1_790_000_900.0
+    )
     said = folder / "annotations.jsonl"
     said.write_text(said.read_text("utf-8").replace("A. Rossi", "B. Rossi"), "utf-8")
     html, facts = told(folder)
@@ -86,7 +107,10 @@ def test_acknowledgements_that_were_changed_are_named_on_the_page_and_by_verify(
 
 
 def test_joints_are_listed_by_port_and_by_unit_with_their_chart(tmp_path: Path) -> None:
-    begins = [EventRow(micros(s), "unit.begin", Severity.INFO, "", raw=f"SN-{n}") for n, s in enumerate((0, 40, 80), 1)]
+    begins = [
+        EventRow(micros(s), "unit.begin", Severity.INFO, "", raw=f"SN-{n}")
+        for n, s in enumerate((0, 40, 80), 1)
+    ]
     folder = seal(tmp_path, [station(rows=1200)], table(samples(1200)), begins, LIMITS)
     html, facts = told(folder)
     run = open_run(folder)
@@ -110,7 +134,14 @@ def test_joints_are_listed_by_port_and_by_unit_with_their_chart(tmp_path: Path) 
 def test_a_run_without_units_lists_none_and_a_late_unit_is_listed(tmp_path: Path) -> None:
     folder = seal(tmp_path, [station(rows=600)], table(samples(600)), metadata=Metadata())
     assert told(folder)[1]["units"] == []
-    append(folder, who="M. Weber", what="SN-9", why="read later", kind="unit.late", utc_s=1_790_000_900.0)
+    append(
+        folder,
+        who="M. Weber",
+        what="SN-9",
+        why="read later",
+        kind="unit.late",
+        utc_s=1_790_000_900.0,
+    )
     assert [one["unit"] for one in told(folder)[1]["units"]] == ["SN-9"]
 
 
@@ -124,8 +155,33 @@ def test_joints_in_gaps_are_not_known(tmp_path: Path) -> None:
     assert "Joints in gaps are not known." in html
 
 
-CHECK = TipCheck("dde-1", 1, "pass", "text", "2026-09-10T08:00:00.000000Z", 11.0, "TIP-0231", "TC-7", -4.2, 15.0, 0.0, 3, "ab" * 32)
-FAILED = TipCheck("dde-1", 1, "fail", "23 °C too cold.", "2026-09-21T12:00:00.000000Z", 0.1, "TIP-0231", "TC-7", -23.0, 15.0)
+CHECK = TipCheck(
+    "dde-1",
+    1,
+    "pass",
+    "text",
+    "2026-09-10T08:00:00.000000Z",
+    11.0,
+    "TIP-0231",
+    "TC-7",
+    -4.2,
+    15.0,
+    0.0,
+    3,
+    "ab" * 32,
+)
+FAILED = TipCheck(
+    "dde-1",
+    1,
+    "fail",
+    "23 °C too cold.",
+    "2026-09-21T12:00:00.000000Z",
+    0.1,
+    "TIP-0231",
+    "TC-7",
+    -23.0,
+    15.0,
+)
 NONE = TipCheck("dde-1", 1, "none", "No valid verification of its tip is known.")
 
 
@@ -136,7 +192,10 @@ NONE = TipCheck("dde-1", 1, "none", "No valid verification of its tip is known."
             CHECK,
             11.0,
             "pass, 11.0 d",
-            "Verified 11.0 d before the run with TC-7, tip TIP-0231, -4.2 °C from the station's own reading",
+            (
+                "Verified 11.0 d before the run with TC-7, tip TIP-0231, -4.2 °C from the station's"
+                " own reading"
+            ),
         ),
         (CHECK, "expired", "expired, 11.0 d", "what the rule says"),
         (FAILED, None, "fail, 2.4 h", "23 °C too cold."),
@@ -147,7 +206,13 @@ NONE = TipCheck("dde-1", 1, "none", "No valid verification of its tip is known."
 def test_a_port_names_the_verification_that_it_stood_on(
     check: TipCheck | None, observed: float | str | None, state: str, words: str
 ) -> None:
-    rule = {"name": "verification", "station": "dde-1", "port": 1, "observed": observed, "text": "what the rule says"}
+    rule = {
+        "name": "verification",
+        "station": "dde-1",
+        "port": 1,
+        "observed": observed,
+        "text": "what the rule says",
+    }
     facts = verification_facts(check, [rule] if observed is not None else [], "dde-1", 1)
     assert short(facts) == state
     assert words in str(facts["text"])
@@ -201,7 +266,9 @@ CASES: list[tuple[Callable[[], np.ndarray], float, str]] = [
 
 
 @pytest.mark.parametrize(("recovery", "resolution", "why"), CASES)
-def test_what_would_mislead_has_no_limits_and_says_why(recovery: Callable[[], np.ndarray], resolution: float, why: str) -> None:
+def test_what_would_mislead_has_no_limits_and_says_why(
+    recovery: Callable[[], np.ndarray], resolution: float, why: str
+) -> None:
     chart = recovery_chart(recovery(), resolution)
     assert chart.signals is None
     assert why in chart.caption
@@ -210,10 +277,27 @@ def test_what_would_mislead_has_no_limits_and_says_why(recovery: Callable[[], np
 
 def test_repeated_warnings_are_one_row_on_paper_and_grave_events_a_row_each() -> None:
     def event(n: int, severity: str, text: str = "lost") -> dict[str, object]:
-        return {"station": "a", "port": 1, "kind": "k", "severity": severity, "text": text, "time": n}
+        return {
+            "station": "a",
+            "port": 1,
+            "kind": "k",
+            "severity": severity,
+            "text": text,
+            "time": n,
+        }
 
     merged = merge_repeated(
-        [event(1, "warning"), event(2, "critical"), event(3, "warning"), event(4, "warning"), event(5, "critical")]
+        [
+            event(1, "warning"),
+            event(2, "critical"),
+            event(3, "warning"),
+            event(4, "warning"),
+            event(5, "critical"),
+        ]
     )
-    assert [(one["time"], one.get("times"), one.get("until")) for one in merged] == [(1, 3, 4), (2, None, None), (5, None, None)]
+    assert [(one["time"], one.get("times"), one.get("until")) for one in merged] == [
+        (1, 3, 4),
+        (2, None, None),
+        (5, None, None),
+    ]
     assert len(merge_repeated([event(1, "warning"), event(2, "warning")])) == 2

@@ -16,7 +16,10 @@ from support.records import sealed_run
 
 def port(rows: int = 600, **columns: object) -> Trace:
     """The trace of a port that was recorded for `rows` ticks."""
-    return trace(sealed_run.table(sealed_run.samples(rows) | columns).to_pandas(), Grid(sealed_run.micros(0), 0.1))
+    return trace(
+        sealed_run.table(sealed_run.samples(rows) | columns).to_pandas(),
+        Grid(sealed_run.micros(0), 0.1),
+    )
 
 
 def test_a_long_run_gets_a_closer_look_at_its_first_alarm() -> None:

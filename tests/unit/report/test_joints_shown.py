@@ -1,4 +1,6 @@
-"""What a report says of joints: marked on the temperature, deficit and recovery as small multiples, and a line that never rests."""
+"""What a report says of joints: marked on the temperature, deficit and recovery as small multiples,
+and a line that never rests.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ WEAK = {"conductance": 0.8, "leak": 0.4, "rated_w": 50.0}
 RATED_W = 130.0
 
 
-def sealed(out: Path, series: Series, rated_w: float | None = RATED_W, recipe: str = RECIPE) -> Path:
+def sealed(
+    out: Path, series: Series, rated_w: float | None = RATED_W, recipe: str = RECIPE
+) -> Path:
     """A sealed run of one port whose rows are these."""
     rows, count = series.rows, len(series.seconds)
     read = ~np.isnan(rows.temperature)
@@ -91,7 +95,15 @@ class Told:
 
     @property
     def in_csv(self) -> dict[str, str]:
-        return next(iter(csv.DictReader((self.folder / "tables" / "ports.csv").read_text(encoding="utf-8-sig").splitlines())))
+        return next(
+            iter(
+                csv.DictReader(
+                    (self.folder / "tables" / "ports.csv")
+                    .read_text(encoding="utf-8-sig")
+                    .splitlines()
+                )
+            )
+        )
 
 
 def told(folder: Path) -> Told:
@@ -115,7 +127,9 @@ def dense(tmp_path_factory: pytest.TempPathFactory) -> Told:
     return told(sealed(tmp_path_factory.mktemp("dense"), weak(DENSE, 104.0)))
 
 
-def test_a_line_that_never_lets_its_tip_recover_is_named_in_the_verdict_on_page_and_paper(dense: Told) -> None:
+def test_a_line_that_never_lets_its_tip_recover_is_named_in_the_verdict_on_page_and_paper(
+    dense: Told,
+) -> None:
     page = dense.page
     data = dense.data
     port = dense.port
@@ -144,7 +158,14 @@ def test_a_line_that_rests_is_not_named(calm: Told) -> None:
 
 
 @pytest.mark.parametrize(
-    ("late", "joints", "how"), [(4, 4, None), (20, 100, None), (60, 100, "seldom"), (97, 100, "hardly ever"), (98, 98, "never")]
+    ("late", "joints", "how"),
+    [
+        (4, 4, None),
+        (20, 100, None),
+        (60, 100, "seldom"),
+        (97, 100, "hardly ever"),
+        (98, 98, "never"),
+    ],
 )
 def test_how_seldom_a_tip_recovers_in_words(late: int, joints: int, how: str | None) -> None:
     text = never_back(late, joints, 36.5)
@@ -162,14 +183,31 @@ def test_every_joint_is_marked_on_the_temperature_figure(calm: Told) -> None:
 
 def test_joints_without_recovery_are_marked_apart(dense: Told) -> None:
     late = dense.port["joints"]["figures"]["joints_not_recovered"]["value"]
-    assert f"high and red: {late:.0f} after which the next one came" in dense.port["figures"][0]["caption"]
+    assert (
+        f"high and red: {late:.0f} after which the next one came"
+        in dense.port["figures"][0]["caption"]
+    )
 
 
 def test_the_marks_lie_where_the_joints_are() -> None:
     ticks = np.arange(600) / HZ
-    joints = [Span(10.0, 11.0, JointEnd.BACK), Span(20.0, 22.0, JointEnd.LATE), Span(30.0, 31.0, JointEnd.CUT_OFF)]
+    joints = [
+        Span(10.0, 11.0, JointEnd.BACK),
+        Span(20.0, 22.0, JointEnd.LATE),
+        Span(30.0, 31.0, JointEnd.CUT_OFF),
+    ]
     level = np.full(600, 350.0)
-    one = Trace(Grid(0, 1 / HZ), 1 / HZ, ticks, level, level, level, [Span(0.0, 60.0, "working")], [], joints=joints)
+    one = Trace(
+        Grid(0, 1 / HZ),
+        1 / HZ,
+        ticks,
+        level,
+        level,
+        level,
+        [Span(0.0, 60.0, "working")],
+        [],
+        joints=joints,
+    )
     drawing = draw(one, WIDE)
     for joint in joints:
         (bar,) = parts(drawing, f"joint {joint.word}")
@@ -180,13 +218,17 @@ def test_the_marks_lie_where_the_joints_are() -> None:
     assert one.between(15.0, 25.0).joints == [joints[1]]
 
 
-def test_deficit_and_recovery_stand_one_below_the_other_and_a_joint_that_was_followed_has_an_arrow(dense: Told) -> None:
+def test_deficit_and_recovery_stand_one_below_the_other_and_a_joint_that_was_followed_has_an_arrow(
+    dense: Told,
+) -> None:
     port = dense.port
     chart = (dense.folder / port["joints"]["chart"]["file"]).read_text()
     assert "Below the setpoint at the start in °C" in chart
     assert "Recovery in s" in chart
     deficits, had = np.full(8, 20.0), np.where(np.arange(8) < 6, 1.8, np.nan)
-    drawing = draw_chart(recovery_chart(np.where(np.isnan(had), 1.2, np.nan), 0.1, deficits, had), WIDE)
+    drawing = draw_chart(
+        recovery_chart(np.where(np.isnan(had), 1.2, np.nan), 0.1, deficits, had), WIDE
+    )
     assert len(parts(drawing, "late")) == 6 + 6  # a stem and a head each
     assert len(parts(drawing, "deficit")) == 8
 
@@ -206,8 +248,8 @@ def test_idle_error_stands_beside_recovery_and_what_was_found_with_is_said(calm:
     port = calm.port
     assert "A joint lasts 0.25\u00a0s or more" in page
     assert (
-        "Learned from the run, as the recipe's [joints] does not set them: least_dwell_s, merge_gap_s, wire_decides."
-        in page.replace("&#39;", "'")
+        "Learned from the run, as the recipe's [joints] does not set them: least_dwell_s,"
+        " merge_gap_s, wire_decides." in page.replace("&#39;", "'")
     )
     head = page[page.index("Back before next") : page.index("Heat</tr>")]
     assert head.index("95&nbsp;% recovery") < head.index("Idle error") < head.index("Depth")
@@ -218,7 +260,10 @@ def test_the_regular_time_between_joints_is_learnt_and_shown(calm: Told, tmp_pat
     said = "Time between joint starts, learned from the run (the recipe sets no expected_every_s)"
     assert calm.port["joints"]["taken"]["every_s"] == pytest.approx(6.0, abs=0.05)
     assert f"{said}: 6 s. Not used to find joints." in calm.page.replace("\u00a0", " ")
-    uneven = [(15.0 + 2 * number + 0.3 * number**2, 15.9 + 2 * number + 0.3 * number**2) for number in range(12)]
+    uneven = [
+        (15.0 + 2 * number + 0.3 * number**2, 15.9 + 2 * number + 0.3 * number**2)
+        for number in range(12)
+    ]
     page, port = both(sealed(tmp_path, soldered(uneven, 90.0)))
     assert port["joints"]["taken"]["every_s"] is None
     assert f"{said}: not regular or too few." in page
@@ -226,7 +271,11 @@ def test_the_regular_time_between_joints_is_learnt_and_shown(calm: Told, tmp_pat
 
 def test_what_the_recipe_says_of_joints_is_not_learnt(tmp_path: Path) -> None:
     page, port = both(
-        sealed(tmp_path, soldered(CALM, 90.0), recipe=f"{RECIPE}\n[joints]\nleast_dwell_s = 0.6\nrecovered_within_c = 5\n")
+        sealed(
+            tmp_path,
+            soldered(CALM, 90.0),
+            recipe=f"{RECIPE}\n[joints]\nleast_dwell_s = 0.6\nrecovered_within_c = 5\n",
+        )
     )
     assert port["joints"]["taken"]["learnt"] == ["merge_gap_s", "wire_decides"]
     assert "A joint lasts 0.6\u00a0s or more" in page
@@ -255,14 +304,20 @@ def test_there_is_one_energy(calm: Told) -> None:
     """Of metrics, ports.csv, report.json and page; the trapezoid of the power."""
     page = calm.page
     port = calm.port
-    (whole, joules) = (
-        next(one for one in calm.data["metrics"] if one["metric"] == name)["value"] for name in ("energy_permille_s", "energy_j")
+    whole, joules = (
+        next(one for one in calm.data["metrics"] if one["metric"] == name)["value"]
+        for name in ("energy_permille_s", "energy_j")
     )
     row = calm.in_csv
     power = soldered(CALM, 90.0).rows.power
     assert whole == pytest.approx(float(np.trapezoid(power, dx=1 / HZ)))
     assert float(row["energy_permille_s"]) == port["power"]["energy_permille_s"] == whole
-    assert float(row["energy_j"]) == port["power"]["energy_j"] == joules == pytest.approx(whole * RATED_W / 1000)
+    assert (
+        float(row["energy_j"])
+        == port["power"]["energy_j"]
+        == joules
+        == pytest.approx(whole * RATED_W / 1000)
+    )
     assert float(row["energy_wh"]) == pytest.approx(joules / 3600)
     assert f"{joules:,.0f} J".replace(",", "\u202f") in page
 
@@ -278,8 +333,17 @@ def test_an_energy_with_a_gap_is_not_known_anywhere(tmp_path: Path) -> None:
 
 
 def test_a_unit_with_joints_without_recovery_has_no_slowest_and_no_flattering_median() -> None:
-    rows = [(1.2, 1.2, True), (1.4, 1.4, True), (None, 1.8, False), (None, 1.8, False), (None, None, None)]
-    columns = {name: [row[number] for row in rows] for number, name in enumerate(("recovery_s", "had_s", "recovered"))}
+    rows = [
+        (1.2, 1.2, True),
+        (1.4, 1.4, True),
+        (None, 1.8, False),
+        (None, 1.8, False),
+        (None, None, None),
+    ]
+    columns = {
+        name: [row[number] for row in rows]
+        for number, name in enumerate(("recovery_s", "had_s", "recovered"))
+    }
     found = Joints(pa.table(columns), b"", [], ["SN-1"] * 5, [], {})
     (unit,) = unit_rows(found)
     assert (unit["joints"], unit["recovery_n"], unit["not_recovered"]) == (5, 2, 2)
@@ -289,7 +353,13 @@ def test_a_unit_with_joints_without_recovery_has_no_slowest_and_no_flattering_me
 
 
 def test_page_and_paper_say_in_the_verdict_that_bare_figures_were_judged(tmp_path: Path) -> None:
-    one = told(sealed(tmp_path, soldered(CALM, 90.0), recipe=RECIPE.replace("idle_error_c", 'confidence = "none"\nidle_error_c')))
+    one = told(
+        sealed(
+            tmp_path,
+            soldered(CALM, 90.0),
+            recipe=RECIPE.replace("idle_error_c", 'confidence = "none"\nidle_error_c'),
+        )
+    )
     assert one.data["verdict"]["reasons"][0]["text"] == f"dde-1: {JUDGED_BARE}"
     assert JUDGED_BARE in html.unescape(one.page[: one.page.index("What the verdict rests on")])
     assert "Except on dde-1: its recipe judges figures without bounds." in one.page
@@ -309,5 +379,10 @@ def test_the_worst_share_of_recovered_joints_is_the_least() -> None:
             "bound": None,
         }
 
-    lines = summary([*(rule(port, 40.0 + port) for port in range(1, 8)), *(rule(port, 1.0, "other") for port in range(6))])
+    lines = summary(
+        [
+            *(rule(port, 40.0 + port) for port in range(1, 8)),
+            *(rule(port, 1.0, "other") for port in range(6)),
+        ]
+    )
     assert (lines[0]["worst"], lines[0]["port"]) == (41.0, 1)

@@ -1,4 +1,6 @@
-"""Rows are read in narrow columns, in pieces: text, figures and numbers of a report are those from whole rows."""
+"""Rows are read in narrow columns, in pieces: text, figures and numbers of a report are those from
+whole rows.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ def free(home: Path) -> Path:
     """With ``--rate max`` the rows have no grid, only times."""
     (home / "line.toml").write_text(line_text())
     (home / "recipe.toml").write_text(RECIPE)
-    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=5.0, rate="max"))
+    plan = make_plan(
+        RunOptions(home / "line.toml", home / "recipe.toml", duration_s=5.0, rate="max")
+    )
     return RecordedRun(plan, home / "runs").result.folder
 
 
@@ -67,7 +71,9 @@ def in_small_groups(run: RunTables, table: str, columns: list[str]) -> Iterator[
 
 
 @pytest.mark.parametrize("made", [small, hot_air, free])
-def test_rows_of_a_port_are_those_of_the_whole_table(made: Callable[[Path], Path], tmp_path: Path) -> None:
+def test_rows_of_a_port_are_those_of_the_whole_table(
+    made: Callable[[Path], Path], tmp_path: Path
+) -> None:
     run = open_run(made(tmp_path))
     for facts, of_station in gather._samples(run):
         for port, rows in of_station.items():
@@ -79,7 +85,9 @@ def test_rows_of_a_port_are_those_of_the_whole_table(made: Callable[[Path], Path
                 ]
 
 
-def test_the_rows_of_a_port_are_small_and_freed_before_it_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_rows_of_a_port_are_small_and_freed_before_it_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     run = open_run(small(tmp_path))
     frames: list[weakref.ref[pd.DataFrame]] = []
     by_port, figures = gather._by_port, ports._figures

@@ -24,10 +24,18 @@ from support.virtual.recorded_run import RecordedRun
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two ports that are never at work, one that works, one that does not get hot; 60 s."""
     home = tmp_path_factory.mktemp("cold")
-    one, two = (STATION.format(family="dde", sim=sim) for sim in ("tool = 2", "tool = 2\n" + fault("stuck", at_s=0.0, port=1)))
+    one, two = (
+        STATION.format(family="dde", sim=sim)
+        for sim in ("tool = 2", "tool = 2\n" + fault("stuck", at_s=0.0, port=1))
+    )
     one = one.replace("family =", 'recipe = "cold.toml"\nfamily =')
-    (home / "line.toml").write_text('[line]\nname = "bench"\n' + one + two.replace("dde-1", "dde-2"))
-    for name, parts in (("cold", (SOLDERING, ONLY_COVERAGE)), ("hot", (SOLDERING, WORKING, ONLY_COVERAGE))):
+    (home / "line.toml").write_text(
+        '[line]\nname = "bench"\n' + one + two.replace("dde-1", "dde-2")
+    )
+    for name, parts in (
+        ("cold", (SOLDERING, ONLY_COVERAGE)),
+        ("hot", (SOLDERING, WORKING, ONLY_COVERAGE)),
+    ):
         (home / f"{name}.toml").write_text("".join(parts).format(name=name))
     plan = make_plan(RunOptions(home / "line.toml", home / "hot.toml", duration_s=60.0, rate=4.0))
     folder = RecordedRun(plan, home / "runs").result.folder

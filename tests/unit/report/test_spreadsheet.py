@@ -29,14 +29,18 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_table_is_there_with_its_columns(run: Path) -> None:
     for name, columns in TABLES.items():
         found = rows(run, name)
-        assert found or name in ("alarms", "units"), name  # nobody named a unit, and nothing need go wrong
+        # nobody named a unit, and nothing need go wrong
+        assert found or name in ("alarms", "units"), name
         head = (run / "tables" / f"{name}.csv").read_text("utf-8-sig").splitlines()[0].split(",")
         assert head[: len(columns)] == list(columns)
-        assert all(None not in row and None not in row.values() for row in found)  # as many cells as titles
+        # as many cells as titles
+        assert all(None not in row and None not in row.values() for row in found)
 
 
 def test_a_rule_has_its_figure_and_its_bound_as_numbers(run: Path) -> None:
-    rule = next(row for row in rows(run, "rules") if row["name"] == "idle_error" and row["result"] == "pass")
+    rule = next(
+        row for row in rows(run, "rules") if row["name"] == "idle_error" and row["result"] == "pass"
+    )
     assert float(rule["bound_low"]) < float(rule["observed"]) < float(rule["bound_high"])
     assert float(rule["n_effective"]) <= int(rule["n"])
     coverage = next(row for row in rows(run, "rules") if row["name"] == "coverage")
@@ -56,7 +60,9 @@ def test_no_text_is_a_formula(tmp_path: Path) -> None:
     alarms = [alarm(12 + number, text=text) for number, text in enumerate(FORMULAS)]
     folder = seal(tmp_path, [station(rows=300)], table(samples(300)), alarms)
     write_report(folder)
-    assert [event["text"] for event in rows(folder, "events")] == [csv_cell(text) for text in FORMULAS]
+    assert [event["text"] for event in rows(folder, "events")] == [
+        csv_cell(text) for text in FORMULAS
+    ]
     assert [csv_cell(text) for text in FORMULAS] == [f"'{clean(text)}" for text in FORMULAS]
 
 

@@ -1,4 +1,6 @@
-"""A station that tells states and no temperature: what it is judged by, and what a report shows of it."""
+"""A station that tells states and no temperature: what it is judged by, and what a report shows of
+it.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ Columns = dict[str, NDArray[np.generic]]
 
 
 def rows_of_states(rows: int = 120) -> Columns:
-    """A row each second: no solder from 60 to 70 s, preparing for 5 s, out of range in every fourth."""
+    """A row each second: no solder from 60 to 70 s, preparing for 5 s, out of range in every
+    fourth.
+    """
     there = samples(rows, "omega-1", hz=1.0)
     for name in ("temperature_c", "power_permille", "set_c", "alarm_high"):
         there[name] = np.full(rows, np.nan)
@@ -47,7 +51,13 @@ def lose(columns: Columns, rows: slice, *names: str) -> None:
 def facts(rows: int = 120) -> StationFacts:
     found = station("omega-1", rows=rows, hz=1.0)
     found.family, found.model, found.software, found.address = "omega", None, None, None
-    found.signals, found.tools, found.safe_state, found.touched, found.last_temperature_c = list(STATES), {}, {}, [], {}
+    found.signals, found.tools, found.safe_state, found.touched, found.last_temperature_c = (
+        list(STATES),
+        {},
+        {},
+        [],
+        {},
+    )
     return found
 
 
@@ -70,7 +80,12 @@ def test_how_long_each_state_held_and_that_it_is_accepted(tmp_path: Path) -> Non
     report = told(tmp_path, rows_of_states())
     assert report["verdict"]["word"] == "ACCEPT"
     (port,) = report["stations"][0]["ports"]
-    assert port["states"] == {"shortage_s": 10.0, "clogged_s": 0.0, "preparing_s": 5.0, "out_of_range_s": 30.0}
+    assert port["states"] == {
+        "shortage_s": 10.0,
+        "clogged_s": 0.0,
+        "preparing_s": 5.0,
+        "out_of_range_s": 30.0,
+    }
     assert port["recorded"]["coverage_percent"] == 100
     assert (port["left"], port["left_warns"]) == ("has none", False)
     assert len(port["figures"]) == 1
@@ -86,11 +101,15 @@ def test_coverage_and_gap_are_those_of_its_states(tmp_path: Path) -> None:
     assert coverage["result"] == "fail"
     assert gap["text"] == "Longest gap in readings 4 s, allowed 3 s."
     (port,) = report["stations"][0]["ports"]
-    assert port["recorded"]["gaps"] == [{"from": port["recorded"]["gaps"][0]["from"], "seconds": 4.0, "why": "timeout"}]
+    assert port["recorded"]["gaps"] == [
+        {"from": port["recorded"]["gaps"][0]["from"], "seconds": 4.0, "why": "timeout"}
+    ]
 
 
 def test_limits_about_what_it_does_not_tell_are_not_about_it(tmp_path: Path) -> None:
-    report = told(tmp_path, rows_of_states(), LIMITS + "idle_error_c = 15\nidle_sd_c = 5\nalarms_max = 0\n")
+    report = told(
+        tmp_path, rows_of_states(), LIMITS + "idle_error_c = 15\nidle_sd_c = 5\nalarms_max = 0\n"
+    )
     assert report["verdict"]["word"] == "ACCEPT"
     for name in ("idle_error", "idle_sd", "alarms"):
         assert rule(report, name)["result"] == "not applicable"

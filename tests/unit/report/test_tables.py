@@ -6,12 +6,24 @@ from pathlib import Path
 
 from jbclog.analysis.run import open_run
 from jbclog.core.rows import CounterRow, EventRow, Severity
-from jbclog.report.tables import MOST_EVENTS, by_station, counter_rows, event_rows, ledger_rows, setting_rows
+from jbclog.report.tables import (
+    MOST_EVENTS,
+    by_station,
+    counter_rows,
+    event_rows,
+    ledger_rows,
+    setting_rows,
+)
 from support.records.sealed_run import limit, micros, samples, seal, station, table
 
 
-def test_of_too_many_events_the_gravest_are_kept_in_order_and_the_rest_is_counted(tmp_path: Path) -> None:
-    told = [EventRow(micros(i), "read.timeout", Severity.WARNING, "x", "dde-1", 1) for i in range(MOST_EVENTS + 50)]
+def test_of_too_many_events_the_gravest_are_kept_in_order_and_the_rest_is_counted(
+    tmp_path: Path,
+) -> None:
+    told = [
+        EventRow(micros(i), "read.timeout", Severity.WARNING, "x", "dde-1", 1)
+        for i in range(MOST_EVENTS + 50)
+    ]
     told.append(EventRow(micros(5000), "link.lost", Severity.CRITICAL, "x", "dde-1"))
     rows, left = event_rows(open_run(seal(tmp_path, [station()], table(), told)).events())
     assert len(rows) == MOST_EVENTS
@@ -23,7 +35,14 @@ def test_of_too_many_events_the_gravest_are_kept_in_order_and_the_rest_is_counte
 
 def test_events_keep_what_is_missing_missing(tmp_path: Path) -> None:
     rows, left = event_rows(
-        open_run(seal(tmp_path, [station()], table(), [EventRow(micros(1), "run.start", Severity.INFO, "x")])).events()
+        open_run(
+            seal(
+                tmp_path,
+                [station()],
+                table(),
+                [EventRow(micros(1), "run.start", Severity.INFO, "x")],
+            )
+        ).events()
     )
     assert left is None
     assert rows == [
@@ -47,9 +66,19 @@ def test_events_keep_what_is_missing_missing(tmp_path: Path) -> None:
 def test_a_setting_read_again_and_found_the_same_is_not_repeated(tmp_path: Path) -> None:
     again = limit("high", "380")._replace(outcome="read", requested=None, written=None)
     other = again._replace(readback="390", time=micros(40))
-    found = open_run(seal(tmp_path, [station()], table(), settings=[limit("high", "380"), again, again, other, other]))
+    found = open_run(
+        seal(
+            tmp_path,
+            [station()],
+            table(),
+            settings=[limit("high", "380"), again, again, other, other],
+        )
+    )
     rows, left = setting_rows(found.settings())
-    assert [(row["outcome"], row["readback"]) for row in rows] == [("confirmed", "380"), ("read", "390")]
+    assert [(row["outcome"], row["readback"]) for row in rows] == [
+        ("confirmed", "380"),
+        ("read", "390"),
+    ]
     assert left is not None
     assert left.rows == 3
 
@@ -66,9 +95,16 @@ def test_counters_at_start_and_end(tmp_path: Path) -> None:
         counter("hibernation_h", 7.0),
     ]
     rows = {
-        str(row["counter"]): row for row in counter_rows(open_run(seal(tmp_path, [station()], table(), counters=told)).counters())
+        str(row["counter"]): row
+        for row in counter_rows(
+            open_run(seal(tmp_path, [station()], table(), counters=told)).counters()
+        )
     }
-    assert (rows["work_h"]["first"], rows["work_h"]["last"], rows["work_h"]["difference"]) == (811, 813, 2)
+    assert (rows["work_h"]["first"], rows["work_h"]["last"], rows["work_h"]["difference"]) == (
+        811,
+        813,
+        2,
+    )
     assert rows["plugged_h"]["difference"] is None
     assert "Decreased" in str(rows["plugged_h"]["note"])
     assert (rows["sleep_h"]["last"], rows["sleep_h"]["difference"]) == (None, None)
@@ -79,7 +115,10 @@ def test_counters_at_start_and_end(tmp_path: Path) -> None:
 def test_the_ledger_has_every_reason_the_commonest_first(tmp_path: Path) -> None:
     ledger = {
         "dde-1": {
-            "1": {"temperature_c": {"due": 10, "ok": 7, "timeout": 2, "bcc": 1}, "work_h": {"due": 2, "ok": 2}},
+            "1": {
+                "temperature_c": {"due": 10, "ok": 7, "timeout": 2, "bcc": 1},
+                "work_h": {"due": 2, "ok": 2},
+            },
             "station": {"maximum_temperature": {"due": 4, "ok": 0, "timeout": 4}},
         }
     }
@@ -98,14 +137,33 @@ def test_the_ledger_has_every_reason_the_commonest_first(tmp_path: Path) -> None
 
 
 def test_samples_of_a_real_run_are_in_its_ledger(tmp_path: Path) -> None:
-    rows, _ = ledger_rows(open_run(seal(tmp_path, [station(rows=600)], table(samples(600)))).manifest.ledger)
-    assert {"station": "dde-1", "port": 1, "signal": "temperature_c", "due": 600, "ok": 600, "reasons": {}} in rows
+    rows, _ = ledger_rows(
+        open_run(seal(tmp_path, [station(rows=600)], table(samples(600)))).manifest.ledger
+    )
+    assert {
+        "station": "dde-1",
+        "port": 1,
+        "signal": "temperature_c",
+        "due": 600,
+        "ok": 600,
+        "reasons": {},
+    } in rows
 
 
 def test_rows_stand_in_the_line_files_order() -> None:
     rows: list[dict[str, object]] = [
-        {"station": station, "port": port, "n": n} for n in (1, 2) for station in ("b", "x", "a") for port in (None, 2, 1)
+        {"station": station, "port": port, "n": n}
+        for n in (1, 2)
+        for station in ("b", "x", "a")
+        for port in (None, 2, 1)
     ]
     found = [(row["station"], row["port"], row["n"]) for row in by_station(rows, ["b", "a"])]
-    assert found[:6] == [("b", 1, 1), ("b", 1, 2), ("b", 2, 1), ("b", 2, 2), ("b", None, 1), ("b", None, 2)]
+    assert found[:6] == [
+        ("b", 1, 1),
+        ("b", 1, 2),
+        ("b", 2, 1),
+        ("b", 2, 2),
+        ("b", None, 1),
+        ("b", None, 2),
+    ]
     assert [station for station, _, _ in found[::6]] == ["b", "a", "x"]

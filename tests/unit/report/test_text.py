@@ -22,13 +22,17 @@ from jbclog.report.text import clean, cleaned, clock, iso, measured, number, sta
         ("half \ud800 surrogate", "half \ufffd surrogate"),
     ],
 )
-def test_control_and_formatting_characters_do_nothing_and_show_that_they_were_there(text: str, shown: str) -> None:
+def test_control_and_formatting_characters_do_nothing_and_show_that_they_were_there(
+    text: str, shown: str
+) -> None:
     assert clean(text) == shown
     assert clean(text).encode()
 
 
 def test_everything_inside_is_cleaned_keys_as_well() -> None:
-    assert cleaned({"a\x1b": ["b\x00", ("c\u202e", 1, None, True)]}) == {"a\ufffd": ["b\ufffd", ["c\ufffd", 1, None, True]]}
+    assert cleaned({"a\x1b": ["b\x00", ("c\u202e", 1, None, True)]}) == {
+        "a\ufffd": ["b\ufffd", ["c\ufffd", 1, None, True]]
+    }
 
 
 @pytest.mark.parametrize(
@@ -62,7 +66,10 @@ def test_times() -> None:
 
 
 def test_a_number_keeps_its_unit_beside_it() -> None:
-    assert together("99.5 % in 5 s, 15 °C; 3 stations") == "99.5\u00a0% in 5\u00a0s, 15\u00a0°C; 3 stations"
+    assert (
+        together("99.5 % in 5 s, 15 °C; 3 stations")
+        == "99.5\u00a0% in 5\u00a0s, 15\u00a0°C; 3 stations"
+    )
 
 
 def test_per_cent_are_never_rounded_up() -> None:

@@ -1,4 +1,6 @@
-"""The page and its twin in JSON: what they say, that they open offline, and that nothing from outside can act in them."""
+"""The page and its twin in JSON: what they say, that they open offline, and that nothing from
+outside can act in them.
+"""
 
 from __future__ import annotations
 
@@ -27,15 +29,53 @@ from jbclog.report.verdict import without_urls
 from jbclog.report.verify import verify_report
 from jbclog.report.write import write_report
 from support import once
-from support.records.sealed_run import RECIPE, alarm, limit, lose, micros, samples, seal, station, table
+from support.records.sealed_run import (
+    RECIPE,
+    alarm,
+    limit,
+    lose,
+    micros,
+    samples,
+    seal,
+    station,
+    table,
+)
 from support.records.small_run import begin, make_run
 
 ELEMENTS = {
-    *("html", "head", "meta", "title", "style", "body", "main", "section", "footer", "div", "p", "span", "b", "small", "a", "code"),
+    *(
+        "html",
+        "head",
+        "meta",
+        "title",
+        "style",
+        "body",
+        "main",
+        "section",
+        "footer",
+        "div",
+        "p",
+        "span",
+        "b",
+        "small",
+        "a",
+        "code",
+    ),
     *("h1", "h2", "h3", "ul", "li", "dl", "dt", "dd", "table", "thead", "tbody", "tr", "th", "td"),
     *("figure", "figcaption", "img", "script"),
 }
-ATTRIBUTES = {"lang", "charset", "name", "content", "http-equiv", "class", "id", "href", "src", "alt"}
+ATTRIBUTES = {
+    "lang",
+    "charset",
+    "name",
+    "content",
+    "http-equiv",
+    "class",
+    "id",
+    "href",
+    "src",
+    "alt",
+}
 BESIDE = ("tables/joints.csv", "tables/metrics.csv", "joints.parquet")  # files of the report itself
 ATTRIBUTES |= {"data-what", "data-zoom"}
 OURS = [(files("jbclog.report").joinpath(*path)).read_bytes().decode() for path in SCRIPTS]
@@ -78,7 +118,9 @@ def report(folder: Path) -> tuple[Page, dict[str, Any]]:
 
 
 def read(folder: Path) -> tuple[Page, dict[str, Any]]:
-    return Page((folder / "report.html").read_text("utf-8")), json.loads((folder / "report.json").read_text("utf-8"))
+    return Page((folder / "report.html").read_text("utf-8")), json.loads(
+        (folder / "report.json").read_text("utf-8")
+    )
 
 
 def sealed(tmp_path: Path, rows: int = 600, **manifest: object) -> Path:
@@ -103,7 +145,12 @@ def test_a_recorded_run_is_told_with_its_verdict_first(shown: tuple[Page, dict[s
     assert data["verdict"]["word"] == "REJECT"
     assert data["verdict"]["decided"] == "with the run"
     heading = page.text.index("REJECT", page.text.index("process record"))
-    assert heading < page.text.index("Stations") < page.text.index("Events") < page.text.index("What this record does not claim")
+    assert (
+        heading
+        < page.text.index("Stations")
+        < page.text.index("Events")
+        < page.text.index("What this record does not claim")
+    )
     for word in (
         "dde-1",
         "ale-1",
@@ -118,7 +165,10 @@ def test_a_recorded_run_is_told_with_its_verdict_first(shown: tuple[Page, dict[s
     ):
         assert word in page.text, word
     assert "disconnected 3.0 s" in page.text
-    assert [len(one["ports"]) for one in sorted(data["stations"], key=lambda one: one["name"])] == [1, 2]
+    assert [len(one["ports"]) for one in sorted(data["stations"], key=lambda one: one["name"])] == [
+        1,
+        2,
+    ]
 
 
 def test_both_name_the_manifest_that_they_were_made_from_and_change_nothing(
@@ -140,9 +190,12 @@ def test_the_same_run_gives_the_same_bytes_and_a_changed_report_is_found(recorde
     first = {path: path.read_bytes() for path in recorded.rglob("*") if path.is_file()}
     once.forget()
     write_report(recorded)
-    assert first == {path: path.read_bytes() for path in recorded.rglob("*") if path.is_file()}  # the manifest's, too
+    # the manifest's, too
+    assert first == {path: path.read_bytes() for path in recorded.rglob("*") if path.is_file()}
     assert verify_report(recorded) == []
-    (recorded / "report.html").write_text(first[recorded / "report.html"].decode().replace("REJECT", "ACCEPT"))
+    (recorded / "report.html").write_text(
+        first[recorded / "report.html"].decode().replace("REJECT", "ACCEPT")
+    )
     (recorded / "figures" / "dde-1-1.svg").unlink()
     found = verify_report(recorded)
     assert len(found) == 2
@@ -151,7 +204,9 @@ def test_the_same_run_gives_the_same_bytes_and_a_changed_report_is_found(recorde
         path.write_bytes(first[path])
 
 
-def test_limits_that_were_changed_are_found_though_the_verdict_comes_out_the_same(recorded: Path) -> None:
+def test_limits_that_were_changed_are_found_though_the_verdict_comes_out_the_same(
+    recorded: Path,
+) -> None:
     for file in (next((recorded / "recipes").iterdir()), recorded / "line.toml"):
         before = file.read_bytes()
         file.write_bytes(before + b"# other\n")
@@ -162,22 +217,41 @@ def test_limits_that_were_changed_are_found_though_the_verdict_comes_out_the_sam
 
 def test_the_page_needs_nothing_but_itself(shown: tuple[Page, dict[str, Any]]) -> None:
     page, _ = shown
-    assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}, {}]  # uPlot and ours, in the page
-    assert not [tag for tag, _ in page.elements if tag in ("link", "iframe", "object", "embed", "form", "base", "svg")]
+    # uPlot and ours, in the page
+    assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}, {}]
+    assert not [
+        tag
+        for tag, _ in page.elements
+        if tag in ("link", "iframe", "object", "embed", "form", "base", "svg")
+    ]
     sources = [attrs.get("src") for tag, attrs in page.elements if tag == "img"]
-    assert len(sources) == 14  # of three ports, their joints and the run at a glance, each in two sizes
-    assert all(source is not None and source.startswith("data:image/svg+xml,") for source in sources)
+    # of three ports, their joints and the run at a glance, each in two sizes
+    assert len(sources) == 14
+    assert all(
+        source is not None and source.startswith("data:image/svg+xml,") for source in sources
+    )
     style = "".join(page.words)
     assert "@import" not in style
     assert "url(" not in style
-    policy = [attrs["content"] for tag, attrs in page.elements if attrs.get("http-equiv") == "Content-Security-Policy"]
+    policy = [
+        attrs["content"]
+        for tag, attrs in page.elements
+        if attrs.get("http-equiv") == "Content-Security-Policy"
+    ]
     assert policy
     assert "default-src 'none'" in str(policy[0])
     assert page.scripts == OURS
-    hashes = [f"'sha256-{base64.b64encode(sha256(script.encode()).digest()).decode()}'" for script in page.scripts]
+    hashes = [
+        f"'sha256-{base64.b64encode(sha256(script.encode()).digest()).decode()}'"
+        for script in page.scripts
+    ]
     assert f"script-src {' '.join(hashes)};" in str(policy[0])
     for script in page.scripts:
-        assert not [word for word in ("fetch", "XMLHttp", "import", "eval", "innerHTML", "Worker", "WebSocket") if word in script]
+        assert not [
+            word
+            for word in ("fetch", "XMLHttp", "import", "eval", "innerHTML", "Worker", "WebSocket")
+            if word in script
+        ]
     assert "http" not in page.scripts[1]
     assert page.scripts[0].count("http") == 1  # where it comes from, in its first line
     assert all(attrs.get("alt") for tag, attrs in page.elements if tag == "img")
@@ -200,7 +274,8 @@ MARKUP = (
     "$\\frac{1}{0}$",
     "\x1b[31mred\x00\u202eexe.txt\u2066",
 )
-HOSTILE = (" ".join(MARKUP), "javascript:alert(1)", "../../../etc/passwd")  # an address and a path are that from their beginning on
+# an address and a path are that from their beginning on
+HOSTILE = (" ".join(MARKUP), "javascript:alert(1)", "../../../etc/passwd")
 
 
 @pytest.mark.parametrize("text", HOSTILE)
@@ -212,7 +287,10 @@ def test_text_from_outside_is_shown_and_cannot_act(tmp_path: Path, text: str) ->
         tmp_path,
         [facts],
         table(samples(600, name=text)),
-        [alarm(12, text, text=text), EventRow(micros(1), text, Severity.INFO, text, text, 1, raw=text)],
+        [
+            alarm(12, text, text=text),
+            EventRow(micros(1), text, Severity.INFO, text, text, 1, raw=text),
+        ],
         [
             SettingRow(micros(0), text, 1, text, text, text, text, text, text, None, "confirmed"),
             limit("high", text, station_name=text),
@@ -222,7 +300,17 @@ def test_text_from_outside_is_shown_and_cannot_act(tmp_path: Path, text: str) ->
         metadata=Metadata(text, text, text, [text], {text: text}),
         host={text: text},
         verdict="REJECT",
-        verdict_rules=[{"name": text, "station": text, "port": 1, "text": text, "result": text, "limit": text, "observed": text}],
+        verdict_rules=[
+            {
+                "name": text,
+                "station": text,
+                "port": 1,
+                "text": text,
+                "result": text,
+                "limit": text,
+                "observed": text,
+            }
+        ],
         exit_status=text,
         lost=Lost(1.0, text),
     )
@@ -232,11 +320,19 @@ def test_text_from_outside_is_shown_and_cannot_act(tmp_path: Path, text: str) ->
     assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}, {}]
     assert page.scripts == OURS
     assert {name for _, attrs in page.elements for name in attrs} <= ATTRIBUTES
-    assert all(str(attrs["href"]).startswith("#") or attrs["href"] in BESIDE for _, attrs in page.elements if "href" in attrs)
-    html, data = (folder / "report.html").read_text("utf-8"), (folder / "report.json").read_text("utf-8")
+    assert all(
+        str(attrs["href"]).startswith("#") or attrs["href"] in BESIDE
+        for _, attrs in page.elements
+        if "href" in attrs
+    )
+    html, data = (
+        (folder / "report.html").read_text("utf-8"),
+        (folder / "report.json").read_text("utf-8"),
+    )
     for shown in (html, data):
         assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]", shown)
-    assert clean(text) in " ".join(page.words)  # as it is, not worked out: {{ 7 * 7 }} stays what it is
+    # as it is, not worked out: {{ 7 * 7 }} stays what it is
+    assert clean(text) in " ".join(page.words)
     made = {path for path in tmp_path.rglob("*") if path.is_file()} - outside
     assert all(path.is_relative_to(folder) for path in made)
     for figure in (folder / "figures").iterdir():
@@ -262,7 +358,11 @@ def test_a_run_that_ended_without_a_verdict_is_judged_by_its_recipes(tmp_path: P
 
 def test_a_lost_run_is_never_accepted_and_says_what_is_missing(tmp_path: Path) -> None:
     folder = sealed(
-        tmp_path, exit_status="lost", exit_code=4, lost=Lost(1.0, "At most 1 s of every station is missing."), ended=None
+        tmp_path,
+        exit_status="lost",
+        exit_code=4,
+        lost=Lost(1.0, "At most 1 s of every station is missing."),
+        ended=None,
     )
     page, data = report(folder)
     assert data["verdict"]["word"] == "INCONCLUSIVE"
@@ -276,7 +376,12 @@ def recovered(tmp_path: Path, **manifest: object) -> Path:
     facts = station(rows=600)
     facts.outcome, facts.safe_state, facts.last_temperature_c = "running", {}, {}
     facts.first_tick = facts.last_tick = None
-    told = {"exit_status": "lost", "exit_code": 4, "verdict": "INCONCLUSIVE", "lost": Lost(1.0, "At most the last 1 s is missing.")}
+    told = {
+        "exit_status": "lost",
+        "exit_code": 4,
+        "verdict": "INCONCLUSIVE",
+        "lost": Lost(1.0, "At most the last 1 s is missing."),
+    }
     return seal(tmp_path, [facts], table(samples(600)), **{**told, **manifest})  # type: ignore[arg-type]
 
 
@@ -284,13 +389,20 @@ def test_a_recovered_run_claims_nothing_that_nobody_saw(tmp_path: Path) -> None:
     page, data = report(recovered(tmp_path))
     assert (data["verdict"]["word"], data["verdict"]["decided"]) == ("INCONCLUSIVE", "by recovery")
     first, second = (reason["text"] for reason in data["verdict"]["reasons"][:2])
-    assert first.startswith("The recording was cut off before the run was judged. At most the last 1 s is missing.")
+    assert first.startswith(
+        "The recording was cut off before the run was judged. At most the last 1 s is missing."
+    )
     assert second == "dde-1 port 1: not made safe: last seen 345 °C, working."
     assert "All limits passed." not in page.text
     assert "not touched" not in page.text
-    assert (data["stations"][0]["outcome"], data["stations"][0]["ports"][0]["left_warns"]) == ("cut off", True)
+    assert (data["stations"][0]["outcome"], data["stations"][0]["ports"][0]["left_warns"]) == (
+        "cut off",
+        True,
+    )
     assert "running" not in page.text.split("What this record does not claim")[0]
-    assert {rule["name"]: rule["result"] for rule in data["verdict"]["rules"]}["record"] == "missing"
+    assert {rule["name"]: rule["result"] for rule in data["verdict"]["rules"]}[
+        "record"
+    ] == "missing"
 
 
 def test_a_recovered_run_that_lost_a_part_since_is_not_told(tmp_path: Path) -> None:
@@ -301,7 +413,9 @@ def test_a_recovered_run_that_lost_a_part_since_is_not_told(tmp_path: Path) -> N
 
 
 def test_a_recovered_run_without_limits_says_so_and_that_it_was_cut_off(tmp_path: Path) -> None:
-    page, data = report(recovered(tmp_path, recipe=RECIPE.split("[acceptance]")[0], verdict="NOT JUDGED"))
+    page, data = report(
+        recovered(tmp_path, recipe=RECIPE.split("[acceptance]")[0], verdict="NOT JUDGED")
+    )
     assert data["verdict"]["word"] == "NOT JUDGED"
     assert "The recording was cut off" in page.text
     assert "state no limits" in page.text
@@ -381,10 +495,16 @@ def test_figures_of_a_port_come_from_its_rows(tmp_path: Path) -> None:
     columns["temperature_c"][300] = 444
     facts = station(rows=600)
     facts.rated_power_w = 130.0
-    folder = seal(tmp_path, [facts], table(columns), [alarm(26)], [limit("high", "380"), limit("low", "300")])
+    folder = seal(
+        tmp_path, [facts], table(columns), [alarm(26)], [limit("high", "380"), limit("low", "300")]
+    )
     page, data = report(folder)
     port = data["stations"][0]["ports"][0]
-    assert (port["tip"]["least_c"], port["tip"]["greatest_c"], port["tip"]["set_c"]) == (25, 444, 350)
+    assert (port["tip"]["least_c"], port["tip"]["greatest_c"], port["tip"]["set_c"]) == (
+        25,
+        444,
+        350,
+    )
     assert (port["tip"]["alarm_high_c"], port["tip"]["alarm_low_c"]) == (380, 300)
     assert (port["recorded"]["readings"], port["recorded"]["due"], port["alarms"]) == (600, 600, 1)
     energy = float(np.trapezoid(columns["power_permille"], dx=0.1))
@@ -443,5 +563,7 @@ def test_the_rate_is_what_was_asked_for_and_what_came_of_it(
     stations = [station(name, rows=50) for name in names]
     for facts, (asked, taken) in zip(stations, rates, strict=True):
         facts.asked_rate, facts.rate_hz = asked, taken
-    _, data = report(seal(tmp_path, stations, table(*(samples(50, name) for name in names)), rate=None))
+    _, data = report(
+        seal(tmp_path, stations, table(*(samples(50, name) for name in names)), rate=None)
+    )
     assert data["rate"] == said

@@ -1,4 +1,6 @@
-"""The interactive view in Chromium: it shows the record's readings, alarms and gaps, by mouse, keys and fingers."""
+"""The interactive view in Chromium: it shows the record's readings, alarms and gaps, by mouse, keys
+and fingers.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,20 @@ HOSTILE = "<img src=x onerror=\"document.title='owned'\">"
 LINE, ALARM, HATCH = (11, 79, 138), (200, 64, 10), (141, 153, 166)
 Pixels = np.ndarray[tuple[int, int, int], np.dtype[np.uint8]]
 PIXELS = """(panel, first, last) => {
-  const over = document.querySelectorAll(".zoom .u-over")[panel], canvas = over.parentNode.querySelector("canvas");
-  const box = canvas.getBoundingClientRect(), field = over.getBoundingClientRect(), x = Math.ceil(first - box.left);
+  const over = document.querySelectorAll(".zoom .u-over")[panel];
+  const canvas = over.parentNode.querySelector("canvas");
+  const box = canvas.getBoundingClientRect(), field = over.getBoundingClientRect();
+  const x = Math.ceil(first - box.left);
   const wide = Math.floor(last - box.left) - x, top = Math.round(field.top - box.top) + 1;
   const found = canvas.getContext("2d").getImageData(x, top, wide, Math.round(field.height) - 2);
   return [found.width, found.height, Array.from(found.data)];
 }"""
-OPEN, PANELS, VALUE, WINDOW = "figure[data-zoom] > .zoom-bar button", ".zoom-panels", ".zoom-value", ".zoom-window"
+OPEN, PANELS, VALUE, WINDOW = (
+    "figure[data-zoom] > .zoom-bar button",
+    ".zoom-panels",
+    ".zoom-value",
+    ".zoom-window",
+)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +48,9 @@ def browser() -> Iterator[Chromium]:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Ten minutes with an outage of 3 s, a lost power reading, an alarm, and a status that is hostile text."""
+    """Ten minutes with an outage of 3 s, a lost power reading, an alarm, and a status that is
+    hostile text.
+    """
     columns = samples(ROWS)
     lose(columns, GAP)
     columns["power_permille"][LOST_POWER] = np.nan
@@ -47,7 +58,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     columns["temperature_c"][HOT] = 392
     columns["status"][5000:5020] = HOSTILE
     limits = [limit("high", "380"), limit("low", "300")]
-    folder = seal(tmp_path_factory.mktemp("runs"), [station(rows=ROWS)], table(columns), [alarm(310)], limits)
+    folder = seal(
+        tmp_path_factory.mktemp("runs"), [station(rows=ROWS)], table(columns), [alarm(310)], limits
+    )
     write_report(folder)
     return folder
 
@@ -55,7 +68,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def rows(run: Path) -> pd.DataFrame:
     """What the Parquet holds."""
-    return pd.concat(pd.read_parquet(part) for part in sorted((run / "samples").glob("*.parquet"))).set_index("tick")
+    return pd.concat(
+        pd.read_parquet(part) for part in sorted((run / "samples").glob("*.parquet"))
+    ).set_index("tick")
 
 
 class View:
@@ -82,8 +97,9 @@ class View:
     def field(self, panel: int = 0) -> tuple[float, float, float, float]:
         """Left, top, width and height of what a panel's axes enclose."""
         box = self.page.js(
-            f"(() => {{ const r = document.querySelectorAll('.zoom .u-over')[{panel}].getBoundingClientRect();"
-            " return [r.left, r.top, r.width, r.height]; })()"
+            "(() => { const r = document.querySelectorAll('.zoom"
+            f" .u-over')[{panel}].getBoundingClientRect(); return [r.left, r.top, r.width,"
+            " r.height]; })()"
         )
         return tuple(box)
 
@@ -108,7 +124,9 @@ class View:
         return np.array(pixels, dtype=np.uint8).reshape(height, width, 4)[:, :, :3]
 
 
-def near(pixels: Pixels, colour: tuple[int, int, int]) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+def near(
+    pixels: Pixels, colour: tuple[int, int, int]
+) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
     return np.abs(pixels.astype(int) - colour).max(axis=2) <= 40
 
 
@@ -139,14 +157,21 @@ def test_a_selected_window_shows_each_reading(desk: View, rows: pd.DataFrame) ->
     for tick in (2903, 2931, 3049, 3082, 3111, 3200):
         text, row = desk.hover(tick / HZ), rows.loc[tick]
         assert f"temperature {row['temperature_c']} °C · power {row['power_permille']} ‰" in text
-        assert text.startswith(f"{row['time'].floor('100ms'):%H:%M:%S}.{row['time'].microsecond // 100_000} UTC: ")
-        assert ("set 350 °C" in text) == (tick != 3049)  # after the outage it is not known until it is read again
+        assert text.startswith(
+            f"{row['time'].floor('100ms'):%H:%M:%S}.{row['time'].microsecond // 100_000} UTC: "
+        )
+        # after the outage it is not known until it is read again
+        assert ("set 350 °C" in text) == (tick != 3049)
         assert "working" in text
 
 
 def test_what_was_not_read_says_why_and_no_line_crosses_it(desk: View) -> None:
     desk.select(290, 312)
-    assert desk.hover(301.5).split(": ", 1)[1].startswith("temperature not read: disconnected · power not read: disconnected")
+    assert (
+        desk.hover(301.5)
+        .split(": ", 1)[1]
+        .startswith("temperature not read: disconnected · power not read: disconnected")
+    )
     assert "no data: disconnected, 3 s" in desk.text()
     assert "power not read: timeout" in desk.hover(LOST_POWER / HZ)
     assert "temperature 3" in desk.text()
@@ -182,11 +207,21 @@ def test_a_wide_window_tells_the_records_extremes(desk: View, rows: pd.DataFrame
     zero = rows["time"].iloc[0].floor("s")
     for second in (41.0, 222.0, 308.1, 555.0):
         text = desk.hover(second)
-        found = re.match(r"([\d:.]+) to ([\d:.]+) UTC: temperature (\d+)(?: to (\d+))? °C · power (\d+)(?: to (\d+))? ‰", text)
+        found = re.match(
+            r"([\d:.]+) to ([\d:.]+) UTC: temperature (\d+)(?: to (\d+))? °C · power (\d+)(?: to"
+            r" (\d+))? ‰",
+            text,
+        )
         assert found, text
-        ends = [round((pd.Timestamp(f"{zero:%Y-%m-%d} {one}", tz="UTC") - zero).total_seconds() * HZ) for one in found.group(1, 2)]
+        ends = [
+            round((pd.Timestamp(f"{zero:%Y-%m-%d} {one}", tz="UTC") - zero).total_seconds() * HZ)
+            for one in found.group(1, 2)
+        ]
         mine = rows.loc[ends[0] : ends[1] - 1]
-        for name, low, high in (("temperature_c", *found.group(3, 4)), ("power_permille", *found.group(5, 6))):
+        for name, low, high in (
+            ("temperature_c", *found.group(3, 4)),
+            ("power_permille", *found.group(5, 6)),
+        ):
             assert (int(low), int(high or low)) == (mine[name].min(), mine[name].max()), text
 
 
@@ -223,28 +258,41 @@ def test_text_from_outside_is_only_text(desk: View) -> None:
 
 def test_a_phone_moves_pinches_and_taps(phone: View, rows: pd.DataFrame) -> None:
     assert phone.page.js("document.scrollingElement.scrollWidth") <= 390
-    small = "Array.from(document.querySelectorAll('.zoom-bar button')).filter((one) => one.getBoundingClientRect().height < 44)"
+    small = (
+        "Array.from(document.querySelectorAll('.zoom-bar button')).filter((one) =>"
+        " one.getBoundingClientRect().height < 44)"
+    )
     assert phone.page.js(f"{small}.length") == 0
     left, top, width, height = phone.field()
     y = top + height / 2
-    apart = [[(left + width * (0.5 - half), y), (left + width * (0.5 + half), y)] for half in (0.05, 0.1, 0.2, 0.4)]
+    apart = [
+        [(left + width * (0.5 - half), y), (left + width * (0.5 + half), y)]
+        for half in (0.05, 0.1, 0.2, 0.4)
+    ]
     for _ in range(2):
         phone.page.touch(*apart)
     start, end = phone.window
     assert end - start < 30
     assert "every reading" in phone.text(WINDOW)
-    phone.page.touch([(left + 0.8 * width, y)], [(left + 0.6 * width, y)], [(left + 0.3 * width, y)])
+    phone.page.touch(
+        [(left + 0.8 * width, y)], [(left + 0.6 * width, y)], [(left + 0.3 * width, y)]
+    )
     assert np.isclose(phone.window[0] - start, 0.5 * (end - start), rtol=0.1)
     assert np.isclose(np.diff(phone.window)[0], end - start)
     tick = round(phone.window[0] * HZ) + 60
     phone.page.touch([(phone.x(tick / HZ), y)])
     phone.page.until(f"document.querySelector('{VALUE}').textContent.includes('°C')")
     assert f"temperature {rows.loc[tick, 'temperature_c']} °C" in phone.text()
-    phone.page.until("document.querySelectorAll('.zoom .u-cursor-x:not(.u-off)').length === 3")  # a line in every panel
+    # a line in every panel
+    phone.page.until("document.querySelectorAll('.zoom .u-cursor-x:not(.u-off)').length === 3")
 
 
 def test_beyond_the_share_of_a_port_readings_stand_around_the_alarm_and_extremes_elsewhere(
-    browser: Chromium, run: Path, rows: pd.DataFrame, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    browser: Chromium,
+    run: Path,
+    rows: pd.DataFrame,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
     monkeypatch.setattr(zoom, "MOST_READINGS", 3000)
     (tmp_path / "report.html").write_bytes(report_files(run)["report.html"])
@@ -265,10 +313,14 @@ def test_beyond_the_share_of_a_port_readings_stand_around_the_alarm_and_extremes
     assert view.points == 0
     assert "every reading" not in view.text(WINDOW)
     assert "the record holds all" in view.text(WINDOW)
-    found = re.search(r"^([\d:.]+) to ([\d:.]+) UTC: temperature (\d+)(?: to (\d+))? °C", view.hover(50.0))
+    found = re.search(
+        r"^([\d:.]+) to ([\d:.]+) UTC: temperature (\d+)(?: to (\d+))? °C", view.hover(50.0)
+    )
     assert found
     ends = [pd.Timestamp(f"2026-09-21 {one}", tz="UTC") for one in found.group(1, 2)]
-    grid = pd.Timestamp("2026-09-21 14:13:20", tz="UTC") + pd.to_timedelta(rows.index / HZ, unit="s")
+    grid = pd.Timestamp("2026-09-21 14:13:20", tz="UTC") + pd.to_timedelta(
+        rows.index / HZ, unit="s"
+    )
     mine = rows[(grid >= ends[0]) & (grid < ends[1])]["temperature_c"]
     assert len(mine) in range(10, 40)
     assert (int(found[3]), int(found[4] or found[3])) == (mine.min(), mine.max())
@@ -283,5 +335,8 @@ def test_without_scripts_the_static_figures_stand(browser: Chromium, run: Path) 
     page = browser.page(1200, 900, java_script_enabled=False)
     page.open(run / "report.html")
     assert page.js("document.querySelectorAll('.zoom-bar').length") == 0
-    there = "Array.from(document.querySelectorAll('figure img.wide')).filter((one) => one.complete && one.clientHeight > 100)"
+    there = (
+        "Array.from(document.querySelectorAll('figure img.wide')).filter((one) => one.complete &&"
+        " one.clientHeight > 100)"
+    )
     assert page.js(f"{there}.length") == page.js("document.querySelectorAll('figure').length") > 0

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.sim.hotair import COLD_C, STILL_W_PER_K, STREAM_W_PER_K, AirStation, AirTraits, Heater, Thermocouple
+from jbclog.sim.hotair import (
+    COLD_C,
+    STILL_W_PER_K,
+    STREAM_W_PER_K,
+    AirStation,
+    AirTraits,
+    Heater,
+    Thermocouple,
+)
 from jbclog.sim.tip import JointSchedule
 
 ON, OFF, COOLING = (0, 0, 0, 0, 1), (0, 0, 0, 0, 0), (0, 0, 0, 1, 0)
@@ -22,7 +30,7 @@ def hot(made: AirStation, seconds: float = 30.0) -> AirStation:
     return made
 
 
-# -- the heater ----------------------------------------------------------------------------------------------------
+# -- the heater ------------------------------------------------------------------------------------
 
 
 def test_heats_with_all_its_power_and_settles_on_the_target_without_passing_it() -> None:
@@ -35,7 +43,9 @@ def test_heats_with_all_its_power_and_settles_on_the_target_without_passing_it()
         hottest = max(hottest, heater.temperature_c)
     assert hottest <= 350.0
     assert heater.temperature_c == pytest.approx(350.0, abs=0.1)
-    assert heater.power_w == pytest.approx((STILL_W_PER_K + 0.5 * STREAM_W_PER_K) * (350 - 23), rel=0.01)
+    assert heater.power_w == pytest.approx(
+        (STILL_W_PER_K + 0.5 * STREAM_W_PER_K) * (350 - 23), rel=0.01
+    )
 
 
 def test_more_air_takes_more_power_and_cools_faster() -> None:
@@ -82,7 +92,7 @@ def test_a_thermocouple_follows_the_air_with_a_lag() -> None:
     assert probe.temperature_c == pytest.approx(23, abs=1)
 
 
-# -- the station ---------------------------------------------------------------------------------------------------
+# -- the station -----------------------------------------------------------------------------------
 
 
 def test_it_begins_off_and_cold_and_heats_when_told() -> None:
@@ -177,11 +187,19 @@ def test_its_counters() -> None:
 
 def test_a_restart_switches_off_and_a_reset_forgets() -> None:
     made = hot(station())
-    made.settings.selected_air_temperature, made.limits.maximum_air_temperature, made.adjust[1] = 400, 420, -5
+    made.settings.selected_air_temperature, made.limits.maximum_air_temperature, made.adjust[1] = (
+        400,
+        420,
+        -5,
+    )
     made.restart()
     assert (made.status, made.settings.selected_air_temperature) == (OFF, 400)
     made.reset_settings()
-    assert (made.settings.selected_air_temperature, made.adjust[1], made.limits.maximum_air_temperature) == (300, 0, 420)
+    assert (
+        made.settings.selected_air_temperature,
+        made.adjust[1],
+        made.limits.maximum_air_temperature,
+    ) == (300, 0, 420)
     made.factory_reset()
     assert made.limits.maximum_air_temperature == 450
 

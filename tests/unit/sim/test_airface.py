@@ -16,8 +16,12 @@ T0 = 1000.0
 
 
 def station(**sim: object) -> VirtualStation:
-    """A station that answers at once, so that its physics stands still between two questions at `T0`."""
-    table = SimSpec.model_validate({"wire": False, "turnaround_ms": 0, "joints_per_minute": 0, "tool": 1} | sim)
+    """A station that answers at once, so that its physics stands still between two questions at
+    `T0`.
+    """
+    table = SimSpec.model_validate(
+        {"wire": False, "turnaround_ms": 0, "joints_per_minute": 0, "tool": 1} | sim
+    )
     return VirtualStation(StationSpec(name="s", url="s", family="jtse", sim=table), now=T0)
 
 
@@ -82,7 +86,21 @@ def test_every_read_of_the_list_is_answered(question: str, answer: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["RTT1", "RED1", "RTA1", "RTT", "RQT1", "RHA1", "RD11", "RSVR", "WNVS00000", "WSAD00002", "RAT2", "RA13"]
+    "text",
+    [
+        "RTT1",
+        "RED1",
+        "RTA1",
+        "RTT",
+        "RQT1",
+        "RHA1",
+        "RD11",
+        "RSVR",
+        "WNVS00000",
+        "WSAD00002",
+        "RAT2",
+        "RA13",
+    ],
 )
 def test_what_hot_air_does_not_have_is_not_accepted(text: str) -> None:
     assert told(station(), text) == f"N{text[1:4]}00004"
@@ -115,7 +133,9 @@ def test_what_hot_air_does_not_have_is_not_accepted(text: str) -> None:
         ("WST1350", "NST100002", "AST100300"),
     ],
 )
-def test_a_write_is_taken_within_what_the_station_allows(write: str, answer: str, read: str) -> None:
+def test_a_write_is_taken_within_what_the_station_allows(
+    write: str, answer: str, read: str
+) -> None:
     asked = station(ambient_c=60)  # warm enough to go on cooling
     assert told(asked, write) == answer
     assert told(asked, f"R{read[1:4]}") == read

@@ -1,4 +1,6 @@
-"""The protocol face, held to frames that are written out by hand from the manuals (docs/reference/protocol.md)."""
+"""The protocol face, held to frames that are written out by hand from the manuals
+(docs/reference/protocol.md).
+"""
 
 from __future__ import annotations
 
@@ -18,9 +20,15 @@ T0 = 1000.0
 
 
 def station(family: str = "dde", address: int = 1, **sim: object) -> VirtualStation:
-    """A station that answers at once, so that its physics stands still between two questions at `T0`."""
-    table = SimSpec.model_validate({"wire": False, "turnaround_ms": 0, "joints_per_minute": 0} | sim)
-    return VirtualStation(StationSpec(name="s", url="s", family=family, address=address, sim=table), now=T0)
+    """A station that answers at once, so that its physics stands still between two questions at
+    `T0`.
+    """
+    table = SimSpec.model_validate(
+        {"wire": False, "turnaround_ms": 0, "joints_per_minute": 0} | sim
+    )
+    return VirtualStation(
+        StationSpec(name="s", url="s", family=family, address=address, sim=table), now=T0
+    )
 
 
 def frame(text: str, addresses: str = "0001") -> bytes:
@@ -41,16 +49,25 @@ def told(asked: VirtualStation, text: str, now: float = T0) -> str | None:
 
 # Printed in the manuals, or text printed there with the check byte computed: (question, answer)
 GOLDEN = [
-    ("02 3030 3031 52 535431 03 64", "02 3031 3030 41 535431 3030333530 03 41"),  # RST1 -> AST100350
-    ("02 3030 3031 52 545431 03 63", "02 3031 3030 41 545431 3030313833 03 4a"),  # RTT1 -> ATT100183
+    # RST1 -> AST100350
+    ("02 3030 3031 52 535431 03 64", "02 3031 3030 41 535431 3030333530 03 41"),
+    # RTT1 -> ATT100183
+    ("02 3030 3031 52 545431 03 63", "02 3031 3030 41 545431 3030313833 03 4a"),
     ("02 3030 3031 52 5454 03 52", "02 3031 3030 41 5454 3030303435 03 70"),  # RTT -> ATT00045
-    ("02 3030 3031 57 535431 3030333530 03 57", "02 3031 3030 41 535431 03 77"),  # WST100350 -> AST1
-    ("02 3030 3031 57 413132 3030303132 03 26", "02 3031 3030 41 413132 03 03"),  # WA1200012 -> AA12, check byte ETX
-    ("02 3030 3031 57 484431 30312e3630 03 43", "02 3031 3030 41 484431 03 7c"),  # WHD101.60 -> AHD1
-    ("02 3030 3031 57 484431 3939393939 03 53", "02 3031 3030 41 484431 03 7c"),  # WHD199999 -> AHD1
-    ("02 3030 3031 57 4e5653 3030303030 03 2c", "02 3031 3030 41 4e5653 03 0a"),  # WNVS00000 -> ANVS
-    ("02 3030 3031 57 4d4154 3030333735 03 3e", "02 3031 3030 41 4d4154 03 19"),  # WMAT00375, printed in 002 and 004
-    ("02 3030 3031 57 505331 3030303130 03 54", "02 3031 3030 41 505331 03 73"),  # WPS100010 -> APS1
+    # WST100350 -> AST1
+    ("02 3030 3031 57 535431 3030333530 03 57", "02 3031 3030 41 535431 03 77"),
+    # WA1200012 -> AA12, check byte ETX
+    ("02 3030 3031 57 413132 3030303132 03 26", "02 3031 3030 41 413132 03 03"),
+    # WHD101.60 -> AHD1
+    ("02 3030 3031 57 484431 30312e3630 03 43", "02 3031 3030 41 484431 03 7c"),
+    # WHD199999 -> AHD1
+    ("02 3030 3031 57 484431 3939393939 03 53", "02 3031 3030 41 484431 03 7c"),
+    # WNVS00000 -> ANVS
+    ("02 3030 3031 57 4e5653 3030303030 03 2c", "02 3031 3030 41 4e5653 03 0a"),
+    # WMAT00375, printed in 002 and 004
+    ("02 3030 3031 57 4d4154 3030333735 03 3e", "02 3031 3030 41 4d4154 03 19"),
+    # WPS100010 -> APS1
+    ("02 3030 3031 57 505331 3030303130 03 54", "02 3031 3030 41 505331 03 73"),
 ]
 
 
@@ -72,8 +89,14 @@ def test_the_model_name_is_filled_with_blanks_on_the_left() -> None:
 def test_golden_frames_without_addresses() -> None:
     asked = station(address=False)
     asked.plant.ports[1].tip.temperature_c = 183.0
-    assert asked.receive(bytes.fromhex("02525454310362"), T0)[0].data.hex() == "02415454313030313833034b"
-    assert asked.receive(bytes.fromhex("02574d41543030333735033f"), T0)[0].data.hex() == "02414d41540318"
+    assert (
+        asked.receive(bytes.fromhex("02525454310362"), T0)[0].data.hex()
+        == "02415454313030313833034b"
+    )
+    assert (
+        asked.receive(bytes.fromhex("02574d41543030333735033f"), T0)[0].data.hex()
+        == "02414d41540318"
+    )
 
 
 def test_power_port_error_and_alarm_flags_as_printed() -> None:
@@ -82,7 +105,8 @@ def test_power_port_error_and_alarm_flags_as_printed() -> None:
     assert told(asked, "RPP1") == "APP100840"
     assert told(asked, "RPE2") == "APE200004"
     asked.plant.ports[1].high.latched = asked.plant.ports[1].low.latched = True
-    assert [told(asked, "RTA1"), told(asked, "RTA1")] == ["ATA100011", "ATA100000"]  # reading clears (000, 4.8.27)
+    # reading clears (000, 4.8.27)
+    assert [told(asked, "RTA1"), told(asked, "RTA1")] == ["ATA100011", "ATA100000"]
 
 
 FACTORY = {
@@ -156,7 +180,9 @@ def test_a_right_check_byte_over_no_frame_is_refused_with_2() -> None:
     assert station().receive(frame("QST1"), T0)[0].data == frame("NST100002", "0100")
 
 
-@pytest.mark.parametrize("question", [frame("RTT1", "0002"), frame("RTT1", ""), b"\x55\xaa", b"", frame("RTT1")[:-1]])
+@pytest.mark.parametrize(
+    "question", [frame("RTT1", "0002"), frame("RTT1", ""), b"\x55\xaa", b"", frame("RTT1")[:-1]]
+)
 def test_what_is_not_for_it_gets_silence(question: bytes) -> None:
     assert station().receive(question, T0) == []
 
@@ -173,7 +199,11 @@ def test_a_question_in_pieces_and_two_at_once() -> None:
 
 def test_robot_mode_off_refuses_everything_with_5() -> None:
     asked = station(robot_mode=False)
-    assert [told(asked, text) for text in ("RTT1", "WST100330", "RXYZ")] == ["NTT100005", "NST100005", "NXYZ00005"]
+    assert [told(asked, text) for text in ("RTT1", "WST100330", "RXYZ")] == [
+        "NTT100005",
+        "NST100005",
+        "NXYZ00005",
+    ]
     asked.device.identity.robot_mode = True
     assert told(asked, "RST1") == "AST100350"
 
@@ -226,7 +256,9 @@ def test_a_new_address_counts_after_its_answer() -> None:
 
 def test_the_feeder_of_an_ale() -> None:
     asked = station("ale", counters={"dispensed_length": 100.0})
-    assert [told(asked, text) for text in ("RMOD", "RLEN", "RSPD", "RDIA", "RBCK", "RWCD", "RFEE")] == [
+    assert [
+        told(asked, text) for text in ("RMOD", "RLEN", "RSPD", "RDIA", "RBCK", "RWCD", "RFEE")
+    ] == [
         "AMOD00001",
         "ALEN00050",
         "ASPD00100",
@@ -235,19 +267,36 @@ def test_the_feeder_of_an_ale() -> None:
         "AWCD00000",
         "AFEE00000",
     ]
-    assert [told(asked, text) for text in ("WLEN00100", "WMOD00004", "WSTR00000")] == ["ALEN", "NMOD00003", "ASTR"]
+    assert [told(asked, text) for text in ("WLEN00100", "WMOD00004", "WSTR00000")] == [
+        "ALEN",
+        "NMOD00003",
+        "ASTR",
+    ]
     assert [told(asked, text, T0 + 0.5) for text in ("RFEE", "RPS1")] == ["AFEE00001", "APS101010"]
     assert told(asked, "RPS1", T0 + 1.05) == "APS102010"
-    assert [told(asked, text, T0 + 2) for text in ("RFEE", "RDL1", "RDC1")] == ["AFEE00000", "ADL10044C", "ADC100001"]
-    assert told(station("ale", counters={"dispensed_length": 100.0}), "RDL1") == "ADL1003E8"  # 1000 dmm, as printed
+    assert [told(asked, text, T0 + 2) for text in ("RFEE", "RDL1", "RDC1")] == [
+        "AFEE00000",
+        "ADL10044C",
+        "ADC100001",
+    ]
+    # 1000 dmm, as printed
+    assert told(station("ale", counters={"dispensed_length": 100.0}), "RDL1") == "ADL1003E8"
 
 
 def test_a_feed_that_is_stopped() -> None:
     asked = station("ale")
     told(asked, "WMOD00000")
     told(asked, "WSTR", T0)
-    assert [told(asked, text, T0 + 9) for text in ("RFEE", "WSTP", "RFEE")] == ["AFEE00001", "ASTP", "AFEE00000"]
-    assert [write.name for write in asked.log.writes] == ["feeder_mode", "start_feeding", "stop_feeding"]
+    assert [told(asked, text, T0 + 9) for text in ("RFEE", "WSTP", "RFEE")] == [
+        "AFEE00001",
+        "ASTP",
+        "AFEE00000",
+    ]
+    assert [write.name for write in asked.log.writes] == [
+        "feeder_mode",
+        "start_feeding",
+        "stop_feeding",
+    ]
 
 
 def test_old_stations_know_no_extractor_order_and_no_nvs() -> None:
@@ -261,12 +310,15 @@ def test_old_stations_know_no_extractor_order_and_no_nvs() -> None:
 
 
 @pytest.mark.parametrize(
-    ("family", "ports"), [("soldering", 2), ("dde", 2), ("nae", 2), ("dme", 4), ("hde", 2), ("ucr", 1), ("ale", 1)]
+    ("family", "ports"),
+    [("soldering", 2), ("dde", 2), ("nae", 2), ("dme", 4), ("hde", 2), ("ucr", 1), ("ale", 1)],
 )
 def test_each_family_has_its_ports(family: str, ports: int) -> None:
     asked = station(family)
     answers = [told(asked, f"RCT{port}") for port in range(1, 5)]
-    assert [bool(answer and answer.startswith("A")) for answer in answers] == [port <= ports for port in range(1, 5)]
+    assert [bool(answer and answer.startswith("A")) for answer in answers] == [
+        port <= ports for port in range(1, 5)
+    ]
 
 
 @pytest.mark.parametrize("family", ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"])
@@ -304,6 +356,18 @@ def test_what_a_station_cannot_be_is_an_error_at_the_start(sim: dict[str, object
 
 
 def test_it_begins_with_the_settings_that_it_is_given() -> None:
-    asked = station(settings={"selected_temperature": 330, "sleep_delay": "off", "status": "stand", "alarm_high_delay": 1.6})
-    assert [told(asked, text) for text in ("RST2", "RD29", "RPS1", "RHD1")] == ["AST200330", "AD2999999", "APS100001", "AHD101.60"]
+    asked = station(
+        settings={
+            "selected_temperature": 330,
+            "sleep_delay": "off",
+            "status": "stand",
+            "alarm_high_delay": 1.6,
+        }
+    )
+    assert [told(asked, text) for text in ("RST2", "RD29", "RPS1", "RHD1")] == [
+        "AST200330",
+        "AD2999999",
+        "APS100001",
+        "AHD101.60",
+    ]
     assert asked.log.writes == []

@@ -14,14 +14,19 @@ from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
 from support.clients.omega_talk import framed
 
-LINE = '[line]\nname = "t"\n[[station]]\nname = "omega-1"\nurl = "x"\nfamily = "{family}"\n[station.sim]\n{sim}\n'
+LINE = (
+    '[line]\nname = "t"\n[[station]]\nname = "omega-1"\nurl = "x"\nfamily ='
+    ' "{family}"\n[station.sim]\n{sim}\n'
+)
 ON = 1000.0
 WARM = ON + WARM_UP_S + 1
 BYTE_S = 10 / 9600
 
 
 def station(sim: str = "turnaround_ms = 50\njoints_per_minute = 0") -> VirtualOmega:
-    made = virtual_station(parse_line(LINE.format(family="omega", sim=sim), Path("line.toml")).stations[0], now=ON)
+    made = virtual_station(
+        parse_line(LINE.format(family="omega", sim=sim), Path("line.toml")).stations[0], now=ON
+    )
     assert isinstance(made, VirtualOmega)
     return made
 
@@ -62,7 +67,10 @@ def test_it_answers_within_a_quarter_of_a_second_and_never_at_the_same_moment() 
     assert len(set(delays)) == 200
 
 
-@pytest.mark.parametrize("text", ["E", "K12C", "A1", "a", "C0064", "C006", "C00C8", "H0000", "H0064", "D00656" + "000" * 15])
+@pytest.mark.parametrize(
+    "text",
+    ["E", "K12C", "A1", "a", "C0064", "C006", "C00C8", "H0000", "H0064", "D00656" + "000" * 15],
+)
 def test_what_it_does_not_know_is_met_with_silence(text: str) -> None:
     omega = station()
     assert said(omega, text) == []
@@ -100,7 +108,9 @@ def test_the_cleaning_is_a_short_record() -> None:
 
 @pytest.mark.parametrize(("number", "letter"), [(101, "h"), (201, "i"), (301, "h")])
 def test_a_joint_is_told_of_when_it_is_made(number: int, letter: str) -> None:
-    """h when a point is done, i after the first stage of a slide; questions are answered meanwhile."""
+    """h when a point is done, i after the first stage of a slide; questions are answered
+    meanwhile.
+    """
     omega = station()
     (late,) = omega.receive(framed(f"H{number:04X}"), WARM)
     assert late.data == framed(letter)
@@ -115,7 +125,11 @@ def test_a_joint_takes_the_temperature_out_of_its_range() -> None:
     omega = station()
     omega.receive(framed("H0065"), WARM)
     takes = seconds_of(usual(101))
-    assert [said(omega, "F", WARM + part * takes) for part in (0.2, 0.8, 1.1)] == [["f0"], ["f1"], ["f0"]]
+    assert [said(omega, "F", WARM + part * takes) for part in (0.2, 0.8, 1.1)] == [
+        ["f0"],
+        ["f1"],
+        ["f0"],
+    ]
 
 
 @pytest.mark.parametrize(
@@ -129,7 +143,9 @@ def test_a_joint_takes_the_temperature_out_of_its_range() -> None:
     ],
 )
 def test_faults_of_its_own(kinds: list[str], text: str, answer: str) -> None:
-    faults = "".join(f'\n[[station.sim.fault]]\nkind = "{kind}"\nat_s = 5\nfor_s = 5\n' for kind in kinds)
+    faults = "".join(
+        f'\n[[station.sim.fault]]\nkind = "{kind}"\nat_s = 5\nfor_s = 5\n' for kind in kinds
+    )
     omega = station("joints_per_minute = 0" + faults)
     usual_answer = said(omega, text)
     assert said(omega, text, WARM + 6) == [answer]
@@ -137,7 +153,9 @@ def test_faults_of_its_own(kinds: list[str], text: str, answer: str) -> None:
 
 
 def test_a_restart_loses_nothing_that_is_stored_and_prepares_again() -> None:
-    omega = station('joints_per_minute = 0\n[[station.sim.fault]]\nkind = "restart"\nat_s = 5\nfor_s = 3')
+    omega = station(
+        'joints_per_minute = 0\n[[station.sim.fault]]\nkind = "restart"\nat_s = 5\nfor_s = 3'
+    )
     said(omega, "D" + "00651" + "00A" * 15)
     assert said(omega, "A", WARM + 6) == []
     assert said(omega, "B", WARM + 9) == ["b1"]
@@ -153,7 +171,10 @@ def test_a_restart_loses_nothing_that_is_stored_and_prepares_again() -> None:
         ('[[station.sim.fault]]\nkind = "silence"\ncommand = "power"', "fault silence: power"),
         ('[[station.sim.fault]]\nkind = "silence"\nport = 2', "fault silence: port 2"),
         ('settings = { condition_101 = "0065" }', "condition_101"),
-        ('settings = { condition_102 = "0000005" }', "condition_102 is nothing that an omega can begin with"),
+        (
+            'settings = { condition_102 = "0000005" }',
+            "condition_102 is nothing that an omega can begin with",
+        ),
     ],
 )
 def test_what_it_does_not_have_is_said(sim: str, wrong: str) -> None:

@@ -14,17 +14,28 @@ T0 = 1000.0
 
 
 def plant(counts: dict[str, float] | None = None) -> Plant:
-    ports = {number: SimPort(T0, 2, Tip(23.0, 130.0), JointSchedule(0.0, 1.5, number)) for number in (1, 2)}
+    ports = {
+        number: SimPort(T0, 2, Tip(23.0, 130.0), JointSchedule(0.0, 1.5, number))
+        for number in (1, 2)
+    }
     return Plant(T0, ports, Feeder(), StationSettings(500, 90), counts or {})
 
 
 def test_a_discontinuous_feed_goes_forward_then_backward_and_is_counted() -> None:
     feeder = Feeder()
-    feeder.settings.feeder_length, feeder.settings.feeder_speed, feeder.settings.feeder_backward = 5.0, 10.0, 1.0
+    feeder.settings.feeder_length, feeder.settings.feeder_speed, feeder.settings.feeder_backward = (
+        5.0,
+        10.0,
+        1.0,
+    )
     feeder.start(100.0)
     assert [feeder.motor(at) for at in (100.0, 100.49, 100.51, 100.59, 100.61)] == [1, 1, 2, 2, 0]
     assert feeder.dispensed_mm(100.25) == pytest.approx(2.5)
-    assert (feeder.dispensed_mm(200.0), feeder.dispensed_cycles(100.3), feeder.dispensed_cycles(200.0)) == (
+    assert (
+        feeder.dispensed_mm(200.0),
+        feeder.dispensed_cycles(100.3),
+        feeder.dispensed_cycles(200.0),
+    ) == (
         pytest.approx(5.0),
         0,
         1,
@@ -40,7 +51,11 @@ def test_a_continuous_feed_runs_until_it_is_stopped() -> None:
     feeder.start(105.0)  # nothing new
     assert feeder.motor(1000.0) == 1
     feeder.stop(110.0)
-    assert (feeder.motor(110.0), feeder.dispensed_mm(500.0), feeder.dispensed_cycles(500.0)) == (0, pytest.approx(100.0), 1)
+    assert (feeder.motor(110.0), feeder.dispensed_mm(500.0), feeder.dispensed_cycles(500.0)) == (
+        0,
+        pytest.approx(100.0),
+        1,
+    )
     feeder.stop(600.0)
     assert feeder.dispensed_cycles(600.0) == 1
 
@@ -53,7 +68,10 @@ def test_counters_go_on_from_where_they_began() -> None:
     port.order(STAND, False)
     made.advance_to(T0 + 3600 + 300 + 1800 + 7200)
     now = port.now
-    told = {name: made.count(name, port, now) for name in ("work_hours", "sleep_hours", "hibernation_hours", "sleep_cycles")}
+    told = {
+        name: made.count(name, port, now)
+        for name in ("work_hours", "sleep_hours", "hibernation_hours", "sleep_cycles")
+    }
     assert told == {
         "work_hours": pytest.approx(1200 + 1 + 300 / 3600),
         "sleep_hours": pytest.approx(0.5),
@@ -77,7 +95,11 @@ def test_a_restart_forgets_what_is_volatile_and_keeps_the_rest() -> None:
     port.high.latched = True
     port.order(WORKING, False)
     made.restart(T0 + 5)
-    assert (port.settings.selected_temperature, port.doing.extractor, port.high.latched) == (350, True, False)
+    assert (port.settings.selected_temperature, port.doing.extractor, port.high.latched) == (
+        350,
+        True,
+        False,
+    )
     assert (port.settings.alarm_high_limit, port.tools[2].sleep_delay) == (380, 3)
     port.settings.selected_temperature = 330
     made.store()
@@ -88,11 +110,19 @@ def test_a_restart_forgets_what_is_volatile_and_keeps_the_rest() -> None:
 def test_a_factory_reset_takes_everything_but_the_counters() -> None:
     made = plant()
     port = made.ports[2]
-    port.settings.selected_temperature, port.settings.alarm_low_limit, made.settings.maximum_temperature = 330, 300, 400
+    (
+        port.settings.selected_temperature,
+        port.settings.alarm_low_limit,
+        made.settings.maximum_temperature,
+    ) = (330, 300, 400)
     made.store()
     port.doing.sleep_cycles = 4
     made.factory_reset(T0 + 1)
-    assert (port.settings.selected_temperature, port.stored_c, made.settings.maximum_temperature) == (350, 350, 500)
+    assert (
+        port.settings.selected_temperature,
+        port.stored_c,
+        made.settings.maximum_temperature,
+    ) == (350, 350, 500)
     assert str(port.settings.alarm_low_limit) == "off"
     assert made.count("sleep_cycles", port, T0 + 1) == 4
 

@@ -1,4 +1,6 @@
-"""A port: states after their delays, alarms that latch, joints, tools in and out. Time only as it is passed in."""
+"""A port: states after their delays, alarms that latch, joints, tools in and out. Time only as it
+is passed in.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,13 @@ T0 = 1000.0
 
 
 def port(joints_per_minute: float = 0.0, **character: object) -> SimPort:
-    return SimPort(T0, 2, Tip(23.0, 130.0), JointSchedule(joints_per_minute, 1.5, 7, T0), PortTraits(**character))  # type: ignore[arg-type]
+    return SimPort(
+        T0,
+        2,
+        Tip(23.0, 130.0),
+        JointSchedule(joints_per_minute, 1.5, 7, T0),
+        PortTraits(**character),
+    )  # type: ignore[arg-type]
 
 
 def working(made: SimPort, seconds: float = 20.0) -> SimPort:
@@ -27,7 +35,12 @@ def working(made: SimPort, seconds: float = 20.0) -> SimPort:
 def test_begins_in_extract_and_cold() -> None:
     made = port()
     made.advance_to(T0 + 100)
-    assert (made.doing.state, made.doing.extractor, made.temperature(), made.power()) == (WORKING, True, 23, 0)
+    assert (made.doing.state, made.doing.extractor, made.temperature(), made.power()) == (
+        WORKING,
+        True,
+        23,
+        0,
+    )
 
 
 def test_extract_can_be_made_to_keep_the_heat() -> None:
@@ -137,7 +150,13 @@ def test_joints_come_only_while_it_works_hot_and_show_in_the_reading() -> None:
 
 def test_the_same_seed_gives_the_same_joints() -> None:
     def told(seed: int) -> list[int]:
-        made = SimPort(T0, 2, Tip(23.0, 130.0), JointSchedule(12.0, 1.5, seed, T0), PortTraits(0.5, noise=Random(seed)))
+        made = SimPort(
+            T0,
+            2,
+            Tip(23.0, 130.0),
+            JointSchedule(12.0, 1.5, seed, T0),
+            PortTraits(0.5, noise=Random(seed)),
+        )
         made.order(WORKING, False)
         values = []
         for n in range(300):
@@ -163,7 +182,12 @@ def test_without_a_tool_there_is_nothing_to_read() -> None:
     made = working(port())
     made.plug(0)
     made.advance_to(made.now + 36)
-    assert (made.temperature(), made.power(), made.port_error(), made.seconds_to_sleep()) == (0, 0, 4, None)
+    assert (made.temperature(), made.power(), made.port_error(), made.seconds_to_sleep()) == (
+        0,
+        0,
+        4,
+        None,
+    )
     assert made.no_tool_s == pytest.approx(36)
     made.plug(made.tool_before)
     assert (made.tool, made.temperature()) == (2, 23)
@@ -175,6 +199,7 @@ def test_the_transistor_warms_with_the_power_and_lags() -> None:
     made = port()
     assert made.transistor_temperature() == 33
     working(made, 2.0)
-    assert 33.5 < made.transistor_temperature() < 33 + 0.3 * 130 / 10  # 130 W for two of its sixty seconds
+    # 130 W for two of its sixty seconds
+    assert 33.5 < made.transistor_temperature() < 33 + 0.3 * 130 / 10
     made.advance_to(made.now + 1000)
     assert made.transistor_temperature() == pytest.approx(33 + 0.3 * 9.81, abs=0.1)

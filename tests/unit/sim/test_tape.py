@@ -1,4 +1,6 @@
-"""A station played from a tape: the same answers after the same time, and silence where nothing was recorded."""
+"""A station played from a tape: the same answers after the same time, and silence where nothing was
+recorded.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,13 @@ from jbclog.core.capture_rows import CaptureRow, LinkRow, LinkRowKind, ResultRow
 from jbclog.sim.recorded_exchanges import RecordedGrid, exchanges
 from jbclog.sim.replayed_station import ReplayedStation
 
-Q1, Q2, A1, A2, A3 = b"\x02RTT1\x03a", b"\x02RPP1\x03b", b"\x02ATT100350\x03", b"\x02ATT100351\x03", b"\x02APP100100\x03"
+Q1, Q2, A1, A2, A3 = (
+    b"\x02RTT1\x03a",
+    b"\x02RPP1\x03b",
+    b"\x02ATT100350\x03",
+    b"\x02ATT100351\x03",
+    b"\x02APP100100\x03",
+)
 
 
 def row(at_s: float, what: LinkRowKind, data: bytes = b"") -> LinkRow:
@@ -22,7 +30,9 @@ def tape(*rows: CaptureRow) -> list[CaptureRow]:
     return [ResultRow(0.5, "told", "wait"), row(1.0, "opened"), *rows]
 
 
-def station(rows: Sequence[CaptureRow], early_s: float = 0.0, ticks: RecordedGrid | None = None) -> ReplayedStation:
+def station(
+    rows: Sequence[CaptureRow], early_s: float = 0.0, ticks: RecordedGrid | None = None
+) -> ReplayedStation:
     return ReplayedStation("dde-1", lambda: rows, early_s, ticks)
 
 
@@ -41,7 +51,10 @@ TWO = tape(
 def test_each_asking_gets_the_next_answer_after_the_same_time() -> None:
     one = station(TWO)
     assert one.receive(Q1, 100.0) == [(pytest.approx(100.015), A1)]
-    assert one.receive(Q2, 100.1) == [(pytest.approx(100.114), A3[:4]), (pytest.approx(100.116), A3[4:])]
+    assert one.receive(Q2, 100.1) == [
+        (pytest.approx(100.114), A3[:4]),
+        (pytest.approx(100.116), A3[4:]),
+    ]
     assert one.receive(Q1, 101.0) == [(pytest.approx(101.4), A2)]
     assert (one.strange, one.repeated) == (0, {})
 
@@ -55,7 +68,12 @@ def test_asked_somewhat_more_often_it_says_the_same_again_and_then_nothing() -> 
 
 def test_another_order_gets_the_same_answers() -> None:
     one = station(TWO)
-    assert [reply.data for question in (Q1, Q1, Q2) for reply in one.receive(question, 1.0)] == [A1, A2, A3[:4], A3[4:]]
+    assert [reply.data for question in (Q1, Q1, Q2) for reply in one.receive(question, 1.0)] == [
+        A1,
+        A2,
+        A3[:4],
+        A3[4:],
+    ]
 
 
 def test_a_capture_that_is_handed_over_answers_earlier() -> None:
@@ -96,12 +114,17 @@ OUTAGE = tape(
 )
 
 
-def test_a_link_is_lost_for_as_long_and_is_back_between_the_last_try_that_failed_and_the_first_that_did_not() -> None:
+def test_a_link_is_back_between_the_last_try_that_failed_and_the_first_that_did_not() -> None:
     one = station(OUTAGE)
     assert one.next_plugging(99.0) is None
     assert len(one.receive(Q1, 100.0)) == 1
     assert one.next_plugging(100.0) == pytest.approx(100.5)
-    assert [one.is_unplugged(moment) for moment in (100.4, 100.6, 102.4, 102.6)] == [False, True, True, False]
+    assert [one.is_unplugged(moment) for moment in (100.4, 100.6, 102.4, 102.6)] == [
+        False,
+        True,
+        True,
+        False,
+    ]
     assert one.next_plugging(101.0) == pytest.approx(102.5)
     assert one.receive(Q2, 101.0) == []
     assert [reply.data for reply in one.receive(Q2, 103.0)] == [A3]
@@ -117,7 +140,12 @@ def test_a_link_that_never_came_back() -> None:
 
 def test_two_losses_without_a_question_between_them_are_one() -> None:
     rows = tape(
-        row(2.0, "sent", Q1), row(2.1, "lost"), row(3.0, "opened"), row(3.1, "lost"), row(3.5, "failed"), row(4.5, "opened")
+        row(2.0, "sent", Q1),
+        row(2.1, "lost"),
+        row(3.0, "opened"),
+        row(3.1, "lost"),
+        row(3.5, "failed"),
+        row(4.5, "opened"),
     )
     (one,) = exchanges(rows)
     assert (one.lost_s, one.back_s) == (pytest.approx(0.1), pytest.approx(2.0))
@@ -129,7 +157,9 @@ def test_what_came_before_the_first_question_belongs_to_none() -> None:
 
 
 def many(count: int) -> list[CaptureRow]:
-    """Q1 answered by its own number, Q2 every fourth time, by the number of the question before it."""
+    """Q1 answered by its own number, Q2 every fourth time, by the number of the question before
+    it.
+    """
     rows: list[CaptureRow] = []
     for number in range(count):
         rows += [row(float(number), "sent", Q1), row(number + 0.01, "heard", b"%d" % number)]
@@ -158,11 +188,19 @@ def test_who_asks_something_more_often_does_not_pull_the_tape_along() -> None:
 def test_who_ends_earlier_finds_the_end_after_the_order_for_it() -> None:
     """The order is given only once; what is read after it must not be what was read before it."""
     order, rows = b"\x02WPS100001\x03", many(400)
-    rows += [row(400.0, "sent", order), row(400.1, "heard", b"done"), row(401.0, "sent", Q1), row(401.1, "heard", b"safe")]
+    rows += [
+        row(400.0, "sent", order),
+        row(400.1, "heard", b"done"),
+        row(401.0, "sent", Q1),
+        row(401.1, "heard", b"safe"),
+    ]
     one = station(rows)
     for number in range(100):
         one.receive(Q1, float(number))
-    assert [reply.data for question in (order, Q1) for reply in one.receive(question, 100.0)] == [b"done", b"safe"]
+    assert [reply.data for question in (order, Q1) for reply in one.receive(question, 100.0)] == [
+        b"done",
+        b"safe",
+    ]
 
 
 def test_what_lies_before_an_order_is_not_given_after_it() -> None:
@@ -170,7 +208,10 @@ def test_what_lies_before_an_order_is_not_given_after_it() -> None:
     one = station([*rows, row(400.0, "sent", order), row(400.1, "heard", b"done")])
     for number in range(18):
         one.receive(Q1, float(number))
-    assert [reply.data for question in (order, Q1) for reply in one.receive(question, 100.0)] == [b"done", b"17"]
+    assert [reply.data for question in (order, Q1) for reply in one.receive(question, 100.0)] == [
+        b"done",
+        b"17",
+    ]
     assert (one.repeated, one.left_out) == ({Q1: 1}, 7)
 
 
@@ -186,7 +227,7 @@ def test_a_loss_among_what_is_left_out_is_not() -> None:
     assert one.is_unplugged(200.2)
 
 
-# -- writes, and what is behind them ---------------------------------------------------------------------------------------------
+# -- writes, and what is behind them ---------------------------------------------------------------
 
 ASKED, ASLEEP = b"\x020001RPS1\x03\x60", b"\x020001WPS100100\x03\x05"
 
@@ -216,7 +257,11 @@ ORDERED = tape(
 
 
 def said(one: ReplayedStation, *questions: bytes) -> list[bytes]:
-    return [reply.data for number, question in enumerate(questions) for reply in one.receive(question, 10.0 + number)]
+    return [
+        reply.data
+        for number, question in enumerate(questions)
+        for reply in one.receive(question, 10.0 + number)
+    ]
 
 
 def test_nothing_from_behind_a_recorded_write_comes_before_that_write() -> None:
@@ -233,10 +278,26 @@ def test_nothing_from_before_a_write_comes_after_it() -> None:
 
 
 def test_a_write_that_was_repeated_because_its_answer_was_lost_divides_nothing() -> None:
-    """A client that hears the first answer does not write again, and has come as far all the same."""
-    one = station(tape(row(1.0, "sent", SLEEP), row(1.5, "sent", SLEEP), row(1.51, "heard", b"done"), *ORDERED[-2:]))
+    """A client that hears the first answer does not write again, and has come as far all the
+    same.
+    """
+    one = station(
+        tape(
+            row(1.0, "sent", SLEEP),
+            row(1.5, "sent", SLEEP),
+            row(1.51, "heard", b"done"),
+            *ORDERED[-2:],
+        )
+    )
     assert said(one, SLEEP, STATE) == [b"asleep"]
-    two = station(tape(row(1.0, "sent", SLEEP), row(1.5, "sent", SLEEP), row(1.51, "heard", b"done"), *ORDERED[-2:]))
+    two = station(
+        tape(
+            row(1.0, "sent", SLEEP),
+            row(1.5, "sent", SLEEP),
+            row(1.51, "heard", b"done"),
+            *ORDERED[-2:],
+        )
+    )
     assert said(two, SLEEP, SLEEP, STATE) == [b"done", b"asleep"]
 
 
@@ -245,13 +306,21 @@ def test_the_client_that_missed_a_tick_gets_the_values_of_the_one_it_is_at() -> 
     rows = [
         one
         for number in range(60)
-        for one in (row(5.0 + 0.1 * number, "sent", question), row(5.01 + 0.1 * number, "heard", reading(number)))
+        for one in (
+            row(5.0 + 0.1 * number, "sent", question),
+            row(5.01 + 0.1 * number, "heard", reading(number)),
+        )
     ]
     one = station(tape(*rows), ticks=RecordedGrid(5.0, 0.1))
     moments = [number for number in range(50) if number not in (20, 21, 35)]
-    found = [int(reply.data[-7:-2]) for number in moments for reply in one.receive(question, 70.0 + 0.1 * number)]
+    found = [
+        int(reply.data[-7:-2])
+        for number in moments
+        for reply in one.receive(question, 70.0 + 0.1 * number)
+    ]
     assert found == moments
-    (again,) = one.receive(question, 70.0 + 4.91)  # once more within one tick: what stands there, and not the next
+    # once more within one tick: what stands there, and not the next
+    (again,) = one.receive(question, 70.0 + 4.91)
     assert again.data == reading(49)
     assert (one.left_out, sum(one.repeated.values())) == (3, 1)
 
@@ -259,13 +328,17 @@ def test_the_client_that_missed_a_tick_gets_the_values_of_the_one_it_is_at() -> 
 def test_what_a_host_loses_in_handing_over_it_gets_back_with_the_next_answer() -> None:
     one = station([*TWO[:5], *TWO[5:]])
     one.receive(Q1, 100.0)
-    (first, *_) = one.receive(Q2, 100.025)  # 5 ms later than then
+    first, *_ = one.receive(Q2, 100.025)  # 5 ms later than then
     assert first.at == pytest.approx(100.034)
 
 
-# -- a question and its second look ----------------------------------------------------------------------------------------------
+# -- a question and its second look ----------------------------------------------------------------
 
-ERROR, FLAGS, MODEL = checked(b"\x020001RSER\x03\x00"), checked(b"\x020001RTA1\x03\x00"), checked(b"\x020001RSMN\x03\x00")
+ERROR, FLAGS, MODEL = (
+    checked(b"\x020001RSER\x03\x00"),
+    checked(b"\x020001RTA1\x03\x00"),
+    checked(b"\x020001RSMN\x03\x00"),
+)
 
 
 def answer(text: bytes) -> bytes:
@@ -279,13 +352,22 @@ def asked(at_s: float, question: bytes, *answers: bytes) -> list[CaptureRow]:
     """One question after the other, each as soon as the one before it was answered."""
     found: list[CaptureRow] = []
     for number, one in enumerate(answers):
-        found += [row(at_s + 0.02 * number, "sent", question), row(at_s + 0.02 * number + 0.015, "heard", one)]
+        found += [
+            row(at_s + 0.02 * number, "sent", question),
+            row(at_s + 0.02 * number + 0.015, "heard", one),
+        ]
     return found
 
 
-def with_model(turns: dict[float, tuple[bytes, ...]], question: bytes, seconds: int = 40) -> ReplayedStation:
-    """The model each second, where sampling began at the first, and half a second later what is given."""
-    rows = [one for second in range(seconds) for one in asked(5.0 + second, MODEL, answer(b"SMN  DDE"))]
+def with_model(
+    turns: dict[float, tuple[bytes, ...]], question: bytes, seconds: int = 40
+) -> ReplayedStation:
+    """The model each second, where sampling began at the first, and half a second later what is
+    given.
+    """
+    rows = [
+        one for second in range(seconds) for one in asked(5.0 + second, MODEL, answer(b"SMN  DDE"))
+    ]
     rows += [one for at_s, answers in turns.items() for one in asked(at_s, question, *answers)]
     return station(tape(*sorted(rows, key=lambda one: one.at_s)), ticks=RecordedGrid(5.0, 1.0))
 
@@ -306,11 +388,18 @@ def at_second(one: ReplayedStation, question: bytes, last: int) -> None:
 
 
 @pytest.mark.parametrize("early_s", [0.3, 0.05, 0.0, -0.05, -0.3])
-def test_a_doubted_answer_is_followed_by_the_one_that_was_believed_and_that_stands(early_s: float) -> None:
+def test_a_doubted_answer_is_followed_by_the_one_that_was_believed_and_that_stands(
+    early_s: float,
+) -> None:
     one = with_model(DOUBTED, ERROR)
     at_second(one, ERROR, 10)
     first = 15.5 - early_s
-    assert heard(one, ERROR, first, first + 0.02, first + 0.04, first + 0.06) == [SOME, NONE, NONE, NONE]
+    assert heard(one, ERROR, first, first + 0.02, first + 0.04, first + 0.06) == [
+        SOME,
+        NONE,
+        NONE,
+        NONE,
+    ]
     assert one.repeated == {ERROR: 2}
 
 
@@ -324,7 +413,11 @@ def test_who_is_well_behind_gets_neither_of_them() -> None:
 def test_three_answers_of_which_none_bears_another_out_are_not_believed() -> None:
     one = with_model({5.5: (NONE,), 15.5: (SOME, answer(b"SER00022"), answer(b"SER00033"))}, ERROR)
     at_second(one, ERROR, 10)
-    assert heard(one, ERROR, 15.5, 15.52, 15.54, 15.56)[1:] == [answer(b"SER00022"), answer(b"SER00033"), NONE]
+    assert heard(one, ERROR, 15.5, 15.52, 15.54, 15.56)[1:] == [
+        answer(b"SER00022"),
+        answer(b"SER00033"),
+        NONE,
+    ]
 
 
 def test_flags_are_told_once_and_by_who_comes_late_all_the_same() -> None:

@@ -42,7 +42,8 @@ def test_a_joint_makes_it_dip_and_the_power_rise_until_it_is_back() -> None:
         powers.append(tip.power_w)
     assert 330 < min(temperatures) < 345
     assert max(powers) > 5 * idle_w
-    assert temperatures[-1] > min(temperatures) + 3  # the integral part brings it back within the joint
+    # the integral part brings it back within the joint
+    assert temperatures[-1] > min(temperatures) + 3
 
 
 @pytest.mark.parametrize("seconds", [0.05, 0.5, 5.0])
@@ -59,7 +60,8 @@ def test_heater_off_cools_exponentially_and_draws_nothing() -> None:
     for _ in range(400):
         fine.step(0.1, None, 0.0, 0.0)
     assert coarse.temperature_c == pytest.approx(fine.temperature_c, abs=1e-6)
-    assert coarse.temperature_c == pytest.approx(23 + 327 / 2.718281828, abs=0.5)  # one time constant: 1.2 J/K / 0.03 W/K
+    # one time constant: 1.2 J/K / 0.03 W/K
+    assert coarse.temperature_c == pytest.approx(23 + 327 / 2.718281828, abs=0.5)
     assert coarse.power_w == 0.0
 
 

@@ -1,4 +1,6 @@
-"""A whole virtual station: its wire's pace, its faults by name and the time that they count from."""
+"""A whole virtual station: its wire's pace, its faults by name and the time that they count
+from.
+"""
 
 from __future__ import annotations
 
@@ -16,9 +18,16 @@ FLAGS = Frame("R", "TA1", 0, 1).encode()
 WRITE = Frame("W", "ST100330", 0, 1).encode()
 
 
-def station(*faults: dict[str, object], baudrate: int = 19200, line: str = "8N1", **sim: object) -> VirtualStation:
-    table = SimSpec.model_validate({"joints_per_minute": 0, "fault": faults, "turnaround_ms": 0} | sim)
-    return VirtualStation(StationSpec(name="s", url="s", family="dde", baudrate=baudrate, format=line, sim=table), now=T0)
+def station(
+    *faults: dict[str, object], baudrate: int = 19200, line: str = "8N1", **sim: object
+) -> VirtualStation:
+    table = SimSpec.model_validate(
+        {"joints_per_minute": 0, "fault": faults, "turnaround_ms": 0} | sim
+    )
+    return VirtualStation(
+        StationSpec(name="s", url="s", family="dde", baudrate=baudrate, format=line, sim=table),
+        now=T0,
+    )
 
 
 def text(reply: Reply) -> str:
@@ -40,7 +49,9 @@ def told(asked: VirtualStation, question: bytes, seconds: float) -> list[str]:
         (1200, "8E2", 0, 270.0),  # 12 bits a character
     ],
 )
-def test_an_answer_takes_what_its_bytes_take(baudrate: int, line: str, turnaround_ms: float, expected_ms: float) -> None:
+def test_an_answer_takes_what_its_bytes_take(
+    baudrate: int, line: str, turnaround_ms: float, expected_ms: float
+) -> None:
     (reply,) = station(baudrate=baudrate, line=line, turnaround_ms=turnaround_ms).receive(READ, T0)
     assert (reply.at - T0) * 1000 == pytest.approx(expected_ms)
 
@@ -60,7 +71,13 @@ def test_answers_follow_each_other_on_the_wire() -> None:
 
 def test_the_same_seed_tells_the_same() -> None:
     def record(seed: int) -> list[bytes]:
-        asked = station({"kind": "flip", "every": 3}, {"kind": "noise", "every": 7}, joints_per_minute=12, noise_c=1.0, seed=seed)
+        asked = station(
+            {"kind": "flip", "every": 3},
+            {"kind": "noise", "every": 7},
+            joints_per_minute=12,
+            noise_c=1.0,
+            seed=seed,
+        )
         asked.receive(Frame("W", "PS100000", 0, 1).encode(), T0)
         return [reply.data for n in range(200) for reply in asked.receive(READ, T0 + 0.1 * n)]
 
@@ -69,7 +86,15 @@ def test_the_same_seed_tells_the_same() -> None:
 
 
 def test_silence_hears_and_acts() -> None:
-    asked = station({"kind": "silence", "at_s": 1, "for_s": 2, "command": "selected_temperature", "only": "write"})
+    asked = station(
+        {
+            "kind": "silence",
+            "at_s": 1,
+            "for_s": 2,
+            "command": "selected_temperature",
+            "only": "write",
+        }
+    )
     told(asked, READ, 0)
     assert told(asked, WRITE, 1.5) == []
     assert told(asked, Frame("R", "ST1", 0, 1).encode(), 1.6) == ["AST100330"]
@@ -115,7 +140,9 @@ def test_late_is_late() -> None:
 
 
 def test_nak_refuses_and_does_not_act() -> None:
-    asked = station({"kind": "nak", "code": 3, "command": "selected_temperature", "only": "write", "port": 1})
+    asked = station(
+        {"kind": "nak", "code": 3, "command": "selected_temperature", "only": "write", "port": 1}
+    )
     assert told(asked, WRITE, 0) == ["NST100003"]
     assert told(asked, Frame("R", "ST1", 0, 1).encode(), 1) == ["AST100350"]
     assert told(asked, Frame("W", "ST200330", 0, 1).encode(), 2) == ["AST2"]
@@ -128,11 +155,17 @@ def test_a_pulled_cable_carries_nothing_and_the_station_goes_on() -> None:
     told(asked, WRITE, 10)
     heard = T0 + 10 + 16 * 10 / 19200
     assert asked.next_plugging(T0 + 10) == pytest.approx(heard + 2)
-    assert [asked.is_unplugged(T0 + at) for at in (11.9, 12.1, 14.9, 15.1)] == [False, True, True, False]
+    assert [asked.is_unplugged(T0 + at) for at in (11.9, 12.1, 14.9, 15.1)] == [
+        False,
+        True,
+        True,
+        False,
+    ]
     assert asked.receive(READ, heard + 1.995) == []  # its answer would come into the outage
     assert asked.receive(WRITE, T0 + 13) == []
     assert asked.next_plugging(T0 + 13) == pytest.approx(heard + 5)
-    assert told(asked, Frame("R", "ST1", 0, 1).encode(), 15.1) == ["AST100330"]  # no restart: nothing is lost
+    # no restart: nothing is lost
+    assert told(asked, Frame("R", "ST1", 0, 1).encode(), 15.1) == ["AST100330"]
     assert len(asked.log.writes) == 1
     assert asked.next_plugging(T0 + 16) is None
 
@@ -169,11 +202,18 @@ def test_an_overheating_tip_raises_the_alarm_and_comes_back() -> None:
 def test_a_tool_is_pulled_out_and_put_back() -> None:
     asked = station({"kind": "tool", "at_s": 1, "for_s": 2, "code": 0, "port": 2})
     question = Frame("R", "CT2", 0, 1).encode()
-    assert [told(asked, question, at)[0] for at in (0, 2, 4)] == ["ACT200002", "ACT200000", "ACT200002"]
+    assert [told(asked, question, at)[0] for at in (0, 2, 4)] == [
+        "ACT200002",
+        "ACT200000",
+        "ACT200002",
+    ]
 
 
 def test_faults_of_the_physics_happen_in_their_order_though_nobody_asks() -> None:
-    asked = station({"kind": "restart", "at_s": 10, "for_s": 1}, {"kind": "tool", "at_s": 5, "for_s": 100, "code": 1})
+    asked = station(
+        {"kind": "restart", "at_s": 10, "for_s": 1},
+        {"kind": "tool", "at_s": 5, "for_s": 100, "code": 1},
+    )
     told(asked, READ, 0)
     asked.advance_to(T0 + 50)
     assert asked.plant.ports[1].tool == 1

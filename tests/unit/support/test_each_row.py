@@ -23,8 +23,15 @@ def test_every_row_is_tried_and_each_that_fails_is_named(monkeypatch: pytest.Mon
     with pytest.raises(BaseExceptionGroup, match="3 of 20 rows: row 7, row 9, row 17") as failed:
         test_not_a_seven()
     assert tried == list(range(20))
-    assert [one.__notes__ for one in failed.value.exceptions] == [["row: row 7"], ["row: row 9"], ["row: row 17"]]
-    assert (test_not_a_seven.__name__, test_not_a_seven.__doc__) == ("test_not_a_seven", "As it is written.")
+    assert [one.__notes__ for one in failed.value.exceptions] == [
+        ["row: row 7"],
+        ["row: row 9"],
+        ["row: row 17"],
+    ]
+    assert (test_not_a_seven.__name__, test_not_a_seven.__doc__) == (
+        "test_not_a_seven",
+        "As it is written.",
+    )
 
 
 def test_rows_can_be_chosen_by_their_name(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,6 @@
-"""The checker that every campaign uses, itself: a good run has no violation, and each thing done to it is one."""
+"""The checker that every campaign uses, itself: a good run has no violation, and each thing done to
+it is one.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,16 @@ import pytest
 
 from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.core.rows import COLUMN
-from support.oracles.invariants import Ended, Kept, _common, _due, _unlisted, kept_in, violations, violations_of
+from support.oracles.invariants import (
+    Ended,
+    Kept,
+    _common,
+    _due,
+    _unlisted,
+    kept_in,
+    violations,
+    violations_of,
+)
 from support.virtual.recorded_run import RecordedRun
 from support.virtual.virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
@@ -21,7 +32,9 @@ def good() -> VirtualRun:
 
 
 def kept(run: VirtualRun) -> Kept:
-    return Kept([list(row) for row in run.memory.samples], [], [], [run.facts], run.t0, run.utc_s(run.t0))
+    return Kept(
+        [list(row) for row in run.memory.samples], [], [], [run.facts], run.t0, run.utc_s(run.t0)
+    )
 
 
 def test_a_good_run_has_none(good: VirtualRun) -> None:
@@ -38,7 +51,9 @@ def test_a_good_run_has_none(good: VirtualRun) -> None:
         ("time", 600_000, "I5"),
     ],
 )
-def test_a_value_that_is_not_what_was_said(good: VirtualRun, column: str, change: int, which: str) -> None:
+def test_a_value_that_is_not_what_was_said(
+    good: VirtualRun, column: str, change: int, which: str
+) -> None:
     record = kept(good)
     place = COLUMN[column]
     record.samples[100][place] = int(str(record.samples[100][place])) + change
@@ -57,30 +72,43 @@ def test_rows_that_are_not_there(good: VirtualRun) -> None:
 
 def test_another_write(good: VirtualRun) -> None:
     wires = {"dde-1": [*good.heard, Heard(1e6, "WMAT00400", None, None)]}
-    assert list(_unlisted([good.facts], wires, {"dde-1": RECIPE})) == ["I7: dde-1: WMAT00400 was written"]
+    assert list(_unlisted([good.facts], wires, {"dde-1": RECIPE})) == [
+        "I7: dde-1: WMAT00400 was written"
+    ]
 
 
 @pytest.fixture(scope="module")
 def sealed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, list[Heard]]]:
-    """A run in a folder; what its station said is rebuilt from nothing but the record: only writes are of interest here."""
+    """A run in a folder; what its station said is rebuilt from nothing but the record: only writes
+    are of interest here.
+    """
     home = tmp_path_factory.mktemp("sealed")
     (home / "line.toml").write_text(line_text(SIM), encoding="utf-8")
     (home / "recipe.toml").write_text(RECIPE, encoding="utf-8")
-    run = RecordedRun(make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=4.0)), home / "runs")
+    run = RecordedRun(
+        make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=4.0)),
+        home / "runs",
+    )
     return run.result.folder, {}
 
 
 def test_a_sealed_run_against_another_wire(sealed: tuple[Path, dict[str, list[Heard]]]) -> None:
     folder, wires = sealed
     assert len(kept_in(folder).samples) > 50
-    assert {text[:2] for text in violations(folder, wires)} == {"I4"}  # nobody is known to have said anything
+    # nobody is known to have said anything
+    assert {text[:2] for text in violations(folder, wires)} == {"I4"}
 
 
 def test_how_a_program_may_not_end(sealed: tuple[Path, dict[str, list[Heard]]]) -> None:
     folder, wires = sealed
-    assert any(text.startswith("I9") for text in violations(folder, wires, ended=Ended(0, "Traceback (most recent call last)")))
+    assert any(
+        text.startswith("I9")
+        for text in violations(folder, wires, ended=Ended(0, "Traceback (most recent call last)"))
+    )
     assert any(text.startswith("I9") for text in violations(folder, wires, ended=Ended(4, "")))
-    assert any(text.startswith("I9") for text in violations(folder, wires, ended=Ended(7, "exit 7: so")))
+    assert any(
+        text.startswith("I9") for text in violations(folder, wires, ended=Ended(7, "exit 7: so"))
+    )
 
 
 def test_a_tool_that_is_left_at_work(sealed: tuple[Path, dict[str, list[Heard]]]) -> None:

@@ -1,4 +1,6 @@
-"""The tool that makes mutants: each is one change that can be loaded, the sample is always the same, the interval Wilson's."""
+"""The tool that makes mutants: each is one change that can be loaded, the sample is always the
+same, the interval Wilson's.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,10 @@ def test_each_change_is_made_once(tmp_path: Path) -> None:
     places = mutants.Places()
     places.visit(ast.parse(BEFORE))
     plain = ast.unparse(ast.parse(BEFORE)).splitlines()
-    changed = [ast.unparse(mutants.mutated(path, node, which)).splitlines() for _, _, node, which in places.found]
+    changed = [
+        ast.unparse(mutants.mutated(path, node, which)).splitlines()
+        for _, _, node, which in places.found
+    ]
     lines = [line.strip() for text in changed for line in text if line not in plain]
     assert set(lines) == AFTER
     assert len(changed) == len(AFTER) + 1  # two statements that are left out look alike
@@ -101,12 +106,25 @@ def mutant(line: int, word: str = "") -> mutants.Mutant:
 
 
 def test_tests_are_taken_cheapest_first_and_parameters_of_another_later(tree: Path) -> None:
-    took = {"a[1]": [0.1, 0.1], "a[2]": [0.15, 0.15], "b": [0.2, 0.2], "slow": [1.0, 99.0], "waits": [1.2, 0.1], "c": [0.1, 0.1]}
-    known = {"took": took, "lines": {NAME: {"4": ["a[1]", "a[2]", "b", "slow", "waits"], "6": ["b"], "10": ["c"]}}}
-    assert mutants.covering(known, tree, mutant(4), Counter()) == ["b", "a[1]", "a[2]", "waits"]  # b runs more of the file
-    assert mutants.covering(known, tree, mutant(4), Counter(waits=99))[0] == "waits"  # it has noticed much
+    took = {
+        "a[1]": [0.1, 0.1],
+        "a[2]": [0.15, 0.15],
+        "b": [0.2, 0.2],
+        "slow": [1.0, 99.0],
+        "waits": [1.2, 0.1],
+        "c": [0.1, 0.1],
+    }
+    known = {
+        "took": took,
+        "lines": {NAME: {"4": ["a[1]", "a[2]", "b", "slow", "waits"], "6": ["b"], "10": ["c"]}},
+    }
+    # b runs more of the file
+    assert mutants.covering(known, tree, mutant(4), Counter()) == ["b", "a[1]", "a[2]", "waits"]
+    # it has noticed much
+    assert mutants.covering(known, tree, mutant(4), Counter(waits=99))[0] == "waits"
     assert mutants.covering(known, tree, mutant(10), Counter()) == ["c"]
-    assert mutants.covering(known, tree, mutant(1), Counter()) == ["b"]  # where the constant is used
+    # where the constant is used
+    assert mutants.covering(known, tree, mutant(1), Counter()) == ["b"]
     assert mutants.covering({"took": {}, "lines": {}}, tree, mutant(4), Counter()) == []
 
 
@@ -116,13 +134,16 @@ def test_what_is_changed_in_a_function_is_known_by_its_name(tree: Path) -> None:
 
 
 def test_only_some_parameters_of_each_test_are_used() -> None:
-    items = [SimpleNamespace(nodeid=f"x.py::a[{number}]") for number in range(30)] + [SimpleNamespace(nodeid="x.py::b")]
+    items = [SimpleNamespace(nodeid=f"x.py::a[{number}]") for number in range(30)] + [
+        SimpleNamespace(nodeid="x.py::b")
+    ]
     names = [item.nodeid for item in mutants.chosen(items)]
     assert (len(names), names[0], names[-1]) == (mutants.SIBLINGS + 1, "x.py::a[0]", "x.py::b")
 
 
 PRODUCT = (
-    "def double(number):\n    return number + number\n\nLIMIT = double(2)\n\ndef is_over(number):\n    return number > LIMIT\n"
+    "def double(number):\n    return number + number\n\nLIMIT = double(2)\n\ndef is_over(number):\n"
+    "    return number > LIMIT\n"
 )
 TESTS = """
 from jbclog.session.run.code import double, is_over
@@ -135,7 +156,9 @@ def test_over():
 """
 
 
-def test_mutants_are_tried_where_they_are_made_and_those_that_nobody_notices_survive(tmp_path: Path) -> None:
+def test_mutants_are_tried_where_they_are_made_and_those_that_nobody_notices_survive(
+    tmp_path: Path,
+) -> None:
     """In a repository of its own: of `>` and `+`, and of what is done while the file is loaded."""
     place, work = tmp_path / "place", tmp_path / "work"
     for name, text in {
@@ -144,13 +167,22 @@ def test_mutants_are_tried_where_they_are_made_and_those_that_nobody_notices_sur
         "jbclog/session/__init__.py": "",
         "jbclog/session/run/__init__.py": "",
         "tests/unit/guard/test_code.py": TESTS,
-        "tests/support/campaigns/mutants.py": (mutants.HERE / "tests/support/campaigns/mutants.py").read_text(),
-        "pyproject.toml": '[tool.pytest.ini_options]\naddopts = ["--import-mode=importlib"]\nmarkers = ["campaign"]\n',
+        "tests/support/campaigns/mutants.py": (
+            (mutants.HERE / "tests/support/campaigns/mutants.py").read_text()
+        ),
+        "pyproject.toml": (
+            '[tool.pytest.ini_options]\naddopts = ["--import-mode=importlib"]\nmarkers ='
+            ' ["campaign"]\n'
+        ),
     }.items():
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).write_text(text)
     mine = {"cwd": place, "check": True, "timeout": 200, "capture_output": True}
-    for words in (["init", "-q"], ["add", "-A"], ["-c", "user.name=a", "-c", "user.email=b", "commit", "-qm", "x"]):
+    for words in (
+        ["init", "-q"],
+        ["add", "-A"],
+        ["-c", "user.name=a", "-c", "user.email=b", "commit", "-qm", "x"],
+    ):
         subprocess.run(["git", *words], **mine)
     tool = [sys.executable, "tests/support/campaigns/mutants.py"]
     for words in (["cover", work], ["run", work, "session", "100"]):

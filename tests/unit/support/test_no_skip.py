@@ -13,9 +13,18 @@ import pytest
 CONFTEST = Path(__file__).parents[2] / "conftest.py"
 SKIPPED = {
     "a test": "import pytest\ndef test_it():\n    pytest.skip('no ser2net here')\n",
-    "a fixture": "import pytest\n@pytest.fixture\ndef f():\n    pytest.skip('no ser2net here')\ndef test_it(f):\n    pass\n",
-    "a mark": "import pytest\n@pytest.mark.skipif(True, reason='no ser2net here')\ndef test_it():\n    pass\n",
-    "a file": "import pytest\npytest.skip('no ser2net here', allow_module_level=True)\ndef test_it():\n    pass\n",
+    "a fixture": (
+        "import pytest\n@pytest.fixture\ndef f():\n    pytest.skip('no ser2net here')\ndef"
+        " test_it(f):\n    pass\n"
+    ),
+    "a mark": (
+        "import pytest\n@pytest.mark.skipif(True, reason='no ser2net here')\ndef test_it():\n   "
+        " pass\n"
+    ),
+    "a file": (
+        "import pytest\npytest.skip('no ser2net here', allow_module_level=True)\ndef test_it():\n  "
+        "  pass\n"
+    ),
 }
 
 
@@ -24,10 +33,22 @@ def outcome_of(text: str, folder: Path, **environment: str) -> subprocess.Comple
     shutil.copy(CONFTEST, folder)
     (folder / "pytest.ini").write_text("[pytest]\n")
     (folder / "test_made_up.py").write_text(text)
-    told = {name: value for name, value in os.environ.items() if not name.startswith(("JBCLOG", "PYTEST"))}
+    told = {
+        name: value
+        for name, value in os.environ.items()
+        if not name.startswith(("JBCLOG", "PYTEST"))
+    }
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(folder)]
     told |= {"PYTHONPATH": str(CONFTEST.parent)}  # where its `support` is
-    return subprocess.run(command, cwd=folder, env=told | environment, capture_output=True, text=True, timeout=200, check=False)
+    return subprocess.run(
+        command,
+        cwd=folder,
+        env=told | environment,
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+    )
 
 
 @pytest.mark.parametrize("what", SKIPPED)

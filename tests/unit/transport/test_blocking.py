@@ -68,7 +68,10 @@ def test_a_broken_link_is_thrown_where_it_is_met(kind: type[PairPort]) -> None:
             yield Reopen()
         return f"{told}, then {(yield Ask(b'abc', 5.0)).data.decode()}"
 
-    assert blocking.run(session(), lambda: next(opened), sleep=time.sleep) == "the port is not open, then cba"
+    assert (
+        blocking.run(session(), lambda: next(opened), sleep=time.sleep)
+        == "the port is not open, then cba"
+    )
     assert [port.is_closed for port in ports] == [True, True]
 
 

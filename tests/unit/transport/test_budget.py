@@ -1,4 +1,6 @@
-"""What one port may give at a time: a port that never falls silent costs neither memory nor the others' time."""
+"""What one port may give at a time: a port that never falls silent costs neither memory nor the
+others' time.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from jbclog.transport.reactor import Reactor
 from support.links.near_ends import PairPort, ThreadedPort
 
 every_kind = pytest.mark.parametrize("kind", [PairPort, ThreadedPort])
-every_piece = pytest.mark.parametrize("piece", [b"x", b"\x020100ATT100077\x03\x52" * 500], ids=["single bytes", "whole kilobytes"])
+every_piece = pytest.mark.parametrize(
+    "piece", [b"x", b"\x020100ATT100077\x03\x52" * 500], ids=["single bytes", "whole kilobytes"]
+)
 
 
 @contextmanager
@@ -72,7 +76,9 @@ def test_what_comes_in_a_wait_is_bounded(kind: type[PairPort], piece: bytes) -> 
 
 @every_kind
 @every_piece
-def test_a_listener_is_told_some_twenty_times_a_second_and_its_neighbour_at_once(kind: type[PairPort], piece: bytes) -> None:
+def test_a_listener_is_told_some_twenty_times_a_second_and_its_neighbour_at_once(
+    kind: type[PairPort], piece: bytes
+) -> None:
     flooded, other = kind(lambda _: b""), PairPort()
     told: list[float] = []
     waited: list[float] = []

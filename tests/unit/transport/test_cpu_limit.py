@@ -8,7 +8,8 @@ import sys
 
 import pytest
 
-# CPython 3.11 repeats itself where it has no memory for the place (beyond 256) at which an exception passes a `finally`
+# CPython 3.11 repeats itself where it has no memory for the place (beyond 256) at which an
+# exception passes a `finally`
 SPINNING = """
 import _testcapi
 from jbclog.transport.cpu_limit import cpu_limit
@@ -35,7 +36,9 @@ while time.process_time() < 1.3:
 
 
 def ended(code: str) -> tuple[int, str]:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
+    )
     return done.returncode, done.stdout
 
 

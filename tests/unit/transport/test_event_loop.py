@@ -1,4 +1,6 @@
-"""The reactor's event loop: calls in their order and at their moments, from any thread; errors come out of it and lose nothing."""
+"""The reactor's event loop: calls in their order and at their moments, from any thread; errors come
+out of it and lose nothing.
+"""
 
 from __future__ import annotations
 
@@ -40,11 +42,16 @@ def test_calls_come_at_their_moments(loop: EventLoop) -> None:
     called: list[tuple[int, float]] = []
     begun = clock.elapsed()
     for number, after_s in enumerate((0.02, 0.01, 0.0105, 0.0201, -5.0)):
-        loop.call_at(begun + after_s, lambda number=number: called.append((number, clock.elapsed())))
+        loop.call_at(
+            begun + after_s, lambda number=number: called.append((number, clock.elapsed()))
+        )
     loop.wake_at(begun + 0.0202, lambda moment: called.append((5, moment)))
     ended_after(loop, 0.05)
     assert [number for number, _ in called] == [4, 1, 2, 0, 3, 5]
-    assert all(at >= begun + after_s for (_, at), after_s in zip(called, (-5.0, 0.01, 0.0105, 0.02, 0.0201, 0.0202), strict=True))
+    assert all(
+        at >= begun + after_s
+        for (_, at), after_s in zip(called, (-5.0, 0.01, 0.0105, 0.02, 0.0201, 0.0202), strict=True)
+    )
     assert called[-1][1] == begun + 0.0202  # told its own moment
 
 
@@ -136,7 +143,10 @@ def test_an_error_comes_out_and_the_other_calls_are_made_next_time(loop: EventLo
     def fail() -> None:
         raise ZeroDivisionError
 
-    for schedule in (loop.call_soon, lambda call, *arguments: loop.call_later(0.005, call, *arguments)):
+    for schedule in (
+        loop.call_soon,
+        lambda call, *arguments: loop.call_later(0.005, call, *arguments),
+    ):
         called.clear()
         schedule(called.append, "before")
         schedule(fail)

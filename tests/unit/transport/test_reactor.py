@@ -1,4 +1,6 @@
-"""The reactor: bytes and moments into sessions, broken links where they are met, and the run's end exactly once."""
+"""The reactor: bytes and moments into sessions, broken links where they are met, and the run's end
+exactly once.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ def soon(seconds: float) -> float:
     return time.monotonic() + seconds
 
 
-def pull(session: Steps[None], port: PairPort, *calls: tuple[float, Callable[[Reactor], None]]) -> None:
+def pull(
+    session: Steps[None], port: PairPort, *calls: tuple[float, Callable[[Reactor], None]]
+) -> None:
     """Pull one session on `port`, with calls some seconds after the beginning."""
     reactor = Reactor()
     reactor.add(session, lambda: port)
@@ -41,7 +45,7 @@ def pull(session: Steps[None], port: PairPort, *calls: tuple[float, Callable[[Re
     assert time.monotonic() - began < LONG_S / 2, "it waited for something that cannot come"
 
 
-# -- questions and answers -----------------------------------------------------------------------------------------
+# -- questions and answers -------------------------------------------------------------------------
 
 
 @KINDS
@@ -97,11 +101,16 @@ def test_pieces_are_given_as_they_come() -> None:
         heard.append((yield Listen(soon(LONG_S))).data)
         heard.append((yield Listen(soon(0.05))).data)
 
-    pull(session(), port, (0.05, lambda _: port.far.send(b"first")), (0.1, lambda _: port.far.send(b"second")))
+    pull(
+        session(),
+        port,
+        (0.05, lambda _: port.far.send(b"first")),
+        (0.1, lambda _: port.far.send(b"second")),
+    )
     assert heard == [b"first", b"second", b""]
 
 
-# -- broken links --------------------------------------------------------------------------------------------------
+# -- broken links ----------------------------------------------------------------------------------
 
 
 @KINDS
@@ -121,7 +130,9 @@ def test_a_link_that_breaks_while_it_is_asked(kind: type[PairPort]) -> None:
 
 @KINDS
 @pytest.mark.parametrize("io_request", [Ask(b"abc", LONG_S), Listen(1e12)], ids=["ask", "listen"])
-def test_a_link_that_breaks_while_it_is_idle_is_told_at_the_next_wish(kind: type[PairPort], io_request: Ask | Listen) -> None:
+def test_a_link_that_breaks_while_it_is_idle_is_told_at_the_next_wish(
+    kind: type[PairPort], io_request: Ask | Listen
+) -> None:
     met, port = [], kind()
 
     def session() -> Steps[None]:
@@ -197,7 +208,7 @@ def test_a_port_is_closed_before_it_is_opened_again() -> None:
     assert closed_when_opened == [False, True]
 
 
-# -- the run's end -------------------------------------------------------------------------------------------------
+# -- the run's end ---------------------------------------------------------------------------------
 
 
 PHASES: dict[str, Callable[[], Steps[None]]] = {}
@@ -237,7 +248,9 @@ def asking_a_broken_link() -> Steps[None]:
 @pytest.mark.parametrize("name", PHASES)
 @pytest.mark.parametrize("at_s", [None, 0.0, 0.1, 0.101, 0.102])
 def test_the_end_is_thrown_once_where_the_session_stands(name: str, at_s: float | None) -> None:
-    """Before it began, too; and what it does then (open the port, ask, wait) is done, whatever ends come after."""
+    """Before it began, too; and what it does then (open the port, ask, wait) is done, whatever ends
+    come after.
+    """
     story: list[object] = []
 
     def session() -> Steps[None]:
@@ -288,11 +301,13 @@ def test_the_end_while_a_port_is_being_opened_comes_when_it_is_open() -> None:
     assert story == ["SIGTERM", "dnats", "opened again"]
 
 
-# -- many of them --------------------------------------------------------------------------------------------------
+# -- many of them ----------------------------------------------------------------------------------
 
 
 def test_a_port_that_takes_its_time_to_close_delays_nobody() -> None:
-    """It is closed only when the other session is through, which would never be if that waited for the closing."""
+    """It is closed only when the other session is through, which would never be if that waited for
+    the closing.
+    """
     closing, through = threading.Event(), threading.Event()
 
     class Slow(PairPort):
@@ -343,7 +358,9 @@ def test_a_session_that_breaks_ends_the_others_in_good_order() -> None:
 
 
 def test_what_breaks_beside_the_sessions_ends_them_in_good_order() -> None:
-    """An alarm that was lost, say, because there was no memory for it: somebody may wait for it for ever."""
+    """An alarm that was lost, say, because there was no memory for it: somebody may wait for it for
+    ever.
+    """
     story = []
 
     def steady() -> Steps[None]:
@@ -365,7 +382,9 @@ def test_what_breaks_beside_the_sessions_ends_them_in_good_order() -> None:
     assert story == ["the program failed", "dnats"]
 
 
-def test_sessions_that_do_not_end_then_are_left_with_their_ports_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sessions_that_do_not_end_then_are_left_with_their_ports_closed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Their tools are the guard's, which could not open what is open here."""
     monkeypatch.setattr("jbclog.transport.reactor.ENDING_S", 0.2)
     port = PairPort()
@@ -387,7 +406,9 @@ def test_sessions_that_do_not_end_then_are_left_with_their_ports_closed(monkeypa
     assert port.is_closed
 
 
-def test_what_is_called_every_so_often_is_called_whatever_it_raised(caplog: pytest.LogCaptureFixture) -> None:
+def test_what_is_called_every_so_often_is_called_whatever_it_raised(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     calls = []
 
     def call() -> None:
@@ -402,7 +423,8 @@ def test_what_is_called_every_so_often_is_called_whatever_it_raised(caplog: pyte
     reactor.add(session(), PairPort)
     reactor.every(0.05, call)
     reactor.run()
-    assert calls[3] - calls[0] >= 2 * 0.05  # the third and the fourth follow each other quickly where the second was late
+    # the third and the fourth follow each other quickly where the second was late
+    assert calls[3] - calls[0] >= 2 * 0.05
     assert "injected" in caplog.text
 
 
@@ -420,14 +442,15 @@ def test_ticks_of_many_sessions_ring_in_order() -> None:
     reactor.run()
     assert len(rung) == 1000
     assert all(now >= due for due, now in rung)
-    assert [due for due, _ in rung] == sorted(due for due, _ in rung)  # how late they are, tests/bench measures
+    # how late they are, tests/bench measures
+    assert [due for due, _ in rung] == sorted(due for due, _ in rung)
 
 
 def test_a_reactor_without_sessions_ends_at_once() -> None:
     Reactor().run()
 
 
-# -- who wants to know of the end ---------------------------------------------------------------------------------------------
+# -- who wants to know of the end ------------------------------------------------------------------
 
 
 def test_the_end_is_told_before_ports_that_are_slow_to_close_are_waited_for() -> None:

@@ -1,4 +1,6 @@
-"""What a session was told is kept, and told again to the bit; where it wishes something else, it goes on by itself."""
+"""What a session was told is kept, and told again to the bit; where it wishes something else, it
+goes on by itself.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +13,21 @@ import pytest
 from jbclog.core.capture_rows import CaptureRow, LinkRow, ResultRow
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, RunEnded, Steps, Wait
-from jbclog.transport.session_history import Divergence, ReplayStep, captured, replay_steps, replayed
+from jbclog.transport.session_history import (
+    Divergence,
+    ReplayStep,
+    captured,
+    replay_steps,
+    replayed,
+)
 
 Story = list[object]
 
 
 def session(story: Story) -> Steps[str]:
-    """Opens, waits, asks, listens; keeps what it is told, and ends with the first thing that is thrown into it twice."""
+    """Opens, waits, asks, listens; keeps what it is told, and ends with the first thing that is
+    thrown into it twice.
+    """
     story.append((yield Wait(1.0)))
     story.append((yield Reopen()))
     try:
@@ -38,7 +48,9 @@ def pulled(steps: Steps[object], answers: list[Answer]) -> tuple[list[Request], 
     wishes = [next(steps)]
     for answer in answers:
         try:
-            wishes.append(steps.throw(answer) if isinstance(answer, Exception) else steps.send(answer))
+            wishes.append(
+                steps.throw(answer) if isinstance(answer, Exception) else steps.send(answer)
+            )
         except StopIteration as end:
             return wishes, end.value
     return wishes, None
@@ -70,7 +82,9 @@ def recording(answers: list[Answer]) -> tuple[list[CaptureRow], Story]:
 
 
 def lived_again(
-    tape: list[CaptureRow], made: Callable[[Story], Steps[str]] = session, answers: list[Answer] | None = None
+    tape: list[CaptureRow],
+    made: Callable[[Story], Steps[str]] = session,
+    answers: list[Answer] | None = None,
 ) -> tuple[Story, list[Request], object, list[Divergence]]:
     story, left = list[object](), list[Divergence]()
 
@@ -79,7 +93,9 @@ def lived_again(
         return inf, ""
 
     steps = replayed(made(story), replay_steps(tape), leave)
-    wishes, ended = pulled(steps, [IoResult(0.0, b"the driver's", 0.0)] * 20 if answers is None else answers)
+    wishes, ended = pulled(
+        steps, [IoResult(0.0, b"the driver's", 0.0)] * 20 if answers is None else answers
+    )
     return story, wishes, ended, left
 
 
@@ -101,9 +117,12 @@ def test_the_second_life_is_told_the_same(answers: list[Answer]) -> None:
     again, wishes, ended, left = lived_again(tape)
     assert again == story
     assert (ended, left) == ("the end", [])
-    assert all(isinstance(io_request, Wait) for io_request in wishes)  # the driver only hears of waits
+    # the driver only hears of waits
+    assert all(isinstance(io_request, Wait) for io_request in wishes)
     moments = [io_request.until for io_request in wishes if isinstance(io_request, Wait)]
-    assert moments == [row.at_s for row in tape if isinstance(row, ResultRow) and row.what != "done"]
+    assert moments == [
+        row.at_s for row in tape if isinstance(row, ResultRow) and row.what != "done"
+    ]
 
 
 def test_what_is_kept() -> None:
@@ -142,10 +161,13 @@ def test_bytes_are_told_to_the_wish_that_took_them_and_those_of_a_closed_port_to
         ResultRow(3.3, "told", "listen", 2, 3.0),
     ]
     steps = list(replay_steps(rows))
-    assert [(step.place, step.asked, step.data) for step in steps] == [(0, b"q", b"a"), (5, b"", b"bc")]
+    assert [(step.place, step.asked, step.data) for step in steps] == [
+        (0, b"q", b"a"),
+        (5, b"", b"bc"),
+    ]
 
 
-# -- another program -----------------------------------------------------------------------------------------------------------
+# -- another program -------------------------------------------------------------------------------
 
 
 def another(story: Story) -> Steps[str]:
@@ -158,9 +180,15 @@ def another(story: Story) -> Steps[str]:
 
 def test_a_session_that_wishes_something_else_goes_on_by_itself() -> None:
     tape, story = recording(GOOD)
-    opened, first, second = IoResult(1.5, b"", 0.0), IoResult(1.6, b"new", 1.5), IoResult(99.0, b"", 1.5)
+    opened, first, second = (
+        IoResult(1.5, b"", 0.0),
+        IoResult(1.6, b"new", 1.5),
+        IoResult(99.0, b"", 1.5),
+    )
     pulled_along = [IoResult(1.0, b"", 0.0), IoResult(1.5, b"", 0.0)]
-    again, wishes, ended, (left,) = lived_again(tape, another, [*pulled_along, opened, first, second])
+    again, wishes, ended, (left,) = lived_again(
+        tape, another, [*pulled_along, opened, first, second]
+    )
     assert again == [*story[:2], first, second]
     assert wishes[2:] == [Reopen(), Ask(b"something else", 0.5), Wait(99.0)]
     assert ended == "another end"

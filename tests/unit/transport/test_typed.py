@@ -1,4 +1,6 @@
-"""Lines that come in while a run goes on: what makes one, what is none, and that nothing is lost or waited for."""
+"""Lines that come in while a run goes on: what makes one, what is none, and that nothing is lost or
+waited for.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +85,7 @@ def test_what_has_no_end_yet_is_not_lost() -> None:
     )
 
 
-# -- sources ---------------------------------------------------------------------------------------------------------------
+# -- sources ---------------------------------------------------------------------------------------
 
 
 def test_nothing_is_waited_for() -> None:

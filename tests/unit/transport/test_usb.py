@@ -20,7 +20,9 @@ def plugged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (by_id / "usb-FTDI_FT232R_A50285BI-if00-port0").symlink_to("../ttyUSB1")
     (by_id / "usb-gone").symlink_to("../ttyUSB9")
     ports = [
-        SimpleNamespace(device=str(tmp_path / "ttyUSB1"), vid=0x0403, description="FT232R USB UART"),
+        SimpleNamespace(
+            device=str(tmp_path / "ttyUSB1"), vid=0x0403, description="FT232R USB UART"
+        ),
         SimpleNamespace(device=str(tmp_path / "ttyS0"), vid=None, description="ttyS0"),
         SimpleNamespace(device=str(tmp_path / "ttyUSB0"), vid=0x1A86, description=None),
     ]
@@ -32,7 +34,11 @@ def test_only_usb_ports_are_found_by_their_lasting_names(plugged: Path) -> None:
     by_id = plugged / "by-id"
     assert system_ports.usb_ports(by_id) == [
         system_ports.UsbPort(str(plugged / "ttyUSB0"), str(plugged / "ttyUSB0"), ""),
-        system_ports.UsbPort(str(plugged / "ttyUSB1"), str(by_id / "usb-FTDI_FT232R_A50285BI-if00-port0"), "FT232R USB UART"),
+        system_ports.UsbPort(
+            str(plugged / "ttyUSB1"),
+            str(by_id / "usb-FTDI_FT232R_A50285BI-if00-port0"),
+            "FT232R USB UART",
+        ),
     ]
 
 

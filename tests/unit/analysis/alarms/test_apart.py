@@ -16,7 +16,9 @@ def alarm(second: int) -> Episode:
 
 @pytest.mark.parametrize(("count", "seconds"), [(0, None), (1, None), (2, 20.0), (4, 10.0)])
 def test_mean_time_between_alarms(count: int, seconds: float | None) -> None:
-    found = figures("dde-1", Detector.SAMPLES, [alarm(3 * number) for number in range(count)], 0, 40 * S).apart
+    found = figures(
+        "dde-1", Detector.SAMPLES, [alarm(3 * number) for number in range(count)], 0, 40 * S
+    ).apart
     assert (found.value, found.n) == (seconds, count)
     assert (found.why is None) == (seconds is not None)
 

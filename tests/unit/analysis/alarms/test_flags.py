@@ -6,9 +6,13 @@ from jbclog.analysis.alarms import Episode, FlagRead, State, flag_episodes
 from jbclog.core.rows import EventRow, Severity
 
 
-def event(kind: str, at_s: float, since_s: float, value: float | None = None, raw: str = "high") -> EventRow:
+def event(
+    kind: str, at_s: float, since_s: float, value: float | None = None, raw: str = "high"
+) -> EventRow:
     text, times = kind, (round(at_s * 1e6), round(since_s * 1e6))
-    return EventRow(times[0], kind, Severity.INFO, text, "dde-1", 1, times[1], value=value, limit=380.0, raw=raw)
+    return EventRow(
+        times[0], kind, Severity.INFO, text, "dde-1", 1, times[1], value=value, limit=380.0, raw=raw
+    )
 
 
 def read(at_s: float, high: bool) -> FlagRead:
@@ -28,7 +32,12 @@ def interval(episode: Episode) -> tuple[float, float, float | None, float | None
 def test_onset_and_end_lie_between_two_readings_of_the_flags() -> None:
     episode = only(event("alarm.high", 12, 10, 395), event("alarm.high.ended", 16, 14))
     assert interval(episode) == (10, 12, 14, 16)
-    assert (episode.id[:15], episode.side, episode.peak_c, episode.is_confirmed) == ("A-high-dde-1-p1", "high", 395, True)
+    assert (episode.id[:15], episode.side, episode.peak_c, episode.is_confirmed) == (
+        "A-high-dde-1-p1",
+        "high",
+        395,
+        True,
+    )
 
 
 def test_one_that_is_still_set_is_active() -> None:
@@ -46,18 +55,31 @@ def test_an_unconfirmed_one_of_an_unknown_side_counts_as_high() -> None:
 
 
 def test_one_that_is_borne_out_later_is_the_same() -> None:
-    episode = only(event("alarm.unconfirmed", 12, 10), event("alarm.high", 14, 12, 395), event("alarm.high.ended", 16, 14))
+    episode = only(
+        event("alarm.unconfirmed", 12, 10),
+        event("alarm.high", 14, 12, 395),
+        event("alarm.high.ended", 16, 14),
+    )
     assert episode.is_confirmed
     assert interval(episode) == (10, 12, 14, 16)
 
 
 def test_flags_of_before_the_run_and_of_tools_that_do_not_count_are_none() -> None:
-    events = [event(kind, 12, 10) for kind in ("alarm.before_run", "alarm.high.not_working", "alarm.high.ended")]
+    events = [
+        event(kind, 12, 10)
+        for kind in ("alarm.before_run", "alarm.high.not_working", "alarm.high.ended")
+    ]
     assert flag_episodes(events) == []
 
 
 def test_high_and_low_are_two() -> None:
-    both = flag_episodes([event("alarm.high", 12, 10), event("alarm.low", 12, 10, raw="low"), event("alarm.low.ended", 14, 12)])
+    both = flag_episodes(
+        [
+            event("alarm.high", 12, 10),
+            event("alarm.low", 12, 10, raw="low"),
+            event("alarm.low.ended", 14, 12),
+        ]
+    )
     assert [(one.side, one.state) for one in both] == [("high", "active"), ("low", "cleared")]
 
 
@@ -70,25 +92,40 @@ def test_after_a_lost_answer_it_is_uncertain() -> None:
 
 
 def test_the_next_reading_says_whether_it_ended() -> None:
-    assert interval(only(*LOST, reads=(read(10, False), read(12, True), read(16, False)))) == (10, 12, 12, 16)
+    assert interval(only(*LOST, reads=(read(10, False), read(12, True), read(16, False)))) == (
+        10,
+        12,
+        12,
+        16,
+    )
 
 
 def test_one_that_is_set_again_after_a_lost_answer_continues() -> None:
     episode = only(
-        *LOST, event("alarm.high", 16, 14, 396), event("alarm.high.ended", 20, 18), reads=(read(12, True), read(16, True))
+        *LOST,
+        event("alarm.high", 16, 14, 396),
+        event("alarm.high.ended", 20, 18),
+        reads=(read(12, True), read(16, True)),
     )
     assert interval(episode) == (10, 12, 18, 20)
     assert (episode.peak_c, episode.is_uncertain) == (396, True)
 
 
 def test_one_that_was_read_off_in_between_is_another() -> None:
-    first, second = flag_episodes([*LOST, event("alarm.high", 18, 16, 396)], (read(16, False), read(18, True)))
+    first, second = flag_episodes(
+        [*LOST, event("alarm.high", 18, 16, 396)], (read(16, False), read(18, True))
+    )
     assert interval(first) == (10, 12, 12, 16)
     assert interval(second) == (16, 18, None, None)
 
 
 def test_two_lost_answers_are_a_longer_time_in_which_it_may_have_ended() -> None:
-    assert interval(only(*LOST, event("alarm.unknown", 16, 14), reads=(read(18, False),))) == (10, 12, 12, 18)
+    assert interval(only(*LOST, event("alarm.unknown", 16, 14), reads=(read(18, False),))) == (
+        10,
+        12,
+        12,
+        18,
+    )
 
 
 def test_a_lost_answer_without_an_alarm_is_none() -> None:

@@ -53,7 +53,11 @@ TRUTH = [
 def machine_in(phase: str) -> Machine:
     machine = Machine("dde-1", 1, Side.HIGH, Detector.SAMPLES)
     machine.definition = AT_380
-    for condition, elapsed_s in ((Condition.BEYOND, 0.1), (Condition.BEYOND, ON_S), (Condition.BACK, 0.1)):
+    for condition, elapsed_s in (
+        (Condition.BEYOND, 0.1),
+        (Condition.BEYOND, ON_S),
+        (Condition.BACK, 0.1),
+    ):
         if machine.phase.value != phase:
             machine.step(condition, elapsed_s, 0, 1, 381)
     assert machine.phase.value == phase
@@ -61,7 +65,9 @@ def machine_in(phase: str) -> Machine:
 
 
 @pytest.mark.parametrize(("phase", "condition", "is_over", "then", "told"), TRUTH)
-def test_every_transition(phase: str, condition: str, is_over: bool, then: str, told: str | None) -> None:
+def test_every_transition(
+    phase: str, condition: str, is_over: bool, then: str, told: str | None
+) -> None:
     machine = machine_in(phase)
     news = machine.step(Condition(condition), 10.0 if is_over else 0.01, 2, 3, 381)
     assert machine.phase.value == then
@@ -69,10 +75,19 @@ def test_every_transition(phase: str, condition: str, is_over: bool, then: str, 
 
 
 def test_the_table_is_whole() -> None:
-    assert {(phase, condition) for phase, condition, *_ in TRUTH} == {(p.value, c.value) for p in Phase for c in Condition}
+    assert {(phase, condition) for phase, condition, *_ in TRUTH} == {
+        (p.value, c.value) for p in Phase for c in Condition
+    }
 
 
-def step(machine: Machine, condition: Condition, elapsed_s: float, before: int, now: int, value: float = 381) -> Transition | None:
+def step(
+    machine: Machine,
+    condition: Condition,
+    elapsed_s: float,
+    before: int,
+    now: int,
+    value: float = 381,
+) -> Transition | None:
     news = machine.step(condition, elapsed_s, before, now, value)
     return news[0] if news else None
 
@@ -92,10 +107,23 @@ def test_without_delays_the_first_reading_raises_and_the_first_back_clears() -> 
     news = machine.step(machine.definition.condition(249), 0.0, 10, 20, 249)
     assert news is not None
     episode = news[1]
-    assert (episode.onset_earliest_us, episode.onset_us, episode.raised_us, episode.state) == (10, 20, 20, State.ACTIVE)
+    assert (episode.onset_earliest_us, episode.onset_us, episode.raised_us, episode.state) == (
+        10,
+        20,
+        20,
+        State.ACTIVE,
+    )
     assert machine.step(machine.definition.condition(240), 0.1, 20, 30, 240) is None
-    assert machine.step(machine.definition.condition(250), 0.1, 30, 40, 250) == (Transition.CLEARED, episode)
-    assert (episode.end_earliest_us, episode.end_us, episode.peak_c, episode.state) == (30, 40, 240, State.CLEARED)
+    assert machine.step(machine.definition.condition(250), 0.1, 30, 40, 250) == (
+        Transition.CLEARED,
+        episode,
+    )
+    assert (episode.end_earliest_us, episode.end_us, episode.peak_c, episode.state) == (
+        30,
+        40,
+        240,
+        State.CLEARED,
+    )
 
 
 def test_onset_and_end_are_where_the_limit_was_passed_not_where_the_delays_were_over() -> None:
@@ -105,7 +133,7 @@ def test_onset_and_end_are_where_the_limit_was_passed_not_where_the_delays_were_
     for second in range(1, 12):
         value = 385 if 2 <= second <= 6 else 370
         told += [machine.step(AT_380.condition(value), 1.0, (second - 1) * 10, second * 10, value)]
-    ((raised, episode), (cleared, same)) = [one for one in told if one]
+    (raised, episode), (cleared, same) = [one for one in told if one]
     assert (raised, cleared, same) == (Transition.RAISED, Transition.CLEARED, episode)
     assert (episode.onset_earliest_us, episode.onset_us, episode.raised_us) == (10, 20, 30)
     assert (episode.end_earliest_us, episode.end_us, episode.cleared_us) == (60, 70, 90)
@@ -123,11 +151,21 @@ def test_what_came_back_before_the_tool_was_put_down_had_returned() -> None:
     [
         *(
             (Side.HIGH, value, condition)
-            for value, condition in ((381, "beyond"), (380, "in band"), (379, "in band"), (378, "back"))
+            for value, condition in (
+                (381, "beyond"),
+                (380, "in band"),
+                (379, "in band"),
+                (378, "back"),
+            )
         ),
         *(
             (Side.LOW, value, condition)
-            for value, condition in ((379, "beyond"), (380, "in band"), (381, "in band"), (382, "back"))
+            for value, condition in (
+                (379, "beyond"),
+                (380, "in band"),
+                (381, "in band"),
+                (382, "back"),
+            )
         ),
     ],
 )
@@ -136,7 +174,8 @@ def test_limit_and_dead_band(side: Side, value: int, condition: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "value"), [("380", 380), ("385 °C", 385), ("0.50 s", 0.5), ("off", None), (None, None), ("99999", 99999)]
+    ("text", "value"),
+    [("380", 380), ("385 °C", 385), ("0.50 s", 0.5), ("off", None), (None, None), ("99999", 99999)],
 )
 def test_settings_as_the_record_has_them(text: str | None, value: float | None) -> None:
     assert number_of(text) == value
@@ -150,7 +189,9 @@ def test_what_is_off_or_unknown_is_not_evaluated() -> None:
         "alarm_low_delay": None,
     }
     assert definition_of(Side.HIGH, held, Rules()) == Definition(Side.HIGH, 380, 1.6, 1.6, 2.0)
-    assert definition_of(Side.HIGH, held, Rules(1.0, 5.0)) == Definition(Side.HIGH, 380, 1.6, 5.0, 1.0)
+    assert definition_of(Side.HIGH, held, Rules(1.0, 5.0)) == Definition(
+        Side.HIGH, 380, 1.6, 5.0, 1.0
+    )
     assert definition_of(Side.LOW, held, Rules()) is None
     assert definition_of(Side.HIGH, {"alarm_high_limit": 380}, Rules()) is None
     assert Definition(Side.HIGH, 380, 1.6, 1.6, 2.0).without_delays() == Definition(Side.HIGH, 380)

@@ -1,4 +1,6 @@
-"""Episodes of samples: gaps, what counts, what changes; the recorder's and a replay's are the same; a slow second way agrees."""
+"""Episodes of samples: gaps, what counts, what changes; the recorder's and a replay's are the same;
+a slow second way agrees.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jbclog.analysis.alarms import BEFORE_ALL, Change, Detector, Episode, LiveAlarms, Rows, Rules, SampledEpisodes, State
+from jbclog.analysis.alarms import (
+    BEFORE_ALL,
+    Change,
+    Detector,
+    Episode,
+    LiveAlarms,
+    Rows,
+    Rules,
+    SampledEpisodes,
+    State,
+)
 from jbclog.analysis.alarms.port_watch import PortWatch
 from support.records.alarm_series import (
     PERIOD_S,
@@ -43,13 +55,18 @@ def at(tick: int) -> int:
     return T0_US + tick * 100_000
 
 
-# -- delays -------------------------------------------------------------------------------------------------------------------
+# -- delays ----------------------------------------------------------------------------------------
 
 
 def test_it_is_raised_when_the_delay_is_over_and_began_between_two_readings() -> None:
     episode = only(hot().add(390, times=6))
     assert (episode.onset_earliest_us, episode.onset_us, episode.raised_us) == (at(2), at(3), at(8))
-    assert (episode.limit_c, episode.on_delay_s, episode.peak_c, episode.state) == (380, 0.5, 390, State.ACTIVE)
+    assert (episode.limit_c, episode.on_delay_s, episode.peak_c, episode.state) == (
+        380,
+        0.5,
+        390,
+        State.ACTIVE,
+    )
 
 
 def test_what_is_shorter_than_the_delay_is_an_excursion_and_no_alarm() -> None:
@@ -59,8 +76,14 @@ def test_what_is_shorter_than_the_delay_is_an_excursion_and_no_alarm() -> None:
 
 
 def test_it_ends_when_it_was_back_by_the_dead_band_for_as_long() -> None:
-    series = hot().add(390, times=10).add(379, times=30).add(378, times=4).add(379).add(378, times=6)
-    assert (only(series).end_earliest_us, only(series).end_us, only(series).cleared_us) == (at(47), at(48), at(53))
+    series = (
+        hot().add(390, times=10).add(379, times=30).add(378, times=4).add(379).add(378, times=6)
+    )
+    assert (only(series).end_earliest_us, only(series).end_us, only(series).cleared_us) == (
+        at(47),
+        at(48),
+        at(53),
+    )
 
 
 def test_two_excursions_close_together_are_one_alarm() -> None:
@@ -74,7 +97,7 @@ def test_an_alarm_that_is_off_is_not_evaluated(setting: str) -> None:
     assert replayed(hot().change(setting, "off").add(450, times=50)) == []
 
 
-# -- gaps ---------------------------------------------------------------------------------------------------------------------
+# -- gaps ------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("gap", [3, 30, 3000])
@@ -125,7 +148,7 @@ def test_a_short_gap_leaves_no_doubt() -> None:
     assert not only(hot().add(390, times=10).add(None, times=590).add(390)).is_uncertain
 
 
-# -- what counts ----------------------------------------------------------------------------------------------------------------
+# -- what counts -----------------------------------------------------------------------------------
 
 
 def test_heating_up_is_no_alarm() -> None:
@@ -143,7 +166,11 @@ def test_a_tip_that_is_found_too_hot_and_does_not_cool_counts() -> None:
 
 def test_a_tool_that_is_put_down_has_none() -> None:
     episode = only(hot().add(390, times=10).add(390, status="stand", times=50))
-    assert (episode.end_earliest_us, episode.end_us, episode.end_reason) == (at(12), at(13), "not working")
+    assert (episode.end_earliest_us, episode.end_us, episode.end_reason) == (
+        at(12),
+        at(13),
+        "not working",
+    )
 
 
 def test_another_tool_has_to_come_to_the_setting_first() -> None:
@@ -153,7 +180,12 @@ def test_another_tool_has_to_come_to_the_setting_first() -> None:
 
 
 def test_an_alarm_that_is_switched_off_ends() -> None:
-    assert only(hot().add(390, times=10).change("alarm_high_delay", "off").add(390, times=60)).end_reason == "switched off"
+    assert (
+        only(
+            hot().add(390, times=10).change("alarm_high_delay", "off").add(390, times=60)
+        ).end_reason
+        == "switched off"
+    )
 
 
 def test_a_limit_that_was_changed_holds_from_then_on() -> None:
@@ -172,7 +204,7 @@ def test_readings_around_a_clock_step_have_times_of_the_new_clock(step_us: int) 
     assert (episode.onset_earliest_us, episode.onset_us) == (at(0) + step_us, at(1) + step_us)
 
 
-# -- the recorder and a replay ----------------------------------------------------------------------------------------------
+# -- the recorder and a replay ---------------------------------------------------------------------
 
 
 def same(series: Series) -> int:
@@ -187,7 +219,11 @@ def same(series: Series) -> int:
     by_name = {one.id: one for one in found}
     for event in told:
         one = by_name[str(event.raw)]
-        times = (one.cleared_us, one.end_earliest_us) if event.kind.endswith("cleared") else (one.raised_us, one.onset_earliest_us)
+        times = (
+            (one.cleared_us, one.end_earliest_us)
+            if event.kind.endswith("cleared")
+            else (one.raised_us, one.onset_earliest_us)
+        )
         if not event.kind.endswith("uncertain"):
             assert (event.time, event.earliest) == times
     return len(found)
@@ -201,15 +237,29 @@ def test_the_recorder_and_a_replay_give_the_same(seed: int) -> None:
 
 def test_random_series_have_episodes_of_every_kind() -> None:
     found = [episode for seed in range(60) for episode in replayed(random_series(seed))]
-    assert {episode.end_reason for episode in found} == {None, "returned", "not working", "tool changed", "switched off"}
-    assert {(episode.detector, episode.side) for episode in found} == {(d, s) for d in (B, C) for s in ("high", "low")}
+    assert {episode.end_reason for episode in found} == {
+        None,
+        "returned",
+        "not working",
+        "tool changed",
+        "switched off",
+    }
+    assert {(episode.detector, episode.side) for episode in found} == {
+        (d, s) for d in (B, C) for s in ("high", "low")
+    }
     assert any(episode.is_uncertain for episode in found)
     assert sum(same(random_series(seed)) for seed in range(60)) > 100
 
 
 @settings(max_examples=40, deadline=None)
 @given(
-    st.lists(st.tuples(st.sampled_from([290, 299, 300, 301, 302, 350, 378, 379, 380, 381, None]), st.integers(1, 9)), max_size=40)
+    st.lists(
+        st.tuples(
+            st.sampled_from([290, 299, 300, 301, 302, 350, 378, 379, 380, 381, None]),
+            st.integers(1, 9),
+        ),
+        max_size=40,
+    )
 )
 def test_a_gap_behind_any_series_changes_nothing(values: list[tuple[int | None, int]]) -> None:
     short, long = hot(), hot()
@@ -220,7 +270,7 @@ def test_a_gap_behind_any_series_changes_nothing(values: list[tuple[int | None, 
     assert list(map(plain, replayed(short))) == list(map(plain, replayed(long)))
 
 
-# -- a slow second way --------------------------------------------------------------------------------------------------------
+# -- a slow second way -----------------------------------------------------------------------------
 
 
 def uneventful(seed: int) -> Series:
@@ -228,7 +278,11 @@ def uneventful(seed: int) -> Series:
     rng = random.Random(seed)
     series, temperature, lost, status = Series(rules={"stale_s": 86400.0}), 340.0, 0, "working"
     for _ in range(400):
-        temperature += rng.gauss(0, 3) + 0.02 * (350 - temperature) + (rng.choice([-45, 45]) if rng.random() < 0.02 else 0)
+        temperature += (
+            rng.gauss(0, 3)
+            + 0.02 * (350 - temperature)
+            + (rng.choice([-45, 45]) if rng.random() < 0.02 else 0)
+        )
         temperature = min(max(temperature, 200), 359) if len(series.rows) < 3 else temperature
         lost = rng.randrange(1, 12) if rng.random() < 0.03 else max(lost - 1, 0)
         if rng.random() < 0.01:
@@ -251,11 +305,13 @@ def test_a_slow_second_way_gives_the_same(detector: Detector) -> None:
     assert count > 60
 
 
-# -- speed --------------------------------------------------------------------------------------------------------------------
+# -- speed -----------------------------------------------------------------------------------------
 
 
 def replay_s(rows: int) -> float:
-    """Seconds of the processor for samples as dense with alarms as no line is: 2 s in each minute."""
+    """Seconds of the processor for samples as dense with alarms as no line is: 2 s in each
+    minute.
+    """
     temperature = [390.0 if 300 < place % 600 < 320 else 350.0 for place in range(rows)]
     times = range(T0_US, T0_US + rows * 100_000, 100_000)
     changes = [Change(row.time, row.setting, row.readback) for row in setting_rows()]
@@ -279,7 +335,8 @@ def test_a_row_costs_the_recorder_next_to_nothing() -> None:
     begun = time.process_time()
     for row in rows:
         live.sample(row)
-    assert (time.process_time() - begun) / len(rows) < 20e-6  # 0.5 µs measured; a busy machine has its time
+    # 0.5 µs measured; a busy machine has its time
+    assert (time.process_time() - begun) / len(rows) < 20e-6
 
 
 def test_the_settings_are_those_that_are_followed() -> None:

@@ -45,7 +45,12 @@ def test_a_line_is_not_drawn_across_a_gap() -> None:
 
 
 def test_what_stands_alone_is_found() -> None:
-    curve = envelope(np.array([0.0, 1.0, 2.0, 10.0, 20.0, 21.0]), np.array([1.0, 2.0, 3.0, 9.0, 4.0, 5.0]), 800, 1.5)
+    curve = envelope(
+        np.array([0.0, 1.0, 2.0, 10.0, 20.0, 21.0]),
+        np.array([1.0, 2.0, 3.0, 9.0, 4.0, 5.0]),
+        800,
+        1.5,
+    )
     assert list(lone(curve).mean) == [9]
 
 
@@ -73,7 +78,9 @@ def test_the_band_holds_every_sample(data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
-def test_a_curve_is_the_same_in_blocks(monkeypatch: pytest.MonkeyPatch, kind: type[np.float32] | type[np.float64]) -> None:
+def test_a_curve_is_the_same_in_blocks(
+    monkeypatch: pytest.MonkeyPatch, kind: type[np.float32] | type[np.float64]
+) -> None:
     chance = np.random.default_rng(3)
     values = chance.integers(300, 400, 5000).astype(kind)
     values[chance.random(5000) < 0.2] = values[1000:1900] = np.nan

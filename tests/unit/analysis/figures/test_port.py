@@ -1,4 +1,6 @@
-"""The figure of a port: nothing disappears, nothing covers anything, and the same run gives the same bytes."""
+"""The figure of a port: nothing disappears, nothing covers anything, and the same run gives the
+same bytes.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +61,9 @@ def test_the_coarser_scale_loses_nothing_and_says_so() -> None:
     axes = panel(figure, 0)
     assert "coarser scale" in texts(figure)
     assert axes.get_ylim()[0] < 25
-    heights = axes.transData.transform([(axes.get_xlim()[0], celsius) for celsius in (25, 100, 300, 340, 350, 360)])[:, 1]
+    heights = axes.transData.transform(
+        [(axes.get_xlim()[0], celsius) for celsius in (25, 100, 300, 340, 350, 360)]
+    )[:, 1]
     assert (np.diff(heights) > 0).all()
     assert heights[1] - heights[0] < 0.5 * (heights[4] - heights[3]) * 75 / 10
 
@@ -78,7 +82,10 @@ def test_the_setting_is_drawn_where_it_was_read_and_joined_only_where_it_stood_s
     setting[[50, 100, 150, 200, 250]] = [350, 350, 360, 360, 360]
     one = replace(port(set_c=setting), gaps=[Span(21.0, 24.0, "disconnected")])
     found = parts(draw(one, WIDE), "set")
-    lines, dots = [part for part in found if len(part) < 5], [part for part in found if len(part) == 5]
+    lines, dots = (
+        [part for part in found if len(part) < 5],
+        [part for part in found if len(part) == 5],
+    )
     assert [(seconds(T0, part[:, 0]).round(3).tolist(), part[:, 1].tolist()) for part in lines] == [
         ([5, 10], [350, 350]),
         ([15, 20], [360, 360]),
@@ -102,7 +109,9 @@ def test_no_label_covers_another(form: Format, rows: int) -> None:
     for one, other in combinations(placed, 2):
         across = min(one.right, other.right) - max(one.left, other.left)
         down = min(one.top, other.top) - max(one.bottom, other.bottom)
-        assert min(across, down) < 0.5, f"{one.text!r} and {other.text!r} overlap by {across:.1f} × {down:.1f} points"
+        assert min(across, down) < 0.5, (
+            f"{one.text!r} and {other.text!r} overlap by {across:.1f} × {down:.1f} points"
+        )
     for box in placed:
         assert box.left >= 0, f"{box.text!r} is cut off at the left"
         assert box.right <= form.width_pt, f"{box.text!r} is cut off at the right"
@@ -115,7 +124,10 @@ def test_labels_are_moved_apart_as_little_as_needed() -> None:
     assert spread([], 10, 0, 1) == []
 
 
-@pytest.mark.parametrize(("low", "high", "most"), [(0, 1000, 3), (290, 402, 5), (-3, 4, 5), (349.2, 350.9, 5), (20, 480, 5)])
+@pytest.mark.parametrize(
+    ("low", "high", "most"),
+    [(0, 1000, 3), (290, 402, 5), (-3, 4, 5), (349.2, 350.9, 5), (20, 480, 5)],
+)
 def test_marks_of_an_axis_are_round_and_not_too_many(low: float, high: float, most: int) -> None:
     marks = round_values(low, high, most)
     assert 1 <= len(marks) <= most + 1
@@ -123,12 +135,14 @@ def test_marks_of_an_axis_are_round_and_not_too_many(low: float, high: float, mo
     assert len({*np.diff(marks)}) <= 1
 
 
-def test_gaps_are_hatched_by_reason_and_single_lost_readings_do_not_hide_an_eight_hour_curve() -> None:
+def test_gaps_are_hatched_by_reason_and_lost_readings_do_not_hide_a_long_curve() -> None:
     one = replace(port(200), gaps=[Span(5, 8, "disconnected"), Span(10, 10.1, "timeout")])
     short = draw(one, WIDE)
     gaps = parts(short, "gap")
     assert len(gaps) == 4  # both, over the temperature and over the power
-    hatched = [patch for patch in short.findobj(PathPatch) if patch.get_hatch() == HATCHES["disconnected"]]
+    hatched = [
+        patch for patch in short.findobj(PathPatch) if patch.get_hatch() == HATCHES["disconnected"]
+    ]
     assert len(hatched) == 3  # and in the lane; a sliver has none
     slivers = [np.ptp(seconds(T0, gap[:, 0])) for gap in gaps]
     assert min(slivers) >= 1.4 * 20 / 800
@@ -140,7 +154,10 @@ def test_gaps_are_hatched_by_reason_and_single_lost_readings_do_not_hide_an_eigh
 
 @pytest.mark.parametrize("rows", [1, 2, 3])
 def test_a_very_short_run_can_be_drawn(rows: int) -> None:
-    assert drawn_temperatures(port(rows, temperature_c=np.full(rows, 77.0))) == pytest.approx(77, abs=3)  # dots have a size
+    # dots have a size
+    assert drawn_temperatures(port(rows, temperature_c=np.full(rows, 77.0))) == pytest.approx(
+        77, abs=3
+    )
     ElementTree.fromstring(svg_text(draw(port(rows), NARROW)))
 
 

@@ -17,7 +17,9 @@ def test_marks_lie_on_round_times_of_the_clock() -> None:
     assert [place for place, _ in marks] == pytest.approx([3, 8, 13, 18])
 
 
-@pytest.mark.parametrize("seconds", [0.1, 1, 7, 20, 59, 61, 600, 3599, 8 * 3600, 25 * 3600, 8 * 86400, 60 * 86400])
+@pytest.mark.parametrize(
+    "seconds", [0.1, 1, 7, 20, 59, 61, 600, 3599, 8 * 3600, 25 * 3600, 8 * 86400, 60 * 86400]
+)
 @pytest.mark.parametrize("at_most", [5, 9])
 def test_there_are_never_too_many(seconds: float, at_most: int) -> None:
     marks = time_marks(NOON + 123_456, -3.0, seconds - 3, at_most)
@@ -28,7 +30,17 @@ def test_there_are_never_too_many(seconds: float, at_most: int) -> None:
 
 def test_a_run_of_days_names_the_day() -> None:
     hours = [label for _, label in time_marks(NOON, 0, 86400, 9)]
-    assert hours == ["12:00", "15:00", "18:00", "21:00", "09-24", "03:00", "06:00", "09:00", "12:00"]
+    assert hours == [
+        "12:00",
+        "15:00",
+        "18:00",
+        "21:00",
+        "09-24",
+        "03:00",
+        "06:00",
+        "09:00",
+        "12:00",
+    ]
     assert time_marks(NOON, 0, 5 * 86400, 9)[0][1] == "09-24"
 
 

@@ -1,4 +1,6 @@
-"""Partial statistics merge to the same last digit in any order, and are those of exact arithmetic."""
+"""Partial statistics merge to the same last digit in any order, and are those of exact
+arithmetic.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +21,19 @@ LIKELY = st.lists(st.floats(-1000, 1000), min_size=2, max_size=200)
 
 
 def of(values: list[float]) -> Moments:
-    (found,) = moments_of(np.array(values, np.float64), np.ones(len(values), np.int64), np.zeros(len(values), np.int64), 1)
+    (found,) = moments_of(
+        np.array(values, np.float64),
+        np.ones(len(values), np.int64),
+        np.zeros(len(values), np.int64),
+        1,
+    )
     return found
 
 
 @given(ANY)
-@example([5e-324, -5e-324, 2.2250738585072014e-308, 1.7976931348623157e308, -0.0, math.nan, math.inf])
+@example(
+    [5e-324, -5e-324, 2.2250738585072014e-308, 1.7976931348623157e308, -0.0, math.nan, math.inf]
+)
 @settings(max_examples=150)
 def test_sums_are_those_of_fractions(values: list[float]) -> None:
     known = [Fraction(one) for one in values if math.isfinite(one)]
@@ -37,12 +46,16 @@ def test_sums_are_those_of_fractions(values: list[float]) -> None:
 
 @given(ANY, st.randoms(use_true_random=False), st.integers(1, 7))
 @settings(max_examples=80)
-def test_any_order_and_any_division_give_the_same(values: list[float], chance: object, parts: int) -> None:
+def test_any_order_and_any_division_give_the_same(
+    values: list[float], chance: object, parts: int
+) -> None:
     shuffled = [*values]
     chance.shuffle(shuffled)  # type: ignore[attr-defined]  # of random.Random
     found = merged(pickle.loads(pickle.dumps(of(shuffled[part::parts]))) for part in range(parts))
     assert found == of(values)
-    assert repr([found.least, found.greatest, found.mean, found.sd]) == repr([*_figures(of(values))])
+    assert repr([found.least, found.greatest, found.mean, found.sd]) == repr(
+        [*_figures(of(values))]
+    )
 
 
 def _figures(one: Moments) -> tuple[float | None, ...]:
@@ -67,10 +80,18 @@ def test_a_quantile_is_as_near_as_is_stated(values: list[float], percent: int) -
 
 
 def test_values_that_occur_many_times_count_so_often() -> None:
-    values, counts, groups = np.array([350.25, -0.1, np.nan]), np.array([30_000, 2, 5]), np.array([1, 0, 1])
+    values, counts, groups = (
+        np.array([350.25, -0.1, np.nan]),
+        np.array([30_000, 2, 5]),
+        np.array([1, 0, 1]),
+    )
     first, second = moments_of(values, counts, groups, 2)
     assert (first.n, first.total) == (2, Fraction(-0.1) * 2 * 2**1074)
-    assert (second.n, second.unknown, second.total) == (30_000, 5, Fraction(350.25) * 30_000 * 2**1074)
+    assert (second.n, second.unknown, second.total) == (
+        30_000,
+        5,
+        Fraction(350.25) * 30_000 * 2**1074,
+    )
     assert (second.sd, second.squares) == (0.0, Fraction(350.25) ** 2 * 30_000 * 2**2148)
     assert second.bins == {bin_of(350.25): 30_000}
 

@@ -1,4 +1,6 @@
-"""Whatever a record holds: each metric has a finite value or a reason, joints are in order and inside the record."""
+"""Whatever a record holds: each metric has a finite value or a reason, joints are in order and
+inside the record.
+"""
 
 from __future__ import annotations
 
@@ -17,23 +19,42 @@ from support.records.made_series import made
 
 
 def any_series(seed: int) -> Series:
-    """Short or long, with noise, steps, stuck values, losses in bursts, states that come and go, a setting read or not."""
+    """Short or long, with noise, steps, stuck values, losses in bursts, states that come and go, a
+    setting read or not.
+    """
     rng = np.random.default_rng(seed)
     hz = float(rng.choice([0.5, 1, 2, 5, 10, 20]))
     series = made(float(rng.choice([0.3, 2, 10, 60, 200])), hz=hz)
     count = len(series.seconds)
     walk = np.cumsum(rng.normal(0, rng.choice([0.0, 0.5, 20.0]), count))
     temperature = np.clip(np.round(350 + walk), 0, 500)
-    power = np.clip(np.round(rng.choice([0.0, 100.0, 1000.0]) + rng.normal(0, rng.choice([0.0, 20.0, 400.0]), count)), 0, 1000)
-    setting = np.where(rng.random(count) < rng.choice([0.0, 0.02, 1.0]), rng.choice([0.0, 300.0, 350.0], count), np.nan)
+    power = np.clip(
+        np.round(
+            rng.choice([0.0, 100.0, 1000.0]) + rng.normal(0, rng.choice([0.0, 20.0, 400.0]), count)
+        ),
+        0,
+        1000,
+    )
+    setting = np.where(
+        rng.random(count) < rng.choice([0.0, 0.02, 1.0]),
+        rng.choice([0.0, 300.0, 350.0], count),
+        np.nan,
+    )
     lost = np.zeros(count, dtype=np.bool_)
     for _ in range(int(rng.integers(0, 6)) if count else 0):
         start = int(rng.integers(0, count))
         lost[start : start + int(rng.integers(1, 40))] = True
-    temperature, power = (np.where(lost | (rng.random(count) < 0.02), np.nan, column) for column in (temperature, power))
+    temperature, power = (
+        np.where(lost | (rng.random(count) < 0.02), np.nan, column)
+        for column in (temperature, power)
+    )
     resting = np.cumsum(rng.random(count) < 0.01) % 2 == 1
     rows = Block(series.seconds, temperature, power, setting, ~resting & ~lost)
-    feeding = None if rng.random() < 0.5 else np.where(rng.random(count) < 0.1, np.nan, (rng.random(count) < 0.2).astype(float))
+    feeding = (
+        None
+        if rng.random() < 0.5
+        else np.where(rng.random(count) < 0.1, np.nan, (rng.random(count) < 0.2).astype(float))
+    )
     return replace(
         series,
         rows=rows,
@@ -59,7 +80,10 @@ def any_cycles(seed: int) -> Cycles | None:
     return Cycles(at, counted) if rng.random() < 0.8 else None
 
 
-@pytest.mark.parametrize("seed", [*range(20), *(pytest.param(seed, marks=pytest.mark.campaign) for seed in range(20, 80))])
+@pytest.mark.parametrize(
+    "seed",
+    [*range(20), *(pytest.param(seed, marks=pytest.mark.campaign) for seed in range(20, 80))],
+)
 def test_every_figure_has_a_value_or_a_reason(seed: int) -> None:
     series = any_series(seed)
     for kind in ("tip", "air", "omega"):
@@ -71,5 +95,7 @@ def test_every_figure_has_a_value_or_a_reason(seed: int) -> None:
             assert figure.coverage is None or 0 <= figure.coverage <= 100, figure
     joints = measure_port(series, "tip").joints
     assert all(one.end_s <= two.start_s for one, two in pairwise(joints))
-    assert all(series.seconds[0] <= one.start_s <= one.end_s <= series.seconds[-1] for one in joints)
+    assert all(
+        series.seconds[0] <= one.start_s <= one.end_s <= series.seconds[-1] for one in joints
+    )
     assert all(0 <= one.draw.confidence <= 1 for one in joints)

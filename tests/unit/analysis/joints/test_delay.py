@@ -1,4 +1,6 @@
-"""A temperature that is shown later than the power: the delay is found from the record, and joints stand where they were."""
+"""A temperature that is shown later than the power: the delay is found from the record, and joints
+stand where they were.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ def edges(found: FoundJoints) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("rows", [2, 4, 6])
-def test_a_late_temperature_is_found_and_joints_stand_where_they_were(in_time: Series, rows: int) -> None:
+def test_a_late_temperature_is_found_and_joints_stand_where_they_were(
+    in_time: Series, rows: int
+) -> None:
     before, late = find_joints(in_time), find_joints(shown_late(in_time, rows))
     assert before.model is not None
     assert late.model is not None
@@ -44,7 +48,10 @@ def test_a_late_temperature_is_found_and_joints_stand_where_they_were(in_time: S
     assert late.model.delay.seconds == pytest.approx(0.1 * rows, abs=0.06)
     assert edges(late) == pytest.approx(edges(before), abs=0.08)
     for name in ("deficit_c", "depth_c", "lowest_c", "recovery_s", "heat", "energy"):
-        one, other = (np.array([getattr(joint, name) for joint in found.joints[1:]], dtype=float) for found in (before, late))
+        one, other = (
+            np.array([getattr(joint, name) for joint in found.joints[1:]], dtype=float)
+            for found in (before, late)
+        )
         assert np.nanmedian(other) == pytest.approx(np.nanmedian(one), rel=0.1, abs=0.5), name
 
 
@@ -72,7 +79,9 @@ def test_where_the_record_cannot_tell_the_delay_is_not_known(in_time: Series) ->
     loose = found_delay(replace(in_time, rows=replace(in_time.rows, power=power)))
     assert (loose.seconds, loose.rows) == (None, 0)
     assert "it takes 0.6" in str(loose.why)
-    full = found_delay(replace(in_time, rows=replace(in_time.rows, power=np.full(len(power), 1000.0))))
+    full = found_delay(
+        replace(in_time, rows=replace(in_time.rows, power=np.full(len(power), 1000.0)))
+    )
     assert (full.seconds, "it takes 100" in str(full.why)) == (None, True)
 
 

@@ -1,4 +1,6 @@
-"""Joints whose number hangs on the assumptions: it is not known, the range is said, and no rule about joints is kept by it."""
+"""Joints whose number hangs on the assumptions: it is not known, the range is said, and no rule
+about joints is kept by it.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,13 @@ import numpy as np
 import pytest
 
 from jbclog.analysis.joints import joints as finding
-from jbclog.analysis.joints.doubt import MOST_DOUBT, MOST_DOUBT_SLOW, Doubt, _count_same, why_not_known
+from jbclog.analysis.joints.doubt import (
+    MOST_DOUBT,
+    MOST_DOUBT_SLOW,
+    Doubt,
+    _count_same,
+    why_not_known,
+)
 from jbclog.analysis.joints.draws import Draw
 from jbclog.analysis.joints.figure import Figure
 from jbclog.analysis.joints.joints import FoundJoints, find_joints
@@ -29,10 +37,21 @@ def clear() -> Series:
 @pytest.fixture(scope="module")
 def faint() -> Series:
     """Every other joint takes hardly more heat than the noise hides."""
-    loud, quiet = soldered(EACH_FIVE[::2], 120.0), soldered(EACH_FIVE[1::2], 120.0, conductance=0.014, seed=2)
+    loud, quiet = (
+        soldered(EACH_FIVE[::2], 120.0),
+        soldered(EACH_FIVE[1::2], 120.0, conductance=0.014, seed=2),
+    )
     rows = loud.rows
-    cold = np.array([any(start - 0.5 <= at < start + 3.5 for start, _ in EACH_FIVE[1::2]) for at in rows.seconds])
-    temperature, power = (np.where(cold, getattr(quiet.rows, name), getattr(rows, name)) for name in ("temperature", "power"))
+    cold = np.array(
+        [
+            any(start - 0.5 <= at < start + 3.5 for start, _ in EACH_FIVE[1::2])
+            for at in rows.seconds
+        ]
+    )
+    temperature, power = (
+        np.where(cold, getattr(quiet.rows, name), getattr(rows, name))
+        for name in ("temperature", "power")
+    )
     return replace(loud, rows=replace(rows, temperature=temperature, power=power))
 
 
@@ -57,15 +76,29 @@ def test_joints_that_hang_on_a_limit_have_no_number_but_a_range(faint: Series) -
     assert doubt(found).share > 1.2 * MOST_DOUBT
     assert doubt(found).least <= 15 < 20 <= doubt(found).most
     assert found.joints, "they are listed all the same"
-    for name in ("joints", "joints_by_heat", "joints_not_recovered", "recovered_before_next_percent", "joint_share_percent"):
+    for name in (
+        "joints",
+        "joints_by_heat",
+        "joints_not_recovered",
+        "recovered_before_next_percent",
+        "joint_share_percent",
+    ):
         assert measured[name].value is None, name
-        assert f"Between {doubt(found).least} and {doubt(found).most} were found" in str(measured[name].why), name
+        assert f"Between {doubt(found).least} and {doubt(found).most} were found" in str(
+            measured[name].why
+        ), name
     assert measured["joint_dwell_s"].value is not None
 
 
 def test_what_noise_makes_of_a_low_limit_is_no_doubt() -> None:
-    """Thirteen minutes with four joints and much noise: half the limit finds it four times, and as often upside down."""
-    found = find_joints(soldered([(15.0 + 200 * number, 16.2 + 200 * number) for number in range(4)], 800.0, noise_c=1.8))
+    """Thirteen minutes with four joints and much noise: half the limit finds it four times, and as
+    often upside down.
+    """
+    found = find_joints(
+        soldered(
+            [(15.0 + 200 * number, 16.2 + 200 * number) for number in range(4)], 800.0, noise_c=1.8
+        )
+    )
     assert (len(found.joints), found.why) == (4, None)
 
 
@@ -89,9 +122,13 @@ def test_a_long_contact_at_a_slow_rate_may_be_several() -> None:
     assert doubt(slow).share >= 1 > 0.1 > doubt(fast).share
 
 
-def test_a_feeder_that_decides_needs_no_number_by_heat(faint: Series, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_feeder_that_decides_needs_no_number_by_heat(
+    faint: Series, monkeypatch: pytest.MonkeyPatch
+) -> None:
     at = faint.seconds
-    fed = replace(faint, feeding=((at % 5 >= 0.3) & (at % 5 < 0.9) & (at > 15) & (at < 115)).astype(float))
+    fed = replace(
+        faint, feeding=((at % 5 >= 0.3) & (at % 5 < 0.9) & (at > 15) & (at < 115)).astype(float)
+    )
     found = find_joints(fed, JointOptions(wire_decides=True))
     assert (found.settings.wire_decides, found.why, len(found.joints)) == (True, None, 20)
     assert found.number_why is not None, "of heat alone"

@@ -1,4 +1,6 @@
-"""The feeder as a witness: feeds seen in the motor's state, feeds counted between two readings, and what both make of draws."""
+"""The feeder as a witness: feeds seen in the motor's state, feeds counted between two readings, and
+what both make of draws.
+"""
 
 from __future__ import annotations
 
@@ -23,17 +25,31 @@ STARTS = [10.0 + 6 * number for number in range(18)]  # joints of 1.5 s
 FEEDS = [(start + 0.3, start + 0.9) for start in STARTS]
 
 
-def fed(seen: Sequence[tuple[float, float]], counted: Sequence[float] | None = None, starts: Sequence[float] = STARTS) -> Series:
+def fed(
+    seen: Sequence[tuple[float, float]],
+    counted: Sequence[float] | None = None,
+    starts: Sequence[float] = STARTS,
+) -> Series:
     """Joints at `starts` with these feeds."""
     return witnessed(made(120, *joints_at(starts)), seen, counted)
 
 
-def witnessed(series: Series, seen: Sequence[tuple[float, float]], counted: Sequence[float] | None) -> Series:
-    """The motor is seen pushing in `seen`, and the counter, read each 2 s, grows at each moment of `counted`."""
+def witnessed(
+    series: Series, seen: Sequence[tuple[float, float]], counted: Sequence[float] | None
+) -> Series:
+    """The motor is seen pushing in `seen`, and the counter, read each 2 s, grows at each moment of
+    `counted`.
+    """
     at = series.seconds
-    motor = sum((((at >= start) & (at < end)).astype(float) for start, end in seen), np.zeros(len(at)))
+    motor = sum(
+        (((at >= start) & (at < end)).astype(float) for start, end in seen), np.zeros(len(at))
+    )
     read = np.arange(0.7, at[-1], 2.0)
-    cycles = None if counted is None else Cycles(read, 40.0 + np.searchsorted(np.sort(counted), read, side="right"))
+    cycles = (
+        None
+        if counted is None
+        else Cycles(read, 40.0 + np.searchsorted(np.sort(counted), read, side="right"))
+    )
     return replace(series, feeding=motor, cycles=cycles)
 
 
@@ -47,14 +63,21 @@ def counts(found: FoundJoints) -> tuple[int, int | None, int, int]:
     return seen.feeds, seen.counted, seen.feeds_without_draw, seen.draws_without_feed
 
 
-# -- what is known of feeds ---------------------------------------------------------------------------------------------------
+# -- what is known of feeds ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_feed_that_was_seen_and_counted_is_one_whether_it_counts_as_it_begins_or_as_it_ends(side: int) -> None:
+def test_a_feed_that_was_seen_and_counted_is_one_whether_it_counts_as_it_begins_or_as_it_ends(
+    side: int,
+) -> None:
     events = feed_events(fed(FEEDS, [feed[side] for feed in FEEDS]))
     assert events is not None
-    assert (len(events.seen), events.counted_only, events.counted, events.number) == (18, [], 18, 18)
+    assert (len(events.seen), events.counted_only, events.counted, events.number) == (
+        18,
+        [],
+        18,
+        18,
+    )
 
 
 def test_a_feed_that_was_not_seen_lies_between_two_readings_of_the_counter() -> None:
@@ -78,7 +101,9 @@ def test_several_pushes_of_one_cycle_are_one_feed() -> None:
 def test_a_counter_that_was_reset_tells_nothing_of_that_time() -> None:
     series = fed([], [end for _, end in FEEDS])
     assert series.cycles is not None
-    counted = np.where(series.cycles.seconds > 60, series.cycles.counted - 45, series.cycles.counted)
+    counted = np.where(
+        series.cycles.seconds > 60, series.cycles.counted - 45, series.cycles.counted
+    )
     events = feed_events(replace(series, cycles=Cycles(series.cycles.seconds, counted)))
     assert events is not None
     assert events.is_counted(10, 50)
@@ -89,13 +114,20 @@ def test_a_counter_that_was_reset_tells_nothing_of_that_time() -> None:
 
 def test_counts_stand_on_the_grid_of_the_rows_also_where_the_clock_was_stepped() -> None:
     seconds: Floats = np.arange(100) / 10
-    rows_us = (1_790_000_000_000_000 + 1e6 * seconds + np.where(seconds >= 5, 3600e6, 0)).astype(np.int64)
+    rows_us = (1_790_000_000_000_000 + 1e6 * seconds + np.where(seconds >= 5, 3600e6, 0)).astype(
+        np.int64
+    )
     at = rows_us[[20, 70]]
-    placed = cycles_of(np.array([rows_us[0] - 500_000, *at, rows_us[-1] + 400_000]), np.arange(4.0), rows_us, seconds)
+    placed = cycles_of(
+        np.array([rows_us[0] - 500_000, *at, rows_us[-1] + 400_000]),
+        np.arange(4.0),
+        rows_us,
+        seconds,
+    )
     assert placed.seconds == pytest.approx([-0.5, 2.0, 7.0, 10.3])
 
 
-# -- feeds and draws ----------------------------------------------------------------------------------------------------------
+# -- feeds and draws -------------------------------------------------------------------------------
 
 
 def test_a_counted_feed_without_a_draw_is_a_joint_somewhere_between_two_readings() -> None:
@@ -103,7 +135,12 @@ def test_a_counted_feed_without_a_draw_is_a_joint_somewhere_between_two_readings
     alone, *others = found.joints
     assert alone.start_s <= 4.0 <= alone.end_s
     assert alone.end_s - alone.start_s < 2.5
-    assert (alone.heat, alone.dwell_s, alone.kind, alone.draw.confidence < 0.5) == (None, None, "not known", True)
+    assert (alone.heat, alone.dwell_s, alone.kind, alone.draw.confidence < 0.5) == (
+        None,
+        None,
+        "not known",
+        True,
+    )
     assert [joint.start_s for joint in others] == pytest.approx(STARTS, abs=0.15)
     assert all(joint.draw.fed and joint.kind == "joint" for joint in others)
     assert counts(found) == (19, 19, 1, 0)
@@ -118,7 +155,10 @@ def test_a_draw_of_which_the_counter_says_that_it_had_no_feed_is_told() -> None:
 
 def test_two_feeds_in_one_draw_are_two_joints_cut_where_the_flow_is_lowest() -> None:
     contacts = [(start, start + 1.0) for start in (15.0, 17.0, 19.0, 21.0, 22.5, 24.5, 26.5)]
-    asked, feeds = JointOptions(merge_gap_s=0.8), [(start + 0.2, start + 0.6) for start, _ in contacts]
+    asked, feeds = (
+        JointOptions(merge_gap_s=0.8),
+        [(start + 0.2, start + 0.6) for start, _ in contacts],
+    )
     series = soldered(contacts, 40.0)
     assert len(find_joints(series, asked).joints) == 6
     found = find_joints(witnessed(series, feeds, [end for _, end in feeds]), asked)
@@ -135,7 +175,9 @@ def test_a_drag_in_which_wire_is_pushed_again_and_again_is_one() -> None:
     pushes = [(start + more, start + more + 0.4) for start in drags for more in (0.5, 2.0, 3.5)]
     found = find_joints(witnessed(series, pushes, None))
     assert [joint.start_s for joint in found.joints] == pytest.approx(drags, abs=0.2)
-    assert [joint.end_s for joint in found.joints] == pytest.approx([start + 5.0 for start in drags], abs=0.3)
+    assert [joint.end_s for joint in found.joints] == pytest.approx(
+        [start + 5.0 for start in drags], abs=0.3
+    )
 
 
 def test_feeds_of_a_tool_that_rests_are_no_joints() -> None:
@@ -153,10 +195,18 @@ def test_a_joint_that_a_feed_follows_before_the_tip_is_back_is_cut_off_not_late(
 
 def test_where_heat_cannot_tell_the_feeder_does_and_that_is_said() -> None:
     rng = np.random.default_rng(3)
-    series = made(120, lambda at: 350 + rng.integers(-40, 40, len(at)), lambda at: rng.integers(0, 1000, len(at)).astype(float))
+    series = made(
+        120,
+        lambda at: 350 + rng.integers(-40, 40, len(at)),
+        lambda at: rng.integers(0, 1000, len(at)).astype(float),
+    )
     assert find_joints(series).why is not None
     found = figures(witnessed(series, FEEDS, [end for _, end in FEEDS]))
-    assert (found["joints"].value, found["joints_fed_alone"].value, found["joints_by_feeder"].value) == (18, 18, 18)
+    assert (
+        found["joints"].value,
+        found["joints_fed_alone"].value,
+        found["joints_by_feeder"].value,
+    ) == (18, 18, 18)
     assert found["joints_by_heat"].value is None
     assert found["recovery_s"].value is None
     asked = find_joints(witnessed(series, FEEDS, None), JointOptions(wire_decides=False))

@@ -1,4 +1,6 @@
-"""The thermal model of a tip of the simulator, whose heat capacity is known, where the record begins hot."""
+"""The thermal model of a tip of the simulator, whose heat capacity is known, where the record
+begins hot.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +11,23 @@ from support.plants import joint_matrix
 from support.plants.joint_matrix import series_of
 
 
-@pytest.mark.parametrize(("tip", "capacity"), [("small", 1000 * 0.45 / 75), ("large", 1000 * 3.5 / 250)])
-def test_the_capacity_of_a_tip_is_found_where_the_record_begins_hot(tip: str, capacity: float) -> None:
+@pytest.mark.parametrize(
+    ("tip", "capacity"), [("small", 1000 * 0.45 / 75), ("large", 1000 * 3.5 / 250)]
+)
+def test_the_capacity_of_a_tip_is_found_where_the_record_begins_hot(
+    tip: str, capacity: float
+) -> None:
     """No heat-up is in it: what is left are the few kelvin of each recovery."""
     cells = [
-        cell for cell in joint_matrix.cells_of("sim", 2) if cell.tip == tip and (cell.length, cell.gap) in ((1.5, 5), (2.0, 2))
+        cell
+        for cell in joint_matrix.cells_of("sim", 2)
+        if cell.tip == tip and (cell.length, cell.gap) in ((1.5, 5), (2.0, 2))
     ]
     cells = [cell for cell in cells if joint_matrix.script_of(cell).begins_hot]
-    models = [find_joints(series_of(trial, 10.0, False)).model for trial in joint_matrix.records(cells, (10.0,))[10.0]]
+    models = [
+        find_joints(series_of(trial, 10.0, False)).model
+        for trial in joint_matrix.records(cells, (10.0,))[10.0]
+    ]
     assert models
     for model in models:
         assert model is not None

@@ -1,4 +1,6 @@
-"""Joints where the record is poor: each ends in a figure that holds, or in "not known" with its reason, and never in 0."""
+"""Joints where the record is poor: each ends in a figure that holds, or in "not known" with its
+reason, and never in 0.
+"""
 
 from __future__ import annotations
 
@@ -39,11 +41,16 @@ def test_a_run_of_none_is_known_to_have_none() -> None:
 
 
 def test_a_run_of_a_minute() -> None:
-    assert starts(soldered(EACH_FIVE[:8], 60.0)) == pytest.approx([start for start, _ in EACH_FIVE[:8]], abs=0.2)
+    assert starts(soldered(EACH_FIVE[:8], 60.0)) == pytest.approx(
+        [start for start, _ in EACH_FIVE[:8]], abs=0.2
+    )
 
 
 def test_a_tool_that_is_exchanged_has_another_model() -> None:
-    light, heavy = soldered(EACH_FIVE, 120.0, rated_w=130.0), soldered(EACH_FIVE, 120.0, rated_w=60.0)
+    light, heavy = (
+        soldered(EACH_FIVE, 120.0, rated_w=130.0),
+        soldered(EACH_FIVE, 120.0, rated_w=60.0),
+    )
     found = find_joints(after(light, heavy, 6.0))
     assert len(found.joints) == 2 * len(EACH_FIVE)
     first, second = (model.capacity for model in found.models)
@@ -63,7 +70,10 @@ def test_power_at_its_limit_for_ten_seconds_is_one_joint() -> None:
     series = soldered([*EACH_FIVE[:4], (40.0, 50.0)], 80.0, conductance=0.9, leak=0.6, rated_w=60.0)
     assert (series.rows.power[405:495] >= 990).mean() > 0.5
     drag = find_joints(series).joints[-1]
-    assert (drag.start_s, drag.end_s) == (pytest.approx(40.0, abs=0.3), pytest.approx(50.0, abs=0.3))
+    assert (drag.start_s, drag.end_s) == (
+        pytest.approx(40.0, abs=0.3),
+        pytest.approx(50.0, abs=0.3),
+    )
 
 
 def test_steps_of_a_degree_at_one_hertz_count_or_say_why() -> None:
@@ -72,15 +82,23 @@ def test_steps_of_a_degree_at_one_hertz_count_or_say_why() -> None:
 
 
 def test_a_gap_in_every_joint_leaves_the_count_unknown() -> None:
-    series = lose(soldered(EACH_FIVE, 120.0), *((start + 0.3, start + 3.3) for start, _ in EACH_FIVE))
+    series = lose(
+        soldered(EACH_FIVE, 120.0), *((start + 0.3, start + 3.3) for start, _ in EACH_FIVE)
+    )
     count = figure(series, "joints")
     assert count.value is None
     assert "gap" in str(count.why)
-    assert all(joint.recovery_s is None for joint in find_joints(series).joints if joint.why and "gap" in joint.why)
+    assert all(
+        joint.recovery_s is None
+        for joint in find_joints(series).joints
+        if joint.why and "gap" in joint.why
+    )
 
 
 def test_how_long_nobody_could_look() -> None:
-    """Gaps, and what is too short between two of them; single readings that are lost are bridged, and a tool at rest is no gap."""
+    """Gaps, and what is too short between two of them; single readings that are lost are bridged,
+    and a tool at rest is no gap.
+    """
     whole = soldered(EACH_FIVE[:4], 60.0)
     assert (find_joints(whole).unseen_s, find_joints(whole).unseen) == (0, 0)
     one = find_joints(lose(whole, (20.0, 23.0), (40.0, 40.2)))
@@ -109,9 +127,16 @@ def test_a_heat_up_is_no_joint_and_neither_is_a_joint_in_it() -> None:
 
 @pytest.mark.parametrize(("length", "gap"), [(0.8, 1.0), (2.0, 1.2), (1.0, 0.5)])
 def test_a_line_that_never_rests_never_recovers(length: float, gap: float) -> None:
-    """The deficit is measured from the setpoint, and the joint that the next one follows is not recovered."""
-    every = [(15.0 + (length + gap) * number, 15.0 + length + (length + gap) * number) for number in range(25)]
-    found = find_joints(soldered(every, every[-1][1] + 1.0, conductance=0.8, leak=0.4, rated_w=50.0))
+    """The deficit is measured from the setpoint, and the joint that the next one follows is not
+    recovered.
+    """
+    every = [
+        (15.0 + (length + gap) * number, 15.0 + length + (length + gap) * number)
+        for number in range(25)
+    ]
+    found = find_joints(
+        soldered(every, every[-1][1] + 1.0, conductance=0.8, leak=0.4, rated_w=50.0)
+    )
     assert len(found.joints) == pytest.approx(25, abs=1)
     late = [joint for joint in found.joints[3:-1] if joint.recovered is False]
     assert len(late) >= 19
@@ -125,7 +150,10 @@ def test_what_a_recipe_asks_for() -> None:
     assert len(find_joints(series, JointOptions(least_dwell_s=0.7)).joints) == 3
     assert len(find_joints(series, JointOptions(merge_gap_s=0.8)).joints) == 3
     assert find_joints(series).settings.least_dwell_s == 0.25  # what was taken is said
-    narrow, wide = (find_joints(series, JointOptions(recovered_within_c=within)).joints[-1] for within in (1.0, 20.0))
+    narrow, wide = (
+        find_joints(series, JointOptions(recovered_within_c=within)).joints[-1]
+        for within in (1.0, 20.0)
+    )
     assert (narrow.recovery_s or 99.0) > (wide.recovery_s or 0.0)
 
 
@@ -134,7 +162,11 @@ def test_wire_decides_by_what_the_recipe_says() -> None:
     at = series.seconds
     few = ((at % 5 >= 0.3) & (at % 5 < 0.9) & (at > 15) & (at < 40)).astype(float)
     fed = replace(series, feeding=few)
-    assert not find_joints(fed).settings.wire_decides  # a quarter of them: the feeder is not what makes the joints
+    # a quarter of them: the feeder is not what makes the joints
+    assert not find_joints(fed).settings.wire_decides
     assert len(find_joints(fed).joints) == 20
     asked = find_joints(fed, JointOptions(wire_decides=True))
-    assert (asked.settings.wire_decides, [joint.kind for joint in asked.joints]) == (True, ["joint"] * 5 + ["not known"] * 15)
+    assert (asked.settings.wire_decides, [joint.kind for joint in asked.joints]) == (
+        True,
+        ["joint"] * 5 + ["not known"] * 15,
+    )

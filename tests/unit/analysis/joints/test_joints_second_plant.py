@@ -1,6 +1,8 @@
-"""Joints on a plant that was not used to tune their finding: per class, the worst tenth, and how it falls with the rate.
+"""Joints on a plant that was not used to tune their finding: per class, the worst tenth, and how it
+falls with the rate.
 
-`pytest tests/unit/analysis/joints/test_joints_second_plant.py -s -n0` prints the tables; with `-m campaign` of all trials.
+`pytest tests/unit/analysis/joints/test_joints_second_plant.py -s -n0` prints the tables; with
+`-m campaign` of all trials.
 """
 
 from __future__ import annotations
@@ -67,7 +69,9 @@ def assert_found(several: Sequence[Score], least_events: int) -> None:
 def test_what_draws_heat_is_a_draw_whether_it_takes_solder_or_not(
     records: dict[float, list[Trial]], found: dict[float, list[Score]]
 ) -> None:
-    """What the definition of a joint says of itself: a rest in a sponge as long as a joint is one; wipes are of no known kind."""
+    """What the definition of a joint says of itself: a rest in a sponge as long as a joint is one;
+    wipes are of no known kind.
+    """
     every = all_of(found[10.0])
     assert every.untold["soak"] >= 0.9 * every.events["soak"]
     wipes = [joint for trial in records[10.0] for joint in _in(trial, ("sponge", "brass", "touch"))]
@@ -79,7 +83,11 @@ def _in(trial: Trial, kinds: Sequence[str]) -> list[Joint]:
     """The joints found in what happened of these kinds."""
     spans = [(one.start, one.end) for one in trial.truths if one.kind in kinds]
     found = find_joints(series_of(trial, 10.0)).joints
-    return [joint for joint in found if any(overlap(span, (joint.start_s, joint.end_s)) > 0 for span in spans)]
+    return [
+        joint
+        for joint in found
+        if any(overlap(span, (joint.start_s, joint.end_s)) > 0 for span in spans)
+    ]
 
 
 @pytest.mark.parametrize("hz", RATES[1:])

@@ -1,4 +1,6 @@
-"""Each metric on a series made by hand whose right answer is known, with gaps, at 1 Hz, and at the resolution's limit."""
+"""Each metric on a series made by hand whose right answer is known, with gaps, at 1 Hz, and at the
+resolution's limit.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +27,17 @@ def value(series: Series, name: str) -> float | None:
     return figures(series)[name].value
 
 
-# -- what every figure carries ----------------------------------------------------------------------------------------------
+# -- what every figure carries ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", ["tip", "air", "omega"])
-def test_every_metric_is_told_in_the_order_of_its_definition_with_a_value_or_a_reason(kind: str) -> None:
+def test_every_metric_is_told_in_the_order_of_its_definition_with_a_value_or_a_reason(
+    kind: str,
+) -> None:
     found = measure_port(made(60), kind).figures
-    assert [(figure.name, figure.unit) for figure in found] == [(one.name, one.unit) for one in DEFINITIONS]
+    assert [(figure.name, figure.unit) for figure in found] == [
+        (one.name, one.unit) for one in DEFINITIONS
+    ]
     assert all((figure.value is None) == bool(figure.why) for figure in found)
 
 
@@ -53,11 +59,13 @@ def test_no_rows_at_all() -> None:
     assert {figure.value for figure in figures(made(0)).values()} == {None}
 
 
-# -- heating up -------------------------------------------------------------------------------------------------------------
+# -- heating up ------------------------------------------------------------------------------------
 
 
 def heat_up(overshoot: float = 6.0, hz: float = 10.0) -> Series:
-    """Rests at 100 °C, goes to work at 10 s, rises by 50 °C a second to 350 plus `overshoot`, is calm from 20 s on."""
+    """Rests at 100 °C, goes to work at 10 s, rises by 50 °C a second to 350 plus `overshoot`, is
+    calm from 20 s on.
+    """
     top = 15 + overshoot / 50
     course = line((0, 100), (10, 100), (top, 350 + overshoot), (20, 350), (60, 350))
     return rest(made(60, course, steps((0, 0), (10, 1000), (15, 100)), hz=hz), (0, 10))
@@ -72,7 +80,8 @@ def test_heat_up_time_is_from_the_order_to_the_band() -> None:
 def test_overshoot_and_settling() -> None:
     found = figures(heat_up(6.0))
     assert found["overshoot_c"].value == pytest.approx(6.0, abs=0.15)
-    assert found["settling_time_s"].value == pytest.approx(7.5, abs=0.15)  # it falls from 6 to 3 in half of the way to 20 s
+    # it falls from 6 to 3 in half of the way to 20 s
+    assert found["settling_time_s"].value == pytest.approx(7.5, abs=0.15)
 
 
 def test_a_tip_that_leaves_the_band_again_has_not_entered_it() -> None:
@@ -86,7 +95,8 @@ def test_a_gap_in_a_heat_up_is_no_figure_and_a_single_lost_row_is_none() -> None
     assert found.value is None
     assert "gap" in str(found.why)
     assert value(lose(heat_up(), (12.0, 12.1)), "heat_up_time_s") == pytest.approx(4.8)
-    assert value(lose(heat_up(), (12.0, 12.2)), "heat_up_time_s") is None  # three periods from reading to reading
+    # three periods from reading to reading
+    assert value(lose(heat_up(), (12.0, 12.2)), "heat_up_time_s") is None
 
 
 def test_the_first_heat_up_counts_from_the_order_where_that_is_known() -> None:
@@ -98,14 +108,20 @@ def test_the_first_heat_up_counts_from_the_order_where_that_is_known() -> None:
 
 
 def test_a_raised_setting_is_a_heat_up_and_a_lowered_one_is_none() -> None:
-    raised = made(60, line((0, 300), (20, 300), (25, 350), (60, 350)), setting=steps((0, 300), (20, 350)))
+    raised = made(
+        60, line((0, 300), (20, 300), (25, 350), (60, 350)), setting=steps((0, 300), (20, 350))
+    )
     assert value(raised, "heat_up_time_s") == pytest.approx(4.0)
-    lowered = made(60, line((0, 350), (20, 350), (25, 300), (60, 300)), setting=steps((0, 350), (20, 300)))
+    lowered = made(
+        60, line((0, 350), (20, 350), (25, 300), (60, 300)), setting=steps((0, 350), (20, 300))
+    )
     assert value(lowered, "heat_up_time_s") is None
 
 
 def test_a_tip_that_never_arrives() -> None:
-    found = figures(rest(made(90, line((0, 100), (10, 100), (15, 300), (90, 300))), (0, 10)))["heat_up_time_s"]
+    found = figures(rest(made(90, line((0, 100), (10, 100), (15, 300), (90, 300))), (0, 10)))[
+        "heat_up_time_s"
+    ]
     assert found.value is None
     assert "did not reach" in str(found.why)
 
@@ -116,7 +132,7 @@ def test_heat_up_at_one_hertz() -> None:
     assert found.resolution == pytest.approx(1.0)
 
 
-# -- idle -------------------------------------------------------------------------------------------------------------------
+# -- idle ------------------------------------------------------------------------------------------
 
 
 def test_idle_error_spread_and_range() -> None:
@@ -149,7 +165,7 @@ def test_drift_does_not_mind_an_outlier() -> None:
     assert value(made(1800, course), "drift_c_per_h") == pytest.approx(6.0, rel=0.02)
 
 
-# -- joints -----------------------------------------------------------------------------------------------------------------
+# -- joints ----------------------------------------------------------------------------------------
 
 STARTS = [10.0 + 6 * number for number in range(18)]
 
@@ -163,17 +179,21 @@ def soldering(hz: float = 10.0) -> Series:
 def test_every_joint_is_found_where_it_is(hz: float) -> None:
     found = find_joints(soldering(hz)).joints
     assert [joint.start_s for joint in found] == pytest.approx(STARTS, abs=1.2 / hz)
-    assert [joint.end_s for joint in found] == pytest.approx([start + 1.5 for start in STARTS], abs=1.2 / hz)
+    assert [joint.end_s for joint in found] == pytest.approx(
+        [start + 1.5 for start in STARTS], abs=1.2 / hz
+    )
 
 
 def test_depth_recovery_heat_and_energy_of_joints() -> None:
     found = figures(soldering())
     assert found["joints"].value == 18
     assert found["joint_depth_c"].value == pytest.approx(20.0)
-    assert found["recovery_s"].value == pytest.approx(1.5 + 0.9, abs=0.11)  # back to 347 °C at 17 of 20 °C in a second
+    # back to 347 °C at 17 of 20 °C in a second
+    assert found["recovery_s"].value == pytest.approx(1.5 + 0.9, abs=0.11)
     assert found["recovery_p95_s"].value == pytest.approx(2.4, abs=0.11)
     assert found["joint_heat_permille_s"].value == pytest.approx(750, rel=0.06)  # 500 ‰ for 1.5 s
-    assert found["joint_energy_permille_s"].value == pytest.approx(750 - 200 + 180, rel=0.08)  # the tip is 3 °C short of all
+    # the tip is 3 °C short of all
+    assert found["joint_energy_permille_s"].value == pytest.approx(750 - 200 + 180, rel=0.08)
     assert found["joint_dwell_s"].value == pytest.approx(1.5, abs=0.1)
     assert found["joint_share_percent"].value == pytest.approx(100 * 18 * 1.5 / 120, rel=0.06)
 
@@ -186,24 +206,48 @@ def test_a_joint_beside_a_gap_has_no_recovery_and_the_count_has_no_value() -> No
     assert "18 were found" in str(found["joints"].why)
 
 
-def power_for(course: Callable[[Floats], Floats], starts: Sequence[float]) -> Callable[[Floats], Floats]:
-    """The power of a tip of 10 ‰·s/K that goes through this course and gives 500 ‰ away for 1.5 s from each start on."""
+def power_for(
+    course: Callable[[Floats], Floats], starts: Sequence[float]
+) -> Callable[[Floats], Floats]:
+    """The power of a tip of 10 ‰·s/K that goes through this course and gives 500 ‰ away for 1.5 s
+    from each start on.
+    """
 
     def power(at: Floats) -> Floats:
         into = sum(np.where((at >= start) & (at < start + 1.5), 500.0, 0.0) for start in starts)
-        return 100 * (course(at) - 25) / 325 + 10 * (course(at + 0.05) - course(at - 0.05)) / 0.1 + into
+        return (
+            100 * (course(at) - 25) / 325
+            + 10 * (course(at + 0.05) - course(at - 0.05)) / 0.1
+            + into
+        )
 
     return power
 
 
 def test_the_next_joint_came_before_the_tip_was_back() -> None:
     course = line(
-        (0, 350), (10, 350), (11.5, 330), (12.5, 340), (20, 340), (21.5, 325), (22.5, 350), (30, 350), (31.5, 330), (32.5, 350)
+        (0, 350),
+        (10, 350),
+        (11.5, 330),
+        (12.5, 340),
+        (20, 340),
+        (21.5, 325),
+        (22.5, 350),
+        (30, 350),
+        (31.5, 330),
+        (32.5, 350),
     )
     measured = measure_port(made(60, course, power_for(course, [10.0, 20.0, 30.0])), "tip").joints
-    assert (measured[0].recovered, measured[0].recovery_s, measured[0].had_s) == (False, None, pytest.approx(10.0, abs=0.2))
+    assert (measured[0].recovered, measured[0].recovery_s, measured[0].had_s) == (
+        False,
+        None,
+        pytest.approx(10.0, abs=0.2),
+    )
     assert "next joint" in str(measured[0].why)
-    assert (measured[1].deficit_c, measured[1].resting_below_c) == (pytest.approx(10.0), pytest.approx(10.0))
+    assert (measured[1].deficit_c, measured[1].resting_below_c) == (
+        pytest.approx(10.0),
+        pytest.approx(10.0),
+    )
     assert measured[-1].recovery_s == pytest.approx(2.4, abs=0.11)
 
 
@@ -219,11 +263,18 @@ def test_wire_decides_where_a_feeder_tells() -> None:
     found = find_joints(replace(series, feeding=wired(series.seconds)))
     assert found.settings.wire_decides
     alone, *others = found.joints
-    assert (alone.start_s, alone.draw.heat) == (pytest.approx(4.2), None)  # a feed of which no draw was found
+    # a feed of which no draw was found
+    assert (alone.start_s, alone.draw.heat) == (pytest.approx(4.2), None)
     assert alone.draw.confidence < 0.5
     assert [joint.start_s for joint in others] == pytest.approx(STARTS, abs=0.2)
-    assert [joint.kind for joint in others] == ["joint"] * 10 + ["not known"] * 8  # without wire they may as well be wipes
-    assert (alone.kind, alone.dwell_s, alone.recovered, alone.deficit_c) == ("not known", None, None, None)
+    # without wire they may as well be wipes
+    assert [joint.kind for joint in others] == ["joint"] * 10 + ["not known"] * 8
+    assert (alone.kind, alone.dwell_s, alone.recovered, alone.deficit_c) == (
+        "not known",
+        None,
+        None,
+        None,
+    )
     assert "feeder" in str(alone.why)
     seen = found.feeder
     assert seen is not None
@@ -233,7 +284,7 @@ def test_wire_decides_where_a_feeder_tells() -> None:
     assert len(silent.joints) == 18
 
 
-# -- power and energy -------------------------------------------------------------------------------------------------------
+# -- power and energy ------------------------------------------------------------------------------
 
 
 def test_energy_is_the_integral_and_joules_only_with_a_declared_power() -> None:
@@ -268,7 +319,7 @@ def test_a_state_that_was_not_read_is_neither_work_nor_rest() -> None:
     assert value(series, "utilisation_percent") == pytest.approx(100 * 25 / 75)
 
 
-# -- wire -------------------------------------------------------------------------------------------------------------------
+# -- wire ------------------------------------------------------------------------------------------
 
 
 def fed(mm: list[float], cycles: list[float], set_mm: float | None = 5.0) -> tuple[Series, Wire]:
@@ -282,14 +333,19 @@ def fed(mm: list[float], cycles: list[float], set_mm: float | None = 5.0) -> tup
 
 def test_wire_per_joint_per_feed_delivered_and_speed() -> None:
     series, wire = fed([100, 124, 148, 172, 196], [40, 45, 50, 55, 60])
-    found = figures(series, wire=replace(wire, length_s=wire.length_s[:4], length_mm=wire.length_mm[:4]))
+    found = figures(
+        series, wire=replace(wire, length_s=wire.length_s[:4], length_mm=wire.length_mm[:4])
+    )
     assert found["wire_mm"].value == 72
     counted = Cycles(np.arange(4) * 30.0, np.array([40.0, 45.0, 50.0, 55.0]))
-    found = figures(replace(series, cycles=counted), wire=Wire(wire.length_s[:4], wire.length_mm[:4], 5.0))
+    found = figures(
+        replace(series, cycles=counted), wire=Wire(wire.length_s[:4], wire.length_mm[:4], 5.0)
+    )
     assert found["wire_feeds"].value == 15
     assert found["wire_per_feed_mm"].value == pytest.approx(4.8)
     assert found["wire_delivered_percent"].value == pytest.approx(96.0)
-    assert found["wire_per_joint_mm"].value == pytest.approx(72 / 15)  # joints at 10, 16, ... 88 s, and a feed at 4 s
+    # joints at 10, 16, ... 88 s, and a feed at 4 s
+    assert found["wire_per_joint_mm"].value == pytest.approx(72 / 15)
     assert found["wire_speed_mm_s"].value == pytest.approx(72 / (15 * 0.5))
     assert found["wire_clog_suspicions"].value == 0
 
@@ -316,7 +372,7 @@ def test_an_unknown_length_and_a_gap() -> None:
     assert gappy["wire_per_feed_mm"].value == pytest.approx(4.8)
 
 
-# -- without a grid ---------------------------------------------------------------------------------------------------------
+# -- without a grid --------------------------------------------------------------------------------
 
 
 def test_rows_without_a_grid_are_found_to_have_joints_too() -> None:
@@ -326,7 +382,12 @@ def test_rows_without_a_grid_are_found_to_have_joints_too() -> None:
     temperature, power = joints_at([start for start in STARTS if start < at[-1] - 5])
     even = made(1, temperature, power)
     block = replace(
-        even.rows, seconds=at, temperature=temperature(at), power=power(at), setting=np.full(len(at), 350.0), working=at > 0
+        even.rows,
+        seconds=at,
+        temperature=temperature(at),
+        power=power(at),
+        setting=np.full(len(at), 350.0),
+        working=at > 0,
     )
     series = Series(block, at > 0, float(np.median(np.diff(at))), on_grid=False)
     found = figures(series)

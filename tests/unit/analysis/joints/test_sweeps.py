@@ -1,4 +1,6 @@
-"""A port that is read piece by piece has the joints of one that is read as a whole, in memory that does not grow with its rows."""
+"""A port that is read piece by piece has the joints of one that is read as a whole, in memory that
+does not grow with its rows.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,11 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from jbclog.analysis.joints.heat_up_end import ReadyStretch, ready_stretches, ready_stretches_of_window
+from jbclog.analysis.joints.heat_up_end import (
+    ReadyStretch,
+    ready_stretches,
+    ready_stretches_of_window,
+)
 from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.series import Series, Stretch
@@ -40,7 +46,8 @@ def record(name: str) -> Series:
         return soldered([(15 + 1.5 * n, 16 + 1.5 * n) for n in range(120)], 230.0)
     if name == "late":
         return shown_late(soldered(UNEVEN[:40], 200.0), 4)
-    return after(soldered(UNEVEN[:35], 160.0), soldered(UNEVEN[:30], 150.0, rated_w=60.0), 6.0)  # another tool
+    # another tool
+    return after(soldered(UNEVEN[:35], 160.0), soldered(UNEVEN[:30], 150.0, rated_w=60.0), 6.0)
 
 
 def with_gaps(series: Series, begins: list[int], lost: int) -> Series:
@@ -53,9 +60,13 @@ def with_gaps(series: Series, begins: list[int], lost: int) -> Series:
 
 
 def joints_in(
-    sweep: Callable[[], Iterable[Series]], options: JointOptions | None = None, window_s: float = WINDOW_S
+    sweep: Callable[[], Iterable[Series]],
+    options: JointOptions | None = None,
+    window_s: float = WINDOW_S,
 ) -> FoundJoints:
-    """The joints of a port whose rows `sweep` reads in pieces, the same ones each time it is called."""
+    """The joints of a port whose rows `sweep` reads in pieces, the same ones each time it is
+    called.
+    """
     port = PortSweeps(options or JointOptions(), window_s)
     while (windows := port.next_sweep()) is not None:
         for piece in sweep():
@@ -70,19 +81,43 @@ def in_pieces(series: Series, cuts: list[int]) -> Iterator[Series]:
 
 
 def numbers(found: FoundJoints) -> list[float]:
-    """Every number of every joint, draw and level; what is not known as -1, and what is text by itself."""
-    joints = [one for joint in found.joints for one in asdict(joint).values() if not isinstance(one, dict | str)]
-    draws = [value for draw in [*(j.draw for j in found.joints), *found.others] for value in asdict(draw).values()]
+    """Every number of every joint, draw and level; what is not known as -1, and what is text by
+    itself.
+    """
+    joints = [
+        one
+        for joint in found.joints
+        for one in asdict(joint).values()
+        if not isinstance(one, dict | str)
+    ]
+    draws = [
+        value
+        for draw in [*(j.draw for j in found.joints), *found.others]
+        for value in asdict(draw).values()
+    ]
     models = [value for model in found.models for value in model.values.tolist()]
-    every = [*joints, *draws, *models, *found.levels, *found.levels.values(), found.unseen_s, found.unseen]
+    every = [
+        *joints,
+        *draws,
+        *models,
+        *found.levels,
+        *found.levels.values(),
+        found.unseen_s,
+        found.unseen,
+    ]
     return [-1.0 if one is None else float(one) for one in every if not isinstance(one, str)]
 
 
 def texts(found: FoundJoints) -> list[str | None]:
-    return [found.why, found.heat_why, *(text for joint in found.joints for text in (joint.why, joint.draw.cut, joint.kind))]
+    return [
+        found.why,
+        found.heat_why,
+        *(text for joint in found.joints for text in (joint.why, joint.draw.cut, joint.kind)),
+    ]
 
 
-@settings(max_examples=6, deadline=None, phases=[Phase.explicit, Phase.generate])  # shrinking takes minutes
+# shrinking takes minutes
+@settings(max_examples=6, deadline=None, phases=[Phase.explicit, Phase.generate])
 @given(
     st.sampled_from(["uneven", "dense", "late", "exchanged"]),
     st.lists(st.integers(1, 5000), max_size=30),
@@ -94,24 +129,35 @@ def test_the_joints_do_not_depend_on_how_the_rows_are_read(
     name: str, cuts: list[int], gaps: list[int], lost: int, window_s: float
 ) -> None:
     series = with_gaps(record(name), gaps, lost)
-    whole, found = find_joints(series), joints_in(lambda: in_pieces(series, cuts), window_s=window_s)
+    whole, found = (
+        find_joints(series),
+        joints_in(lambda: in_pieces(series, cuts), window_s=window_s),
+    )
     assert len(found.joints) == len(whole.joints)
     assert numbers(found) == pytest.approx(numbers(whole), rel=1e-6, abs=1e-6)
     assert texts(found) == texts(whole)
     assert replace(found.settings, every_s=None) == replace(whole.settings, every_s=None)
-    assert found.settings.every_s == (None if whole.settings.every_s is None else pytest.approx(whole.settings.every_s))
+    assert found.settings.every_s == (
+        None if whole.settings.every_s is None else pytest.approx(whole.settings.every_s)
+    )
 
 
 def test_a_draw_longer_than_a_window_is_one_joint_and_keeps_its_heat() -> None:
     series = record("uneven")
-    longest = max(joints_in(lambda: [series], window_s=37.0).joints, key=lambda joint: joint.dwell_s or 0.0)
+    longest = max(
+        joints_in(lambda: [series], window_s=37.0).joints, key=lambda joint: joint.dwell_s or 0.0
+    )
     assert (longest.start_s, longest.end_s) == pytest.approx(LONG, abs=0.3)
-    assert longest.heat == pytest.approx(max(joint.heat or 0.0 for joint in find_joints(series).joints), rel=1e-6)
+    assert longest.heat == pytest.approx(
+        max(joint.heat or 0.0 for joint in find_joints(series).joints), rel=1e-6
+    )
 
 
 def test_what_is_asked_for_holds() -> None:
     series, asked = record("dense"), JointOptions(least_dwell_s=1.1, recovered_within_c=8.0)
-    assert numbers(joints_in(lambda: [series], asked, 61.0)) == pytest.approx(numbers(find_joints(series, asked)), rel=1e-6)
+    assert numbers(joints_in(lambda: [series], asked, 61.0)) == pytest.approx(
+        numbers(find_joints(series, asked)), rel=1e-6
+    )
 
 
 def test_a_tool_that_left_its_port_before_the_window_is_still_out_of_it() -> None:
@@ -141,13 +187,22 @@ def repeated(seconds: float) -> Iterator[Series]:
     """A tip that is soldered with each 6 s for so long, in pieces of 17 minutes."""
     one = record_of_ten_minutes()
     rows = one.rows
-    columns = [np.concatenate([column[3000:], column[150:3000]]) for column in (rows.temperature, rows.power, rows.setting)]
+    columns = [
+        np.concatenate([column[3000:], column[150:3000]])
+        for column in (rows.temperature, rows.power, rows.setting)
+    ]
     length = len(columns[0])
     for first in range(0, round(seconds * 10), 10_200):
         at = np.arange(first, min(first + 10_200, round(seconds * 10)))
         there = np.ones(len(at), dtype=np.bool_)
-        begun = [column[at] if at[-1] < 3000 else None for column in (rows.temperature, rows.power, rows.setting)]
-        cyclic = [column[at % length] if start is None else start for column, start in zip(columns, begun, strict=True)]
+        begun = [
+            column[at] if at[-1] < 3000 else None
+            for column in (rows.temperature, rows.power, rows.setting)
+        ]
+        cyclic = [
+            column[at % length] if start is None else start
+            for column, start in zip(columns, begun, strict=True)
+        ]
         yield Series(Block(at / 10, *cyclic, there), there, 0.1, rated_w=130.0)
 
 

@@ -1,4 +1,6 @@
-"""Capability and gauge studies against worked examples, to the printed digits; each names where it is printed."""
+"""Capability and gauge studies against worked examples, to the printed digits; each names where it
+is printed.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ def of_mean_and_sd(mean: float, sd: float, n: int) -> NDArray[np.float64]:
 
 
 def test_indices_of_nist() -> None:
-    """NIST/SEMATECH e-Handbook, 6.1.6 "What is Process Capability": USL 20, LSL 8, mean 16, s 2: Cp 1.0, Cpk 0.6667, Cpl 1.3333"""
+    """NIST/SEMATECH e-Handbook, 6.1.6 "What is Process Capability": USL 20, LSL 8, mean 16, s 2: Cp
+    1.0, Cpk 0.6667, Cpl 1.3333
+    """
     both = indices(of_mean_and_sd(16, 2, 50), 8, 20)
     assert both.pp is not None
     assert round(both.pp.value, 4) == 1.0
@@ -32,7 +36,8 @@ def test_interval_of_montgomery() -> None:
     """Montgomery, example 8.4: limits 38 and 62, n = 20, s = 1.75: Cp 2.29, from 1.57 to 3.01."""
     pp = indices(of_mean_and_sd(50, 1.75, 20), 38, 62).pp
     assert pp is not None
-    assert (pp.value, pp.low, pp.high) == pytest.approx((2.29, 1.57, 3.01), abs=0.0055)  # it goes on with the rounded 2.29
+    # it goes on with the rounded 2.29
+    assert (pp.value, pp.low, pp.high) == pytest.approx((2.29, 1.57, 3.01), abs=0.0055)
 
 
 @pytest.mark.parametrize(("n", "bound"), [(10, 0.79), (30, 1.03), (100, 1.17), (300, 1.24)])
@@ -49,7 +54,9 @@ def test_the_bound_holds_what_it_says() -> None:
 
 
 def test_a_stable_process_has_its_indices() -> None:
-    found = capability(np.random.default_rng(6).normal(350, 2, 200), lower=340, upper=360, resolution=1)
+    found = capability(
+        np.random.default_rng(6).normal(350, 2, 200), lower=340, upper=360, resolution=1
+    )
     assert isinstance(found, Capability)
     assert found.cp is not None
     assert found.cp.value == pytest.approx(10 / 6, rel=0.1)
@@ -62,8 +69,8 @@ def test_without_limits_there_is_no_capability(limits: dict[str, float]) -> None
         capability(np.zeros(50), **limits)
 
 
-# AIAG, Measurement Systems Analysis: 3 appraisers, 10 parts, 3 trials; the figures are those of its analysis of variance,
-# and of the same data in Minitab's help ("Gageaiag")
+# AIAG, Measurement Systems Analysis: 3 appraisers, 10 parts, 3 trials; the figures are those of its
+# analysis of variance, and of the same data in Minitab's help ("Gageaiag")
 AIAG = np.array(
     [
         [0.29, -0.56, 1.34, 0.47, -0.80, 0.02, 0.59, -0.31, 2.26, -1.36],
@@ -88,15 +95,20 @@ def test_the_study_of_aiag() -> None:
         ("repeatability", 3.1179, 78),
     ]
     parts, operators, rest = study.table
-    assert (round(parts.f or 0, 3), round(operators.f or 0, 3), round(rest.mean_square, 5)) == (245.614, 39.617, 0.03997)
+    assert (round(parts.f or 0, 3), round(operators.f or 0, 3), round(rest.mean_square, 5)) == (
+        245.614,
+        39.617,
+        0.03997,
+    )
     assert round(study.repeatability, 6) == 0.199933
     assert round(study.reproducibility, 6) == 0.226838
     assert study.gauge == pytest.approx(0.302373, abs=2e-6)
     assert round(study.parts, 5) == 1.04233
     assert round(study.total, 5) == 1.08530
-    assert [round(study.percent(one), 2) for one in (study.gauge, study.repeatability, study.reproducibility, study.parts)] == [
-        *(27.86, 18.42, 20.90, 96.04)
-    ]
+    assert [
+        round(study.percent(one), 2)
+        for one in (study.gauge, study.repeatability, study.reproducibility, study.parts)
+    ] == [*(27.86, 18.42, 20.90, 96.04)]
     assert study.categories == 4
     assert study.verdict == "marginal"
     assert study.notes == ("The interaction is not significant and is pooled with repeatability.",)
@@ -106,7 +118,12 @@ def test_an_interaction_that_matters_is_not_pooled() -> None:
     data = CROSSED.copy()
     data[::2, 0] += 0.8  # the first appraiser measures every other part otherwise
     study = gauge_study(data)
-    assert [one.name for one in study.table] == ["parts", "operators", "operators × parts", "repeatability"]
+    assert [one.name for one in study.table] == [
+        "parts",
+        "operators",
+        "operators × parts",
+        "repeatability",
+    ]
     assert study.notes == () or "below zero" in study.notes[0]
     assert study.table[2].chance is not None
     assert study.table[2].chance < 0.01
@@ -130,7 +147,9 @@ def test_a_gauge_that_sees_every_difference_is_acceptable() -> None:
     assert gauge_study(data).verdict == "acceptable"
 
 
-@pytest.mark.parametrize("data", [np.zeros((10, 3)), np.zeros((1, 3, 3)), np.full((4, 2, 2), np.nan)])
+@pytest.mark.parametrize(
+    "data", [np.zeros((10, 3)), np.zeros((1, 3, 3)), np.full((4, 2, 2), np.nan)]
+)
 def test_what_is_no_crossed_study_is_refused(data: NDArray[np.float64]) -> None:
     with pytest.raises(UsageError):
         gauge_study(data)

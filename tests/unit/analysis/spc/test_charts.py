@@ -1,4 +1,6 @@
-"""Charts against printed tables and worked examples, to the printed digits; each names where it is printed."""
+"""Charts against printed tables and worked examples, to the printed digits; each names where it is
+printed.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,8 @@ def test_constants_as_printed(n: int) -> None:
     assert round(d3(n), 3) == sd
     assert round(3 / (d2(n) * sqrt(n)), 3) == a2
     assert max(1 - 3 * d3(n) / d2(n), 0) == pytest.approx(low, abs=6e-4)
-    assert 1 + 3 * d3(n) / d2(n) == pytest.approx(high, abs=1.1e-3)  # the tables divide rounded figures
+    # the tables divide rounded figures
+    assert 1 + 3 * d3(n) / d2(n) == pytest.approx(high, abs=1.1e-3)
 
 
 # NIST/SEMATECH e-Handbook, 6.3.2.2 "Individuals Control Charts": flow rates of ten batches
@@ -61,7 +64,28 @@ def test_individuals_of_nist() -> None:
 
 
 # NIST/SEMATECH e-Handbook, 6.3.2.4 "EWMA Control Charts": EWMA0 = 50, s = 2.0539, lambda = 0.3
-EWMA_DATA = [52.0, 47.0, 53.0, 49.3, 50.1, 47.0, 51.0, 50.1, 51.2, 50.5, 49.6, 47.6, 49.9, 51.3, 47.8, 51.2, 52.6, 52.4, 53.6, 52.1]
+EWMA_DATA = [
+    52.0,
+    47.0,
+    53.0,
+    49.3,
+    50.1,
+    47.0,
+    51.0,
+    50.1,
+    51.2,
+    50.5,
+    49.6,
+    47.6,
+    49.9,
+    51.3,
+    47.8,
+    51.2,
+    52.6,
+    52.4,
+    53.6,
+    52.1,
+]
 EWMA_PRINTED = [
     *(50.60, 49.52, 50.56, 50.18, 50.16, 49.21, 49.75, 49.85, 50.26, 50.33),
     *(50.11, 49.36, 49.52, 50.05, 49.38, 49.92, 50.73, 51.23, 51.94, 51.99),
@@ -73,7 +97,8 @@ def test_ewma_of_nist() -> None:
     assert chart.points.round(2).tolist() == pytest.approx(EWMA_PRINTED, abs=0.0101)
     assert chart.upper[-1] == pytest.approx(52.5884, abs=2e-3)  # the limit that all points come to
     assert chart.lower[-1] == pytest.approx(47.4115, abs=2e-3)
-    assert chart.upper[0] == pytest.approx(50 + 3 * 0.3 * 2.0539)  # the first point has but its own variance
+    # the first point has but its own variance
+    assert chart.upper[0] == pytest.approx(50 + 3 * 0.3 * 2.0539)
     assert chart.signals == ()
 
 
@@ -114,15 +139,50 @@ def test_a_chart_of_equal_values_has_no_signals() -> None:
     assert individuals([5.0] * 30).signals == ()
 
 
-# Montgomery, Introduction to Statistical Quality Control, table 9.1: mean 10 for 20 values, then 11; sigma 1
+# Montgomery, Introduction to Statistical Quality Control, table 9.1: mean 10 for 20 values, then
+# 11; sigma 1
 CUSUM_DATA = [
-    *(9.45, 7.99, 9.29, 11.66, 12.16, 10.18, 8.04, 11.46, 9.20, 10.34, 9.03, 11.47, 10.51, 9.40, 10.08),
-    *(9.37, 10.62, 10.31, 8.52, 10.84, 10.90, 9.33, 12.29, 11.50, 10.60, 11.08, 10.38, 11.62, 11.31, 10.52),
+    *(
+        9.45,
+        7.99,
+        9.29,
+        11.66,
+        12.16,
+        10.18,
+        8.04,
+        11.46,
+        9.20,
+        10.34,
+        9.03,
+        11.47,
+        10.51,
+        9.40,
+        10.08,
+    ),
+    *(
+        9.37,
+        10.62,
+        10.31,
+        8.52,
+        10.84,
+        10.90,
+        9.33,
+        12.29,
+        11.50,
+        10.60,
+        11.08,
+        10.38,
+        11.62,
+        11.31,
+        10.52,
+    ),
 ]
 
 
 def test_cusum_of_montgomery() -> None:
-    """Table 9.2: the upper sum is 5.28 at value 29 and 5.30 at 30, beyond h = 5; individuals show nothing."""
+    """Table 9.2: the upper sum is 5.28 at value 29 and 5.30 at 30, beyond h = 5; individuals show
+    nothing.
+    """
     up, down = cusum(CUSUM_DATA, centre=10, sigma=1)
     assert up.points[[0, 3, 4, 28, 29]].round(2).tolist() == [0.0, 1.16, 2.82, 5.28, 5.30]
     assert down.points[[0, 1, 2]].round(2).tolist() == [-0.05, -1.56, -1.77]
@@ -132,10 +192,47 @@ def test_cusum_of_montgomery() -> None:
 
 
 def test_p_chart_of_montgomery() -> None:
-    """Example 7.1, cans of orange juice: p-bar 0.2313, limits 0.0524 and 0.4102; samples 15 and 23 are beyond."""
-    found = [12, 15, 8, 10, 4, 7, 16, 9, 14, 10, 5, 6, 17, 12, 22, 8, 10, 5, 13, 11, 20, 18, 24, 15, 9, 12, 7, 13, 9, 6]
+    """Example 7.1, cans of orange juice: p-bar 0.2313, limits 0.0524 and 0.4102; samples 15 and 23
+    are beyond.
+    """
+    found = [
+        12,
+        15,
+        8,
+        10,
+        4,
+        7,
+        16,
+        9,
+        14,
+        10,
+        5,
+        6,
+        17,
+        12,
+        22,
+        8,
+        10,
+        5,
+        13,
+        11,
+        20,
+        18,
+        24,
+        15,
+        9,
+        12,
+        7,
+        13,
+        9,
+        6,
+    ]
     chart = shares(found, 50)
-    assert (round(chart.centre, 4), round(chart.lower[0], 4), round(chart.upper[0], 4)) == (0.2313, 0.0524, 0.4102)
+    assert (round(chart.centre, 4), round(chart.lower[0], 4), round(chart.upper[0], 4)) == (
+        0.2313,
+        0.0524,
+        0.4102,
+    )
     assert [one.last + 1 for one in chart.signals] == [15, 23]
 
 
@@ -143,12 +240,20 @@ def test_u_chart_of_montgomery() -> None:
     """Example 7.4, shipments: u-bar 0.0740, limits 0 and 0.1894."""
     found = [2, 3, 8, 1, 1, 4, 1, 4, 5, 1, 8, 2, 4, 3, 4, 1, 8, 3, 7, 4]
     chart = rates(found, 50)
-    assert (round(chart.centre, 4), chart.lower[0], round(chart.upper[0], 4)) == (0.0740, 0.0, 0.1894)
+    assert (round(chart.centre, 4), chart.lower[0], round(chart.upper[0], 4)) == (
+        0.0740,
+        0.0,
+        0.1894,
+    )
     assert chart.signals == ()
 
 
-@pytest.mark.parametrize(("n", "a3", "b3", "b4"), [(2, 2.659, 0, 3.267), (5, 1.427, 0, 2.089), (10, 0.975, 0.284, 1.716)])
-def test_limits_by_standard_deviations_are_the_textbook_s(n: int, a3: float, b3: float, b4: float) -> None:
+@pytest.mark.parametrize(
+    ("n", "a3", "b3", "b4"), [(2, 2.659, 0, 3.267), (5, 1.427, 0, 2.089), (10, 0.975, 0.284, 1.716)]
+)
+def test_limits_by_standard_deviations_are_the_textbook_s(
+    n: int, a3: float, b3: float, b4: float
+) -> None:
     """Montgomery, appendix VI: A3, B3, B4."""
     rows = np.random.default_rng(n).normal(74, 0.01, (25, n))
     spread = rows.std(axis=1, ddof=1).mean()
@@ -158,14 +263,18 @@ def test_limits_by_standard_deviations_are_the_textbook_s(n: int, a3: float, b3:
 
 
 def test_limits_are_on_the_scale_of_the_distribution() -> None:
-    """A lognormal feature: three sigma of its mean would call its tail out of the ordinary, and allow values below zero."""
+    """A lognormal feature: three sigma of its mean would call its tail out of the ordinary, and
+    allow values below zero.
+    """
     values = np.random.default_rng(12).lognormal(0, 0.6, 300)
     found = control_chart(values)
     assert isinstance(found, tuple)
     chart, spans = found
     assert chart.distribution == "lognormal"
     assert chart.lower[0] > 0
-    assert chart.upper[0] == pytest.approx(np.exp(np.log(values).mean() + 3 * np.log(values).std(ddof=1)))
+    assert chart.upper[0] == pytest.approx(
+        np.exp(np.log(values).mean() + 3 * np.log(values).std(ddof=1))
+    )
     plain = [one for one in individuals(values).signals if one.test == 1]
     assert len([one for one in chart.signals if one.test == 1]) < len(plain)
     assert len(spans.signals) < len(moving_ranges(values).signals)

@@ -1,4 +1,6 @@
-"""Fits against scipy's, scores against scipy's distributions, and the tests of Anderson and Darling against their tables."""
+"""Fits against scipy's, scores against scipy's distributions, and the tests of Anderson and Darling
+against their tables.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +27,17 @@ def test_weibull_as_scipy_fits_it() -> None:
     shape, _, scale = stats.weibull_min.fit(values, floc=0)
     fitted = Weibull().fit(values)
     assert (float(fitted[0][0]), float(fitted[1][0])) == pytest.approx((shape, scale), rel=1e-3)
-    expected = stats.norm.ppf(stats.weibull_min.cdf(values, float(fitted[0][0]), scale=float(fitted[1][0])))
+    expected = stats.norm.ppf(
+        stats.weibull_min.cdf(values, float(fitted[0][0]), scale=float(fitted[1][0]))
+    )
     assert Weibull().scores(fitted, values) == pytest.approx(expected, abs=1e-6)
 
 
 def test_power_as_scipy_finds_it() -> None:
     values = np.random.default_rng(2).gamma(2, 1, 100)
-    assert float(BoxCox().fit(values)[2][0]) == pytest.approx(float(stats.boxcox_normmax(values, method="mle")), abs=1e-4)
+    assert float(BoxCox().fit(values)[2][0]) == pytest.approx(
+        float(stats.boxcox_normmax(values, method="mle")), abs=1e-4
+    )
 
 
 def test_logarithms_above_the_threshold_have_no_skewness() -> None:
@@ -45,10 +51,13 @@ def test_logarithms_above_the_threshold_have_no_skewness() -> None:
 def test_scores_and_quantiles_are_inverse(family: Lognormal) -> None:
     values = np.random.default_rng(4).gamma(4, 1, 120)
     fitted = family.fit(values)
-    assert family.quantiles(fitted, family.scores(fitted, values)) == pytest.approx(values, rel=1e-6)
+    assert family.quantiles(fitted, family.scores(fitted, values)) == pytest.approx(
+        values, rel=1e-6
+    )
     rows = np.stack([values, values[::-1] * 2])
     many = family.fit(rows)
-    assert [float(one[0, 0]) for one in many] == pytest.approx([float(one[0]) for one in fitted])  # a row is fitted as if alone
+    # a row is fitted as if alone
+    assert [float(one[0, 0]) for one in many] == pytest.approx([float(one[0]) for one in fitted])
 
 
 def test_weibull_tests_reject_as_often_as_they_say() -> None:
@@ -92,7 +101,9 @@ def test_probability_plot_is_a_line_where_the_family_fits() -> None:
 
 
 def test_of_many_values_a_few_fits_find_the_outliers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A week of joints: a fit takes tens of milliseconds there, and was made for each of two thousand possible outliers."""
+    """A week of joints: a fit takes tens of milliseconds there, and was made for each of two
+    thousand possible outliers.
+    """
     fits: list[int] = []
     fit = distribution._fit
 

@@ -1,4 +1,6 @@
-"""Two one-sided tests: equivalent, different, or not known; against figures worked out another way."""
+"""Two one-sided tests: equivalent, different, or not known; against figures worked out another
+way.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +24,22 @@ def test_both_one_sided_tests_are_scipys() -> None:
     rng = np.random.default_rng(1)
     first, second = list(rng.normal(0, 1, 14)), list(rng.normal(0.4, 2, 19))
     found = held(first, second, 2.0)
-    above = stats.ttest_ind(np.array(second) + 2.0, first, equal_var=False, alternative="greater").pvalue
-    below = stats.ttest_ind(np.array(second) - 2.0, first, equal_var=False, alternative="less").pvalue
+    above = stats.ttest_ind(
+        np.array(second) + 2.0, first, equal_var=False, alternative="greater"
+    ).pvalue
+    below = stats.ttest_ind(
+        np.array(second) - 2.0, first, equal_var=False, alternative="less"
+    ).pvalue
     assert found.p == pytest.approx(max(above, below))
     interval = stats.ttest_ind(second, first, equal_var=False).confidence_interval(0.90)
     assert (found.low, found.high) == pytest.approx((interval.low, interval.high))
     assert (found.p < 0.05) == (found.verdict == "equivalent")
 
 
-@pytest.mark.parametrize(("shift", "verdict"), [(0.0, "equivalent"), (1.5, "equivalent"), (2.0, "not known"), (4.0, "different")])
+@pytest.mark.parametrize(
+    ("shift", "verdict"),
+    [(0.0, "equivalent"), (1.5, "equivalent"), (2.0, "not known"), (4.0, "different")],
+)
 def test_a_shift_is_told(shift: float, verdict: str) -> None:
     values = [-0.2, 0.1, 0.3, -0.1, 0.0, 0.2, -0.3, 0.1, -0.1, 0.0]
     assert held(values, [value + shift for value in values], 2.0).verdict == verdict
@@ -44,7 +53,10 @@ def test_a_wide_spread_is_not_taken_for_sameness() -> None:
 
 def test_no_more_than_five_in_a_hundred_at_the_margin_itself_are_called_equivalent() -> None:
     rng = np.random.default_rng(3)
-    called = [held(list(rng.normal(0, 1, 12)), list(rng.normal(2, 1, 12)), 2.0).verdict == "equivalent" for _ in range(2000)]
+    called = [
+        held(list(rng.normal(0, 1, 12)), list(rng.normal(2, 1, 12)), 2.0).verdict == "equivalent"
+        for _ in range(2000)
+    ]
     assert np.mean(called) < 0.05 + 3 * sqrt(0.05 * 0.95 / 2000)
 
 

@@ -1,4 +1,5 @@
-"""Capability of features as they are: what is healthy has an index, whatever its shape; what is not stable has none.
+"""Capability of features as they are: what is healthy has an index, whatever its shape; what is not
+stable has none.
 
 The seeds of the campaign and of its slice were not looked at while the methods were made.
 """
@@ -24,7 +25,12 @@ SLICE, CAMPAIGN = range(70_000, 70_003), range(80_000, 80_200)
 def indexed(series: Series) -> list[bool]:
     """Which of them have an index against limits that nothing is near to."""
     found = (
-        capability(values, lower=float(values.min() - 1), upper=float(values.max() + 3 * values.std()), resolution=step)
+        capability(
+            values,
+            lower=float(values.min() - 1),
+            upper=float(values.max() + 3 * values.std()),
+            resolution=step,
+        )
         for _, values, step in series
     )
     return [isinstance(one, Capability) for one in found]
@@ -39,20 +45,34 @@ def test_unstable_series_have_none() -> None:
 
 
 def test_rounding_makes_no_stable_series_unstable() -> None:
-    """Values in steps of 0.6 standard deviations: many at the centre, on neither side of it, and limits from the values as read."""
-    rounded = [(values, step) for seed in range(70_100, 70_110) for _, values, step in healthy(seed) if step]
-    stable = [not isinstance(phase_one(values, resolution=step), Refused) for values, step in rounded]
-    assert np.mean(stable) >= 0.95  # 0.75 where rounded values were held against limits of exact ones
+    """Values in steps of 0.6 standard deviations: many at the centre, on neither side of it, and
+    limits from the values as read.
+    """
+    rounded = [
+        (values, step)
+        for seed in range(70_100, 70_110)
+        for _, values, step in healthy(seed)
+        if step
+    ]
+    stable = [
+        not isinstance(phase_one(values, resolution=step), Refused) for values, step in rounded
+    ]
+    # 0.75 where rounded values were held against limits of exact ones
+    assert np.mean(stable) >= 0.95
 
 
 def test_rounding_hides_no_step_and_no_drift() -> None:
     rounded = [one for seed in range(70_200, 70_205) for one in unstable_series(seed, 0.1)]
-    moving = [(values, step) for name, values, step in rounded if name.split(",")[0] in ("step", "drift")]
+    moving = [
+        (values, step) for name, values, step in rounded if name.split(",")[0] in ("step", "drift")
+    ]
     assert all(isinstance(phase_one(values, resolution=step), Refused) for values, step in moving)
 
 
 def test_values_at_the_centre_neither_make_a_run_nor_end_one() -> None:
-    """Nine above, with three between them that rounding put at the centre, are nine in a row; nine at the centre are none."""
+    """Nine above, with three between them that rounding put at the centre, are nine in a row; nine
+    at the centre are none.
+    """
     run = np.where(np.arange(60) % 2, 0.5, -0.5)
     run[20:32] = [0.5, 0.5, 0.0, 0.5, 0.5, 0.0, 0.5, 0.5, 0.5, 0.0, 0.5, 0.5]
     runs = np.tile(run, 4)
@@ -65,7 +85,9 @@ def test_values_at_the_centre_neither_make_a_run_nor_end_one() -> None:
 
 def test_runs_are_as_frequent_as_the_share_above_makes_them() -> None:
     assert rate_of_nine(np.array([-1.0, 1.0])) == pytest.approx(1 / 512)
-    assert rate_of_nine(np.array([-1.0, 1.0, 1.0])) == pytest.approx(((2 / 3) ** 9 * 1 / 3) + (1 / 3) ** 9 * 2 / 3)
+    assert rate_of_nine(np.array([-1.0, 1.0, 1.0])) == pytest.approx(
+        ((2 / 3) ** 9 * 1 / 3) + (1 / 3) ** 9 * 2 / 3
+    )
 
 
 @pytest.mark.campaign
@@ -75,9 +97,15 @@ def test_campaign_of_series(capsys: pytest.CaptureFixture[str]) -> None:
     wrong, in_steps = (_indexed_by_kind(share) for share in (0.0, 0.1))
     with capsys.disabled():
         enough = np.mean(np.array(given) >= 14)
-        print(f"\nhealthy: {np.mean(given):.2f} of 16 have an index, at least 14 in {enough:.0%} of {len(given)} trials")
+        print(
+            f"\nhealthy: {np.mean(given):.2f} of 16 have an index, at least 14 in {enough:.0%} of"
+            f" {len(given)} trials"
+        )
         print(f"unstable: {sum(wrong.values())} of {16 * len(given)} have one: {dict(wrong)}")
-        print(f"unstable, in steps: {sum(in_steps.values())} of {16 * len(given)} have one: {dict(in_steps)}")
+        print(
+            f"unstable, in steps: {sum(in_steps.values())} of {16 * len(given)} have one:"
+            f" {dict(in_steps)}"
+        )
     assert np.mean(given) >= 14
     assert np.mean(np.array(given) >= 14) >= 0.9
     assert sum(wrong.values()) <= 0.02 * 16 * len(given)
@@ -89,7 +117,11 @@ def _indexed_by_kind(share: float) -> Counter[str]:
     wrong: Counter[str] = Counter()
     for seed in CAMPAIGN:
         series = unstable_series(seed, share)
-        wrong.update(name.split(",")[0] for (name, *_), has in zip(series, indexed(series), strict=True) if has)
+        wrong.update(
+            name.split(",")[0]
+            for (name, *_), has in zip(series, indexed(series), strict=True)
+            if has
+        )
     return wrong
 
 
@@ -105,7 +137,9 @@ def bounds_below(name: str, seeds: range, n: int) -> tuple[int, int]:
     """How many bounds there are, and how many of them are below the true index of 1.33."""
     _, middle, high = TRUE[name](list(stats.norm.cdf([-3, 0, 3])))
     upper = float(middle + 1.33 * (high - middle))
-    found = [capability(SHAPES[name](np.random.default_rng(seed), n), upper=upper) for seed in seeds]
+    found = [
+        capability(SHAPES[name](np.random.default_rng(seed), n), upper=upper) for seed in seeds
+    ]
     given = [one.ppk.bound for one in found if isinstance(one, Capability)]
     return len(given), sum(bound < 1.33 for bound in given)
 
@@ -119,7 +153,8 @@ def test_bounds_of_a_skewed_feature_hold() -> None:
 def test_bounds_of_what_is_none_of_the_families_hold() -> None:
     given, held = bounds_below("skewed", range(71_100, 71_120), 60)
     assert given >= 18
-    assert held >= 0.85 * given  # 68 % where the bound rests on which of two families chance made the likelier
+    # 68 % where the bound rests on which of two families chance made the likelier
+    assert held >= 0.85 * given
 
 
 @pytest.mark.campaign
@@ -128,7 +163,10 @@ def test_bounds_of_what_is_none_of_the_families_hold() -> None:
 def test_campaign_of_bounds(name: str, n: int, capsys: pytest.CaptureFixture[str]) -> None:
     given, held = bounds_below(name, range(81_000, 81_400), n)
     with capsys.disabled():
-        print(f"\n{name}, n = {n}: {held} of {given} bounds are below the true Ppk ({held / given:.1%}); 400 tried")
+        print(
+            f"\n{name}, n = {n}: {held} of {given} bounds are below the true Ppk"
+            f" ({held / given:.1%}); 400 tried"
+        )
     assert held >= 0.85 * given
 
 
@@ -140,7 +178,9 @@ def test_what_no_distribution_fits_goes_by_its_own_percentiles_when_there_are_en
     assert isinstance(many, Capability)
     assert many.distribution == "percentiles"
     assert many.ppk.value == pytest.approx(3.0, rel=0.05)  # 1.5 to a limit, 0.5 to the percentile
-    assert many.ppk.bound == pytest.approx(float(-stats.norm.ppf(stats.beta.ppf(0.95, 1, 2000))) / 3)
+    assert many.ppk.bound == pytest.approx(
+        float(-stats.norm.ppf(stats.beta.ppf(0.95, 1, 2000))) / 3
+    )
 
 
 def test_indices_of_a_lognormal_are_those_of_its_percentiles() -> None:
@@ -152,14 +192,19 @@ def test_indices_of_a_lognormal_are_those_of_its_percentiles() -> None:
     assert found.distribution == "lognormal"
     middle, low, high = np.exp(0.5), np.exp(0.5 - 1.2), np.exp(0.5 + 1.2)
     assert found.percentiles == pytest.approx((low, middle, high))
-    assert found.ppk.value == pytest.approx(min((9.0 - middle) / (high - middle), (middle - 0.2) / (middle - low)))
+    assert found.ppk.value == pytest.approx(
+        min((9.0 - middle) / (high - middle), (middle - 0.2) / (middle - low))
+    )
     assert found.pp is not None
     assert found.pp.value == pytest.approx(8.8 / (high - low))
     assert found.ppk.low < found.ppk.bound < found.ppk.value < found.ppk.high
 
 
 def test_two_populations_are_named_with_their_means() -> None:
-    found = capability(np.concatenate([[1.0, 3.0]] * 40) + np.random.default_rng(74_000).normal(0, 0.3, 80), upper=9.0)
+    found = capability(
+        np.concatenate([[1.0, 3.0]] * 40) + np.random.default_rng(74_000).normal(0, 0.3, 80),
+        upper=9.0,
+    )
     assert isinstance(found, Refused)
     assert found.kind == "two_populations"
     assert "about 0.99" in found.text

@@ -1,4 +1,6 @@
-"""Nelson's tests: a pattern that meets each, one point less that does not, and a slow reading of the rules beside them."""
+"""Nelson's tests: a pattern that meets each, one point less that does not, and a slow reading of
+the rules beside them.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jbclog.analysis.spc import individuals
-from jbclog.analysis.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS, TESTS, FalseAlarms, false_alarms, signals
+from jbclog.analysis.spc.nelson import (
+    ALL_TESTS,
+    DEFAULT_TESTS,
+    FALSE_ALARMS,
+    TESTS,
+    FalseAlarms,
+    false_alarms,
+    signals,
+)
 
 PATTERNS: dict[int, list[float]] = {
     1: [3.1],
@@ -51,7 +61,10 @@ def slowly(zones: list[float]) -> set[tuple[int, int]]:
     """The rules as Nelson's figure words them, point by point."""
     found = set()
     for last in range(len(zones)):
-        back = lambda count, last=last: zones[last - count + 1 : last + 1] if last + 1 >= count else None  # noqa: E731
+
+        def back(count: int, last: int = last) -> list[float] | None:
+            return zones[last - count + 1 : last + 1] if last + 1 >= count else None
+
         for sign in (1, -1):
             if sign * zones[last] > 3:
                 found.add((1, last))
@@ -59,9 +72,17 @@ def slowly(zones: list[float]) -> set[tuple[int, int]]:
                 found.add((2, last))
             if (six := back(6)) and all(sign * (b - a) > 0 for a, b in itertools.pairwise(six)):
                 found.add((3, last))
-            if (three := back(3)) and sign * zones[last] > 2 and sum(sign * one > 2 for one in three) >= 2:
+            if (
+                (three := back(3))
+                and sign * zones[last] > 2
+                and sum(sign * one > 2 for one in three) >= 2
+            ):
                 found.add((5, last))
-            if (five := back(5)) and sign * zones[last] > 1 and sum(sign * one > 1 for one in five) >= 4:
+            if (
+                (five := back(5))
+                and sign * zones[last] > 1
+                and sum(sign * one > 1 for one in five) >= 4
+            ):
                 found.add((6, last))
         if fourteen := back(14):
             steps = [b - a for a, b in itertools.pairwise(fourteen)]
@@ -69,19 +90,30 @@ def slowly(zones: list[float]) -> set[tuple[int, int]]:
                 found.add((4, last))
         if (fifteen := back(15)) and all(abs(one) < 1 for one in fifteen):
             found.add((7, last))
-        if (eight := back(8)) and all(abs(one) > 1 for one in eight) and min(eight) < 0 < max(eight):
+        if (
+            (eight := back(8))
+            and all(abs(one) > 1 for one in eight)
+            and min(eight) < 0 < max(eight)
+        ):
             found.add((8, last))
     return found
 
 
-@given(st.lists(st.sampled_from([-3.5, -2.5, -1.5, -1.2, -0.5, -0.2, 0.0, 0.2, 0.5, 1.2, 1.5, 2.5, 3.5]), max_size=60))
+@given(
+    st.lists(
+        st.sampled_from([-3.5, -2.5, -1.5, -1.2, -0.5, -0.2, 0.0, 0.2, 0.5, 1.2, 1.5, 2.5, 3.5]),
+        max_size=60,
+    )
+)
 def test_as_the_slow_reading_has_it(zones: list[float]) -> None:
     assert {(one.test, one.last) for one in signals(np.array(zones))} == slowly(zones)
 
 
 @pytest.mark.parametrize("test", [1, 2])
 def test_rates_of_a_stable_process(test: int) -> None:
-    """How often a pattern begins in normal values, against the rate that the check of stability goes by."""
+    """How often a pattern begins in normal values, against the rate that the check of stability
+    goes by.
+    """
     zones = np.random.default_rng(test).normal(size=400_000)
     places = [one.last for one in signals(zones, tests=(test,))]
     begun = sum(b - a > 1 for a, b in zip([-9, *places], places, strict=False))
@@ -102,7 +134,9 @@ def test_false_alarms_are_those_that_are_stated(tests: tuple[int, ...]) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("tests", [DEFAULT_TESTS, ALL_TESTS])
-def test_campaign_of_false_alarms(tests: tuple[int, ...], capsys: pytest.CaptureFixture[str]) -> None:
+def test_campaign_of_false_alarms(
+    tests: tuple[int, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
     found = held(tests, 10_000, seed=9_002, error=0.03)
     with capsys.disabled():
         print(f"\ntests {tests}: {found.text}; {100 * 10_000} points tried")

@@ -107,14 +107,19 @@ def test_a_long_stable_series_is_stable() -> None:
 
 
 def test_values_that_are_not_normal() -> None:
-    assert reason(capability(np.random.default_rng(4).uniform(0, 1, 400), lower=-1, upper=2)) == "not_normal"
+    assert (
+        reason(capability(np.random.default_rng(4).uniform(0, 1, 400), lower=-1, upper=2))
+        == "not_normal"
+    )
 
 
 def test_anderson_darling_as_scipy_has_it() -> None:
     """At scipy's critical values the chance is the one that they are for (Stephens)."""
     for seed in range(300):
         values = np.random.default_rng(seed).normal(size=60)
-        a = stats.anderson(values, "norm", method="interpolate").statistic * (1 + 0.75 / 60 + 2.25 / 3600)
+        a = stats.anderson(values, "norm", method="interpolate").statistic * (
+            1 + 0.75 / 60 + 2.25 / 3600
+        )
         for critical, chance in ((0.631, 0.10), (0.752, 0.05), (1.035, 0.01)):
             assert (normal_chance(values) < chance) == (a > critical) or abs(a - critical) < 0.02
 

@@ -41,7 +41,9 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def place(home: Path, tmp_path_factory: pytest.TempPathFactory) -> Place:
     found = place_of(tmp_path_factory.mktemp("plant") / "store")
     with Publisher(found) as one:
-        assert {getattr(each, "result", each) for each in publish_all(one, home)} == {Result.PUBLISHED}
+        assert {getattr(each, "result", each) for each in publish_all(one, home)} == {
+            Result.PUBLISHED
+        }
     return found
 
 
@@ -53,7 +55,9 @@ def said(*words: object) -> dict[str, object]:
 
 def test_the_same_runs_with_the_same_facts(home: Path, place: Place) -> None:
     here, there = jbclog.open_runs(home), jbclog.open_runs(place.url)
-    pd.testing.assert_frame_equal(there.manifests().drop(columns="folder"), here.manifests().drop(columns="folder"))
+    pd.testing.assert_frame_equal(
+        there.manifests().drop(columns="folder"), here.manifests().drop(columns="folder")
+    )
     assert [run.manifest for run in there] == [run.manifest for run in here]
     assert there[0].place == f"{place}/{here[0].name}"
 
@@ -83,8 +87,14 @@ def test_metrics_joints_and_samples_of_all(home: Path, place: Place) -> None:
     here, there = jbclog.open_runs(home), jbclog.open_runs(place.url)
     pd.testing.assert_frame_equal(there.metrics(), here.metrics())
     pd.testing.assert_frame_equal(there.joints("dde-1"), here.joints("dde-1"))
-    wanted = {"columns": ["tick", "temperature_c"], "station": "dde-1", "start": "2026-09-21T14:13:25"}
-    pd.testing.assert_frame_equal(*(pd.concat(runs.samples(**wanted), ignore_index=True) for runs in (here, there)))
+    wanted = {
+        "columns": ["tick", "temperature_c"],
+        "station": "dde-1",
+        "start": "2026-09-21T14:13:25",
+    }
+    pd.testing.assert_frame_equal(
+        *(pd.concat(runs.samples(**wanted), ignore_index=True) for runs in (here, there))
+    )
     with pytest.raises(UsageError, match="no station"):
         there[0].samples("dde-9")
 
@@ -94,19 +104,25 @@ def test_the_same_trend(home: Path, place: Place, metric: str) -> None:
     here, there = (trends(jbclog.open_runs(folder), metric) for folder in (home, place.url))
     assert [one.points for one in here] != []
     assert [one.points for one in there] == [one.points for one in here]
-    by_command = (said("trend", folder, "--metric", metric)["trends"] for folder in (home, place.url))
+    by_command = (
+        said("trend", folder, "--metric", metric)["trends"] for folder in (home, place.url)
+    )
     assert next(by_command) == next(by_command)
 
 
 def test_the_same_list(home: Path, place: Place) -> None:
-    here, there = (CliRunner().invoke(app, ["runs", str(folder)]).stdout for folder in (home, place.url))
+    here, there = (
+        CliRunner().invoke(app, ["runs", str(folder)]).stdout for folder in (home, place.url)
+    )
     assert there.replace(place.url, "") == here.replace(str(home), "")
     assert len(there.splitlines()) == RUNS + 1
 
 
 def test_the_same_comparison(home: Path, place: Place) -> None:
     names = [run.name for run in jbclog.open_runs(home)][:2]
-    here, there = (said("compare", *(f"{folder}/{name}" for name in names)) for folder in (home, place.url))
+    here, there = (
+        said("compare", *(f"{folder}/{name}" for name in names)) for folder in (home, place.url)
+    )
     assert (there.pop("first"), there.pop("second")) == tuple(f"{place}/{name}" for name in names)
     assert [here.pop("first"), here.pop("second")] != []
     assert there == here
@@ -116,8 +132,14 @@ def test_the_same_comparison(home: Path, place: Place) -> None:
 def test_the_same_charts(home: Path, place: Place, one: bool) -> None:
     name = f"/{jbclog.open_runs(home)[0].name}" if one else ""
     metric = "dwell_s" if one else "idle_error_c"
-    here, there = (CliRunner().invoke(app, ["chart", f"{folder}{name}", "--metric", metric]) for folder in (home, place.url))
-    assert (there.exit_code, there.output) == (here.exit_code, here.output.replace(str(home), place.url))
+    here, there = (
+        CliRunner().invoke(app, ["chart", f"{folder}{name}", "--metric", metric])
+        for folder in (home, place.url)
+    )
+    assert (there.exit_code, there.output) == (
+        here.exit_code,
+        here.output.replace(str(home), place.url),
+    )
     assert here.exit_code != 2, here.output
 
 
@@ -145,7 +167,7 @@ def test_a_run_that_is_not_there_is_named(place: Place) -> None:
 def test_a_run_is_read_from_its_own_files(place: Place) -> None:
     """The files of other runs are not opened."""
     store = Store(place)
-    (one, *_) = store.runs()
+    one, *_ = store.runs()
     assert len(store._fragments("samples", one, pc_publication(one.record))) == 1
     assert len([*store.dataset("samples").get_fragments()]) == RUNS
 
@@ -166,7 +188,7 @@ def pc_publication(name: str) -> object:
     return pc.field("publication") == name
 
 
-# -- other programs ------------------------------------------------------------------------------------------------------------
+# -- other programs --------------------------------------------------------------------------------
 
 
 def expected(home: Path) -> list[tuple[str, int, object]]:
@@ -176,26 +198,46 @@ def expected(home: Path) -> list[tuple[str, int, object]]:
 
 
 def test_duckdb(home: Path, place: Place) -> None:
-    """By the query of the page. DuckDB's own extension for Delta Lake is a download, so `deltalake` hands the tables over."""
+    """By the query of the page. DuckDB's own extension for Delta Lake is a download, so `deltalake`
+    hands the tables over.
+    """
     connection = duckdb.connect()
     for name in ("samples", "runs"):
         connection.register(name, DeltaTable(place.of(name)).to_pyarrow_dataset())
-    (query,) = re.findall(r"```sql\n(.*?)```", (ROOT / "docs" / "how-to" / "plant-store.md").read_text("utf-8"), re.DOTALL)
-    assert connection.sql(f'SELECT run, tick, temperature_c FROM ({query}) ORDER BY run, "row"').fetchall() == expected(home)
+    (query,) = re.findall(
+        r"```sql\n(.*?)```",
+        (ROOT / "docs" / "how-to" / "plant-store.md").read_text("utf-8"),
+        re.DOTALL,
+    )
+    assert connection.sql(
+        f'SELECT run, tick, temperature_c FROM ({query}) ORDER BY run, "row"'
+    ).fetchall() == expected(home)
 
 
 def test_polars(home: Path, place: Place) -> None:
     runs, samples = (pl.scan_delta(place.of(name)) for name in ("runs", "samples"))
-    newest = runs.filter(pl.col("version") == pl.col("version").max().over("run")).select(pl.col("record").alias("publication"))
-    found = samples.join(newest, on="publication", how="semi").sort("run", "row").select("run", "tick", "temperature_c").collect()
+    newest = runs.filter(pl.col("version") == pl.col("version").max().over("run")).select(
+        pl.col("record").alias("publication")
+    )
+    found = (
+        samples.join(newest, on="publication", how="semi")
+        .sort("run", "row")
+        .select("run", "tick", "temperature_c")
+        .collect()
+    )
     assert found.rows() == expected(home)
 
 
 def test_pandas(home: Path, place: Place) -> None:
     runs, samples = (DeltaTable(place.of(name)).to_pandas() for name in ("runs", "samples"))
     newest = runs.loc[runs.groupby("run")["version"].idxmax(), "record"]
-    found = samples[samples["publication"].isin(newest)].sort_values(["run", "row"])[["run", "tick", "temperature_c"]]
-    assert [tuple(row) for row in found.astype(object).where(found.notna(), None).itertuples(index=False)] == expected(home)
+    found = samples[samples["publication"].isin(newest)].sort_values(["run", "row"])[
+        ["run", "tick", "temperature_c"]
+    ]
+    assert [
+        tuple(row)
+        for row in found.astype(object).where(found.notna(), None).itertuples(index=False)
+    ] == expected(home)
 
 
 def test_dask(home: Path, place: Place) -> None:
@@ -205,20 +247,36 @@ def test_dask(home: Path, place: Place) -> None:
 
     newest = {one.record for one in Store(place).runs()}
     files = DeltaTable(place.of("samples")).file_uris()
-    parts = [dask.delayed(lambda path: pq.read_table(path, partitioning=None).to_pandas())(path) for path in files]
+    parts = [
+        dask.delayed(lambda path: pq.read_table(path, partitioning=None).to_pandas())(path)
+        for path in files
+    ]
     found = pd.concat(dask.compute(*parts, scheduler="synchronous"))
-    found = found[found["publication"].isin(newest)].sort_values(["run", "row"])[["run", "tick", "temperature_c"]]
-    assert [tuple(row) for row in found.astype(object).where(found.notna(), None).itertuples(index=False)] == expected(home)
+    found = found[found["publication"].isin(newest)].sort_values(["run", "row"])[
+        ["run", "tick", "temperature_c"]
+    ]
+    assert [
+        tuple(row)
+        for row in found.astype(object).where(found.notna(), None).itertuples(index=False)
+    ] == expected(home)
 
 
 if find_spec("pyspark") is not None:  # not among the test dependencies: it needs Java, and 400 MB
 
     def test_spark(home: Path, place: Place) -> None:
-        """From the files that the log lists; Spark's own reader of Delta Lake is a download of Maven's."""
+        """From the files that the log lists; Spark's own reader of Delta Lake is a download of
+        Maven's.
+        """
         from pyspark.sql import SparkSession
 
-        session = SparkSession.builder.master("local[1]").config("spark.sql.session.timeZone", "UTC").getOrCreate()
-        found = session.read.parquet(*DeltaTable(place.of("samples")).file_uris()).select("run", "row", "tick", "temperature_c")
+        session = (
+            SparkSession.builder.master("local[1]")
+            .config("spark.sql.session.timeZone", "UTC")
+            .getOrCreate()
+        )
+        found = session.read.parquet(*DeltaTable(place.of("samples")).file_uris()).select(
+            "run", "row", "tick", "temperature_c"
+        )
         assert [(row[0], row[2], row[3]) for row in sorted(found.collect())] == expected(home)
         session.stop()
 

@@ -1,4 +1,6 @@
-"""Sealed tables for a judge: one station, one port unless told otherwise, 10 Hz, idling at its setting."""
+"""Sealed tables for a judge: one station, one port unless told otherwise, 10 Hz, idling at its
+setting.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +56,13 @@ class Tip:
         return self.lose(start_s, seconds)
 
     def quality(self, row: int) -> str:
-        return "ok" if self.temperature[row] is not None else "skipped" if row in self.skipped else "timeout"
+        return (
+            "ok"
+            if self.temperature[row] is not None
+            else "skipped"
+            if row in self.skipped
+            else "timeout"
+        )
 
     def at(self, start_s: float, seconds: float, temperature: int, power: int) -> Tip:
         for i in range(round(start_s * self.hz), round((start_s + seconds) * self.hz)):
@@ -75,10 +83,22 @@ class Case:
         self.exit_status = "success"
         self.targets: dict[str, Targets] = {}
 
-    def station(self, name: str, *tips: Tip, outcome: str = "completed", skipped: int = 0) -> StationFacts:
-        """A station with one port for each tip, its ledger as the session would count it, its samples sealed as one part."""
+    def station(
+        self, name: str, *tips: Tip, outcome: str = "completed", skipped: int = 0
+    ) -> StationFacts:
+        """A station with one port for each tip, its ledger as the session would count it, its
+        samples sealed as one part.
+        """
         ports = range(1, len(tips) + 1)
-        facts = StationFacts(name, "/dev/x", "dde", ports=list(ports), touched=list(ports), outcome=outcome, skipped=skipped)
+        facts = StationFacts(
+            name,
+            "/dev/x",
+            "dde",
+            ports=list(ports),
+            touched=list(ports),
+            outcome=outcome,
+            skipped=skipped,
+        )
         facts.period_s, facts.first_tick = 1 / tips[0].hz, 0
         facts.last_tick = len(tips[0].temperature) - 1 + skipped
         self.stations.append(facts)
@@ -86,25 +106,38 @@ class Case:
             ok = sum(value is not None for value in tip.temperature)
             due, without = len(tip.temperature) + skipped, skipped + len(tip.skipped)
             counts = {"due": due, "ok": ok, "timeout": due - ok - without, "skipped": without}
-            self.ledger.setdefault(name, {})[str(port)] = {"temperature_c": counts, "alarm_high": {"due": 30, "ok": 30}}
+            self.ledger.setdefault(name, {})[str(port)] = {
+                "temperature_c": counts,
+                "alarm_high": {"due": 30, "ok": 30},
+            }
         self.seal([(name, port, tip) for port, tip in zip(ports, tips, strict=True)])
         return facts
 
     def seal(self, tips: list[tuple[str, int, Tip]], first_tick: int = 0) -> None:
-        """Write the tips as one part of `samples`, interleaved tick by tick as a recorder has them."""
+        """Write the tips as one part of `samples`, interleaved tick by tick as a recorder has
+        them.
+        """
         n = len(tips[0][2].temperature)
         rows = [(i, name, port, tip) for i in range(n) for name, port, tip in tips]
         ticks = [first_tick + i for i, *_ in rows]
         table = pa.table(
             {
-                "time": pa.array([UTC_US + round(1e6 * tick / tips[0][2].hz) for tick in ticks], STAMP),
+                "time": pa.array(
+                    [UTC_US + round(1e6 * tick / tips[0][2].hz) for tick in ticks], STAMP
+                ),
                 "tick": pa.array(ticks, pa.int64()),
                 "station": pa.array([name for _, name, _, _ in rows]).dictionary_encode(),
                 "quality": pa.array([tip.quality(i) for i, _, _, tip in rows]).dictionary_encode(),
                 "port": pa.array([port for _, _, port, _ in rows], pa.int64()),
-                "temperature_c": pa.array([tip.temperature[i] for i, _, _, tip in rows], pa.int64()),
+                "temperature_c": pa.array(
+                    [tip.temperature[i] for i, _, _, tip in rows], pa.int64()
+                ),
                 "power_permille": pa.array([tip.power[i] for i, _, _, tip in rows], pa.int64()),
-                "status": pa.array([tip.status[i] for i, _, _, tip in rows], pa.string()).dictionary_encode(),
+                "status": (
+                    pa.array(
+                        [tip.status[i] for i, _, _, tip in rows], pa.string()
+                    ).dictionary_encode()
+                ),
                 "cooling": pa.array([tip.extractor for *_, tip in rows], pa.bool_()),
                 "set_c": pa.array([tip.setting[i] for i, _, _, tip in rows], pa.int64()),
                 "tool": pa.array([tip.tool[i] for i, _, _, tip in rows], pa.int64()),
@@ -127,13 +160,28 @@ class Case:
         self.event_rows.append({**place, **more})
 
     def setting(
-        self, station: str, outcome: str, setting: str = "adjust", requested: str | None = "0", port: int | None = None
+        self,
+        station: str,
+        outcome: str,
+        setting: str = "adjust",
+        requested: str | None = "0",
+        port: int | None = None,
     ) -> None:
-        row = {"station": station, "setting": setting, "requested": requested, "outcome": outcome, "port": port}
+        row = {
+            "station": station,
+            "setting": setting,
+            "requested": requested,
+            "outcome": outcome,
+            "port": port,
+        }
         self.setting_rows.append(row)
 
-    def ask(self, station: str, status: str | None, *ports: int, heated: tuple[int, ...] = (1,)) -> None:
-        """The recipe sets the temperature of the ports `heated`; those of `ports` were told `status` at the start."""
+    def ask(
+        self, station: str, status: str | None, *ports: int, heated: tuple[int, ...] = (1,)
+    ) -> None:
+        """The recipe sets the temperature of the ports `heated`; those of `ports` were told
+        `status` at the start.
+        """
         self.targets[station] = Targets(frozenset(heated), status)
         for port in ports:
             self.setting(station, "confirmed", "status", "00000", port)
@@ -144,12 +192,22 @@ class Case:
 
     def evidence(self) -> Evidence:
         """Everything said so far, sealed."""
-        texts = {"kind": pa.string(), "severity": pa.string(), "station": pa.string(), "port": pa.int64(), "text": pa.string()}
+        texts = {
+            "kind": pa.string(),
+            "severity": pa.string(),
+            "station": pa.string(),
+            "port": pa.int64(),
+            "text": pa.string(),
+        }
         texts |= {"time": STAMP, "value": pa.float64()}
         self._write("events", pa.Table.from_pylist(self.event_rows, pa.schema(texts)))
-        columns = dict.fromkeys(("station", "setting", "requested", "outcome", "readback"), pa.string()) | {"port": pa.int64()}
+        columns = dict.fromkeys(
+            ("station", "setting", "requested", "outcome", "readback"), pa.string()
+        ) | {"port": pa.int64()}
         self._write("settings", pa.Table.from_pylist(self.setting_rows, pa.schema(columns)))
-        return Evidence(self.folder, self.stations, self.ledger, self.exit_status, targets=self.targets)
+        return Evidence(
+            self.folder, self.stations, self.ledger, self.exit_status, targets=self.targets
+        )
 
 
 @pytest.fixture

@@ -1,4 +1,6 @@
-"""Which readings are at rest, on a plant whose idle error is zero: between joints that come fast, slowly, and with breaks."""
+"""Which readings are at rest, on a plant whose idle error is zero: between joints that come fast,
+slowly, and with breaks.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +18,16 @@ SECONDS, SET_C, FIRST_S = 240.0, 350.0, 20.0
 
 
 def worked(seed: int, dwell_s: float, pause_s: float, break_s: float = 0.0) -> Script:
-    """A joint after the other with the same pause; after every tenth a break, where there is one."""
+    """A joint after the other with the same pause; after every tenth a break, where there is
+    one.
+    """
     rng, script, now, number = np.random.default_rng([seed, 9]), Script(), FIRST_S, 0
     script.settings.append((0.0, SET_C))
     while now < SECONDS - 3:
         size = rng.uniform(0.8, 1.2, 3)
-        script.contacts.append(Contact(now, now + dwell_s, 0.35 * size[0], 0.12 * size[1], 0.06 * size[2], BOARD_C))
+        script.contacts.append(
+            Contact(now, now + dwell_s, 0.35 * size[0], 0.12 * size[1], 0.06 * size[2], BOARD_C)
+        )
         script.truths.append(Truth(now, now + dwell_s, "medium"))
         number += 1
         now += dwell_s + pause_s + (break_s if number % 10 == 0 else 0.0)
@@ -31,14 +37,20 @@ def worked(seed: int, dwell_s: float, pause_s: float, break_s: float = 0.0) -> S
 @cache
 def lived() -> tuple[plant.Plants, list[Script], plant.Recorded]:
     """All trials, simulated at once: a step of many costs as much as one of a few."""
-    plants, scripts = plants_of(SEEDS * len(WORK)), [worked(seed, *work) for work in WORK for seed in SEEDS]
+    plants, scripts = (
+        plants_of(SEEDS * len(WORK)),
+        [worked(seed, *work) for work in WORK for seed in SEEDS],
+    )
     return plants, scripts, simulate(plants, scripts, round(SECONDS / plant.STEP_S))
 
 
 def trials(dwell_s: float, pause_s: float, break_s: float, hz: float) -> list[Trial]:
     plants, scripts, seen = lived()
     first = WORK.index((dwell_s, pause_s, break_s)) * len(SEEDS)
-    return [plant._recorded(plants, scripts[first + n], seen, first + n, seed, hz) for n, seed in enumerate(SEEDS)]
+    return [
+        plant._recorded(plants, scripts[first + n], seen, first + n, seed, hz)
+        for n, seed in enumerate(SEEDS)
+    ]
 
 
 def readings(trial: Trial, hz: float, rules: int = 3) -> Floats:
@@ -55,19 +67,27 @@ rates = pytest.mark.parametrize("hz", [10.0, 2.0])
 
 @rates
 @pytest.mark.parametrize(("dwell_s", "pause_s"), BUSY)
-def test_a_line_that_never_rests_has_no_idle_error(dwell_s: float, pause_s: float, hz: float) -> None:
-    assert [len(readings(trial, hz)) for trial in trials(dwell_s, pause_s, 0.0, hz)] == [0] * len(SEEDS)
+def test_a_line_that_never_rests_has_no_idle_error(
+    dwell_s: float, pause_s: float, hz: float
+) -> None:
+    assert [len(readings(trial, hz)) for trial in trials(dwell_s, pause_s, 0.0, hz)] == [0] * len(
+        SEEDS
+    )
 
 
 @rates
 def test_rules_2_took_the_tail_of_recovery_for_rest(hz: float) -> None:
     """What the test above is there for."""
-    assert max(abs(readings(trial, hz, rules=2).mean()) for trial in trials(1.0, 3.0, 0.0, hz)) > 1.5
+    assert (
+        max(abs(readings(trial, hz, rules=2).mean()) for trial in trials(1.0, 3.0, 0.0, hz)) > 1.5
+    )
 
 
 @rates
 @pytest.mark.parametrize(("dwell_s", "pause_s", "break_s"), WITH_REST)
-def test_where_it_rests_the_error_is_that_of_the_rest(dwell_s: float, pause_s: float, break_s: float, hz: float) -> None:
+def test_where_it_rests_the_error_is_that_of_the_rest(
+    dwell_s: float, pause_s: float, break_s: float, hz: float
+) -> None:
     for trial in trials(dwell_s, pause_s, break_s, hz):
         found = readings(trial, hz)
         assert len(found) / hz > 30
@@ -77,14 +97,18 @@ def test_where_it_rests_the_error_is_that_of_the_rest(dwell_s: float, pause_s: f
 
 @rates
 def test_joints_that_leave_hardly_time_to_recover_give_the_true_error_or_none(hz: float) -> None:
-    """Eight seconds from joint to joint: some of these tips are back for a moment, and some are not."""
+    """Eight seconds from joint to joint: some of these tips are back for a moment, and some are
+    not.
+    """
     for trial in trials(*HARDLY, hz):
         found = readings(trial, hz)
         assert not len(found) or abs(found.mean()) < 0.35
 
 
 def test_what_the_tip_does_in_its_own_time_stays_in() -> None:
-    """A slow swing of 3 °C while nothing is soldered is the tip's spread, not the tail of anything."""
+    """A slow swing of 3 °C while nothing is soldered is the tip's spread, not the tail of
+    anything.
+    """
     at = np.arange(6000) / 10
     temperature = np.round(350 + 3 * np.sin(2 * np.pi * at / 45))
     power = np.full(len(at), 100.0)
@@ -102,5 +126,11 @@ def test_what_the_tip_does_in_its_own_time_stays_in() -> None:
 
 def test_power_that_is_all_there_is_is_no_rest() -> None:
     at = np.arange(600) / 10
-    block = Block(at, np.full(600, 300.0), np.full(600, 1000.0), np.full(600, 350.0), np.ones(600, dtype=np.bool_))
+    block = Block(
+        at,
+        np.full(600, 300.0),
+        np.full(600, 1000.0),
+        np.full(600, 350.0),
+        np.ones(600, dtype=np.bool_),
+    )
     assert not len(idle_readings(block, 0.1)[1])

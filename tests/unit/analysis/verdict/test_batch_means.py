@@ -47,7 +47,10 @@ def test_readings_of_nothing_but_noise_have_the_bound_of_the_textbook() -> None:
 
 
 def test_too_short_for_a_bound() -> None:
-    assert of(np.random.default_rng(1).normal(0, 1, round(LEAST_BATCHES * 3 / PERIOD_S) - 1)).bounds is None
+    assert (
+        of(np.random.default_rng(1).normal(0, 1, round(LEAST_BATCHES * 3 / PERIOD_S) - 1)).bounds
+        is None
+    )
     assert bounds_by_batches(10, 0.0, 1.0, np.zeros(LEAST_BATCHES - 1)) is None
 
 

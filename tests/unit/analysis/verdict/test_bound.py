@@ -1,4 +1,6 @@
-"""Bounds of mean and spread: the arithmetic against exact figures. How often they hold is in `test_coverage.py`."""
+"""Bounds of mean and spread: the arithmetic against exact figures. How often they hold is in
+`test_coverage.py`.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +50,9 @@ def test_students_t_is_scipys(freedom: int) -> None:
 @pytest.mark.parametrize("freedom", [2.5, 6.0, 40.0, 600.0])
 def test_chi_squared_is_scipys(freedom: float) -> None:
     at = freedom * np.array([0.3, 0.6, 1.0, 1.5])
-    assert _below_chi_squared(at, np.array([freedom])) == pytest.approx(stats.chi2.cdf(at, freedom), abs=0.01)
+    assert _below_chi_squared(at, np.array([freedom])) == pytest.approx(
+        stats.chi2.cdf(at, freedom), abs=0.01
+    )
 
 
 @pytest.mark.parametrize("row", [0, 10, 18, 21])
@@ -60,7 +64,9 @@ def test_the_spectrum_of_each_course_is_that_of_its_covariance(row: int) -> None
     place = row * len(WHITE)  # the one without noise
     for number in (1, 2, 5, 12):
         wave = np.sqrt(2) * np.cos(np.pi * number * at)
-        assert processes.spectrum[place, number - 1] == pytest.approx(wave @ alike @ wave / 3000**2, rel=0.06)
+        assert processes.spectrum[place, number - 1] == pytest.approx(
+            wave @ alike @ wave / 3000**2, rel=0.06
+        )
     assert processes.at_zero[place] == pytest.approx(alike.mean(), rel=0.06)
 
 
@@ -71,7 +77,11 @@ def test_readings_that_follow_each_other_are_worth_fewer() -> None:
     assert {found.mean.n for found in (*independent, *alike)} == {6000}
     assert np.median([found.mean.n_effective for found in independent]) > 1500
     assert np.median([found.mean.n_effective for found in alike]) < 70  # 600 / (2 × 5) = 60
-    assert np.median([found.sd.high for found in alike]) > np.median([found.sd.high for found in independent]) > 2.0
+    assert (
+        np.median([found.sd.high for found in alike])
+        > np.median([found.sd.high for found in independent])
+        > 2.0
+    )
 
 
 def test_a_drift_is_in_the_bound() -> None:
@@ -81,7 +91,10 @@ def test_a_drift_is_in_the_bound() -> None:
 
 def test_the_more_is_seen_the_narrower_the_bound() -> None:
     rng = np.random.default_rng(2)
-    widths = [np.median([width(of(told(rng, slow(1.0)(rng, seconds, HZ), 0, 1))) for _ in range(5)]) for seconds in (60, 240, 960)]
+    widths = [
+        np.median([width(of(told(rng, slow(1.0)(rng, seconds, HZ), 0, 1))) for _ in range(5)])
+        for seconds in (60, 240, 960)
+    ]
     assert widths[0] > 1.5 * widths[1] > 2.25 * widths[2]
 
 
@@ -98,7 +111,9 @@ def test_a_tip_that_stands_still_is_known_to_half_a_step() -> None:
 
 
 def test_a_tip_between_two_steps_is_known_to_what_they_hide() -> None:
-    """One reading in five is a degree higher; a tip that hardly moves may then be anywhere from the middle to the edge."""
+    """One reading in five is a degree higher; a tip that hardly moves may then be anywhere from the
+    middle to the edge.
+    """
     found = of(np.where(np.arange(6000) % 5 == 0, 1.0, 0.0))
     assert found.mean.high >= 0.499
 
@@ -129,7 +144,9 @@ def test_it_does_not_matter_in_how_many_pieces_they_come() -> None:
     one = idle_of(errors, HZ)
     other = idle_of(errors[:0], HZ)
     for place in range(0, len(errors), 37):
-        other.add(np.arange(place, min(place + 37, len(errors))) / HZ, errors[place : place + 37], 1 / HZ)
+        other.add(
+            np.arange(place, min(place + 37, len(errors))) / HZ, errors[place : place + 37], 1 / HZ
+        )
     first, second = one.latest_bounds(), other.latest_bounds()
     assert isinstance(first, Bounds)
     assert isinstance(second, Bounds)
@@ -137,7 +154,16 @@ def test_it_does_not_matter_in_how_many_pieces_they_come() -> None:
 
 
 def rule(observed: float, result: Result = Result.PASS) -> Rule:
-    return Rule("idle_sd", "dde-1", 1, 5.0, observed, "°C", result, "4.8 °C of standard deviation while idle; 5 °C allowed.")
+    return Rule(
+        "idle_sd",
+        "dde-1",
+        1,
+        5.0,
+        observed,
+        "°C",
+        result,
+        "4.8 °C of standard deviation while idle; 5 °C allowed.",
+    )
 
 
 def test_a_bound_beyond_the_limit_is_missing_evidence() -> None:

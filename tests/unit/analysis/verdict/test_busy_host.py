@@ -1,4 +1,6 @@
-"""What the computer skipped breaks no limit, and limits in per cent have the resolution of the run."""
+"""What the computer skipped breaks no limit, and limits in per cent have the resolution of the
+run.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,15 @@ def coverage(case: Any, least: float) -> Result:
 
 @pytest.mark.parametrize(
     ("due", "percent", "allowed"),
-    [(194, 99.5, 1), (200, 99.5, 1), (201, 99.5, 2), (194, 100.0, 0), (1000, 99.5, 5), (1000, 0.0, 1000), (10_000, 99.9, 10)],
+    [
+        (194, 99.5, 1),
+        (200, 99.5, 1),
+        (201, 99.5, 2),
+        (194, 100.0, 0),
+        (1000, 99.5, 5),
+        (1000, 0.0, 1000),
+        (10_000, 99.9, 10),
+    ],
 )
 def test_how_many_may_be_missing(due: int, percent: float, allowed: int) -> None:
     assert allowed_misses(due, percent) == allowed
@@ -32,8 +42,10 @@ def test_one_reading_of_194_does_not_fail_99_and_a_half(case: Any, tip: Callable
     assert coverage(case, 99.5) is Result.PASS
     assert coverage(case, 100.0) is Result.FAIL
     seen = rule(case, "coverage", Limits(coverage_percent=99.5))
-    assert seen.text == (
-        "Tip temperature coverage 99.48 % (193 of 194), required 99.5 %. One reading is 0.52 %: within the resolution."
+    assert (
+        seen.text
+        == "Tip temperature coverage 99.48 % (193 of 194), required 99.5 %. One reading is 0.52 %:"
+        " within the resolution."
     )
     assert rule(case, "coverage", Limits(coverage_percent=99.5), by=1).result is Result.FAIL
 
@@ -43,37 +55,49 @@ def test_two_do(case: Any, tip: Callable[..., Any]) -> None:
     assert coverage(case, 99.5) is Result.FAIL
 
 
-def test_one_of_a_few_is_too_much_to_let_pass_and_too_little_to_reject(case: Any, tip: Callable[..., Any]) -> None:
+def test_one_of_a_few_is_too_much_to_let_pass_and_too_little_to_reject(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     case.station("a", tip(1.9).lose(1, 0.1))
     assert coverage(case, 99.5) is Result.MISSING
 
 
-def test_what_the_computer_skipped_is_missing_evidence_and_no_reject(case: Any, tip: Callable[..., Any]) -> None:
+def test_what_the_computer_skipped_is_missing_evidence_and_no_reject(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     case.station("a", tip(60).skip(20, 0.6))
     limits = Limits(coverage_percent=99.5)
     seen = rule(case, "coverage", limits)
     assert seen.result is Result.MISSING
-    assert seen.text == (
-        "Tip temperature coverage 99 % (594 of 600), required 99.5 %. The recorder was too late for 6 of them (busy or stopped). "
-        "Their values are not known; less load on the computer, or a lower rate, helps."
+    assert (
+        seen.text
+        == "Tip temperature coverage 99 % (594 of 600), required 99.5 %. The recorder was too late"
+        " for 6 of them (busy or stopped). Their values are not known; less load on the"
+        " computer, or a lower rate, helps."
     )
     assert judge(case.evidence(), {"a": limits}).verdict is Verdict.INCONCLUSIVE
     assert judge(case.evidence(), {"a": limits}, by=1).verdict is Verdict.REJECT
 
 
-def test_what_the_link_lost_is_a_reject_whatever_the_computer_skipped(case: Any, tip: Callable[..., Any]) -> None:
+def test_what_the_link_lost_is_a_reject_whatever_the_computer_skipped(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     case.station("a", tip(60).skip(20, 0.6).lose(30, 0.4))
     seen = rule(case, "coverage", Limits(coverage_percent=99.5))
     assert seen.result is Result.FAIL
     assert "too late for 6 of them" in seen.text
 
 
-def test_both_together_are_missing_where_each_alone_would_be_kept(case: Any, tip: Callable[..., Any]) -> None:
+def test_both_together_are_missing_where_each_alone_would_be_kept(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     case.station("a", tip(60).skip(20, 0.2).lose(30, 0.3))
     assert coverage(case, 99.5) is Result.MISSING
 
 
-def test_ticks_that_the_station_made_late_are_not_the_computers(case: Any, tip: Callable[..., Any]) -> None:
+def test_ticks_that_the_station_made_late_are_not_the_computers(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     facts = case.station("a", tip(60).skip(20, 0.6))
     facts.skipped_by_host = 0
     assert coverage(case, 99.5) is Result.FAIL
@@ -85,15 +109,18 @@ def test_a_gap_that_the_computer_made_is_no_reject(case: Any, tip: Callable[...,
     case.station("a", tip(60).skip(20, 4).lose(24, 0.5))
     seen = rule(case, "longest_gap", Limits(longest_gap_s=3))
     assert seen.result is Result.MISSING
-    assert seen.text == (
-        "Longest gap in temperature 4.5 s, allowed 3 s. The recorder was too late for some readings (busy or stopped); "
-        "without these it is 0.5 s."
+    assert (
+        seen.text
+        == "Longest gap in temperature 4.5 s, allowed 3 s. The recorder was too late for some"
+        " readings (busy or stopped); without these it is 0.5 s."
     )
     assert rule(case, "longest_gap", Limits(longest_gap_s=0.4)).result is Result.FAIL
     assert rule(case, "longest_gap", Limits(longest_gap_s=3), by=1).result is Result.FAIL
 
 
-def test_nor_one_in_which_it_stood_still_and_left_no_rows(case: Any, tip: Callable[..., Any]) -> None:
+def test_nor_one_in_which_it_stood_still_and_left_no_rows(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     facts = case.station("a", tip(30))
     case.seal([("a", 1, tip(30).lose(0, 1))], first_tick=380)
     facts.skipped, facts.last_tick = 80, 679

@@ -1,4 +1,6 @@
-"""A limit that has no bound is not kept; a recipe may ask for bare figures, and then the verdict says so."""
+"""A limit that has no bound is not kept; a recipe may ask for bare figures, and then the verdict
+says so.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +27,13 @@ families = ["dde"]
 """
 
 
-def judged(case: Any, tip: Callable[..., Any], seconds: float, by: int = 3, **limits: Any) -> Judgement:
+def judged(
+    case: Any, tip: Callable[..., Any], seconds: float, by: int = 3, **limits: Any
+) -> Judgement:
     one = tip(seconds)
-    one.temperature = [int(value) for value in np.random.default_rng(1).integers(349, 352, len(one.temperature))]
+    one.temperature = [
+        int(value) for value in np.random.default_rng(1).integers(349, 352, len(one.temperature))
+    ]
     case.station("a", one)
     return judge(case.evidence(), {"a": Limits(idle_error_c=15, idle_sd_c=5, **limits)}, by)
 
@@ -37,7 +43,9 @@ def test_ten_seconds_of_rest_are_no_accept(case: Any, tip: Callable[..., Any]) -
     assert found.verdict == "INCONCLUSIVE"
     (error,) = [rule for rule in found.rules if rule.name == "idle_error"]
     assert error.observed == pytest.approx(0, abs=0.3)
-    assert error.text.endswith("A 95 % bound takes 30 s of the tip at rest, and 15 readings; there are 10.0 s.")
+    assert error.text.endswith(
+        "A 95 % bound takes 30 s of the tip at rest, and 15 readings; there are 10.0 s."
+    )
 
 
 def test_by_rules_2_they_were(case: Any, tip: Callable[..., Any]) -> None:
@@ -51,14 +59,18 @@ def test_a_minute_is_enough(case: Any, tip: Callable[..., Any]) -> None:
     assert "confidence" not in [rule.name for rule in found.rules]
 
 
-def test_a_recipe_may_judge_bare_figures_and_the_verdict_says_so(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_recipe_may_judge_bare_figures_and_the_verdict_says_so(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     found = judged(case, tip, 12, confidence="none")
     assert found.verdict == "ACCEPT"
     reasons = [reason.text for reason in _reasons(found.verdict, found.rules_as_dicts())]
     assert reasons == [f"a: {JUDGED_BARE}", FINE]
 
 
-def test_a_bare_figure_that_breaks_its_limit_is_rejected(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_bare_figure_that_breaks_its_limit_is_rejected(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     one = tip(12)
     one.temperature = [380] * 120
     case.station("a", one)
@@ -67,7 +79,10 @@ def test_a_bare_figure_that_breaks_its_limit_is_rejected(case: Any, tip: Callabl
     assert JUDGED_BARE in _reasons(found.verdict, found.rules_as_dicts()).__next__().text
 
 
-@pytest.mark.parametrize(("line", "confidence"), [("", 0.95), ("confidence = 0.95\n", 0.95), ('confidence = "none"\n', "none")])
+@pytest.mark.parametrize(
+    ("line", "confidence"),
+    [("", 0.95), ("confidence = 0.95\n", 0.95), ('confidence = "none"\n', "none")],
+)
 def test_a_recipe_says_it(tmp_path: Path, line: str, confidence: float | str) -> None:
     path = tmp_path / "tht.toml"
     path.write_text(f"{RECIPE}idle_sd_c = 5\n{line}")

@@ -1,7 +1,9 @@
-"""How often the bounds of the idle error and of its spread hold, by simulation, and how often they are given.
+"""How often the bounds of the idle error and of its spread hold, by simulation, and how often they
+are given.
 
-The correlation times 0.5, 3 and 20 s and the rates 10, 5 and 1 Hz were tuned on, with other seeds; all others were not. The figures
-that have to be reached are for first-order autoregressive courses in whole degrees; `OTHERS` are tried against what they reach.
+The correlation times 0.5, 3 and 20 s and the rates 10, 5 and 1 Hz were tuned on, with other seeds;
+all others were not. The figures that have to be reached are for first-order autoregressive courses
+in whole degrees; `OTHERS` are tried against what they reach.
 """
 
 from __future__ import annotations
@@ -14,7 +16,18 @@ import pytest
 
 from jbclog.analysis import spc
 from jbclog.analysis.verdict.bounds import Bounds
-from support.plants.idle_courses import Course, Floats, bounds_of, idle_of, in_pieces, moments, noisy, ringing, slow, told
+from support.plants.idle_courses import (
+    Course,
+    Floats,
+    bounds_of,
+    idle_of,
+    in_pieces,
+    moments,
+    noisy,
+    ringing,
+    slow,
+    told,
+)
 
 LENGTHS_S = (30, 45, 60, 120, 300, 900)
 RATES = (10.0, 5.0, 2.0, 1.0)
@@ -27,7 +40,9 @@ Counted = Callable[..., None]
 
 @dataclass(frozen=True)
 class Tried:
-    """How many courses, of how many a bound was given, and how many of these held: of the mean, and of the standard deviation."""
+    """How many courses, of how many a bound was given, and how many of these held: of the mean, and
+    of the standard deviation.
+    """
 
     courses: int = 0
     given: int = 0
@@ -40,13 +55,28 @@ class Tried:
             return tried
         assert found.mean.low is not None
         holds = found.mean.low <= mean_c <= found.mean.high
-        return replace(tried, given=self.given + 1, mean=self.mean + holds, sd=self.sd + (found.sd.high >= sd_c))
+        return replace(
+            tried,
+            given=self.given + 1,
+            mean=self.mean + holds,
+            sd=self.sd + (found.sd.high >= sd_c),
+        )
 
     def __str__(self) -> str:
-        return f"{self.mean / max(self.given, 1):.3f} {self.sd / max(self.given, 1):.3f} {1 - self.given / self.courses:.2f}"
+        return (
+            f"{self.mean / max(self.given, 1):.3f} {self.sd / max(self.given, 1):.3f}"
+            f" {1 - self.given / self.courses:.2f}"
+        )
 
 
-def tried(course: Course, seconds: float, hz: float, times: int, seed: int, pieces: tuple[float, float] = (0, 0)) -> Tried:
+def tried(
+    course: Course,
+    seconds: float,
+    hz: float,
+    times: int,
+    seed: int,
+    pieces: tuple[float, float] = (0, 0),
+) -> Tried:
     """So many courses, each from a seed of its own; the spread is another in each."""
     found = Tried()
     for one in range(times):
@@ -63,7 +93,10 @@ def slack(share: float, times: int) -> float:
     return float(2.5 * np.sqrt(share * (1 - share) / times))
 
 
-@pytest.mark.parametrize(("tau_s", "seconds", "hz"), [(0.5, 60, 10.0), (3.0, 30, 2.0), (20.0, 60, 10.0), (20.0, 300, 1.0)])
+@pytest.mark.parametrize(
+    ("tau_s", "seconds", "hz"),
+    [(0.5, 60, 10.0), (3.0, 30, 2.0), (20.0, 60, 10.0), (20.0, 300, 1.0)],
+)
 def test_bounds_hold_as_often_as_they_say(tau_s: float, seconds: float, hz: float) -> None:
     times = 120
     found, least = tried(slow(tau_s), seconds, hz, times, 11), TO_HOLD[tau_s]
@@ -91,12 +124,17 @@ def by_batch_means(sums: tuple[Floats, Floats, Floats]) -> tuple[float, float]:
     return float(np.mean(batches)) - half, float(np.mean(batches)) + half
 
 
-def verdicts(difference_c: float, tau_s: float, times: int, seed: int, hz: float = 10.0, sd_c: float = 1.0) -> list[str]:
+def verdicts(
+    difference_c: float, tau_s: float, times: int, seed: int, hz: float = 10.0, sd_c: float = 1.0
+) -> list[str]:
     """Two idle tips this far apart, fifteen minutes of each."""
     said = []
     for one in range(times):
         rng = np.random.default_rng([seed, one, round(10 * tau_s)])
-        both = [idle_of(told(rng, slow(tau_s)(rng, 900, hz), mean_c, sd_c), hz) for mean_c in (MEAN_C, MEAN_C + difference_c)]
+        both = [
+            idle_of(told(rng, slow(tau_s)(rng, 900, hz), mean_c, sd_c), hz)
+            for mean_c in (MEAN_C, MEAN_C + difference_c)
+        ]
         means = []
         for idle in both:
             found = idle.latest_bounds()
@@ -107,17 +145,19 @@ def verdicts(difference_c: float, tau_s: float, times: int, seed: int, hz: float
 
 
 def test_tips_that_are_a_margin_apart_are_rarely_called_the_same() -> None:
-    assert verdicts(MARGIN_C, 3.0, 20, 21, hz=1.0).count("equivalent") <= 3  # 400 pairs in the campaign
+    # 400 pairs in the campaign
+    assert verdicts(MARGIN_C, 3.0, 20, 21, hz=1.0).count("equivalent") <= 3
     assert verdicts(0.0, 3.0, 10, 22, hz=1.0).count("equivalent") >= 8
 
 
-# -- the campaign -------------------------------------------------------------------------------------------------------------
+# -- the campaign ----------------------------------------------------------------------------------
 
 OTHERS: dict[str, tuple[Course, tuple[float, float], float]] = {
     "τ 3 s + noise": (noisy(3.0), (0, 0), 0.90),
     "τ 12 s + noise": (noisy(12.0), (0, 0), 0.85),
     "τ 20 s + noise": (noisy(20.0), (0, 0), 0.80),
-    "ringing 2 s, τ 6 s": (ringing(2.0, 6.0), (0, 0), 0.80),  # the standard deviation, of 30 s; its mean holds
+    # the standard deviation, of 30 s; its mean holds
+    "ringing 2 s, τ 6 s": (ringing(2.0, 6.0), (0, 0), 0.80),
     "ringing 8 s, τ 10 s": (ringing(8.0, 10.0), (0, 0), 0.88),
     "τ 3 s, pieces of 6 s": (in_pieces(slow(3.0), 6.0, 4.0), (6.0, 4.0), 0.90),
     "τ 20 s, pieces of 6 s": (in_pieces(slow(20.0), 6.0, 4.0), (6.0, 4.0), 0.88),
@@ -126,13 +166,19 @@ OTHERS: dict[str, tuple[Course, tuple[float, float], float]] = {
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("tau_s", sorted(TO_HOLD))
-def test_bounds_hold_at_every_length_and_rate(tau_s: float, counted: Counted, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bounds_hold_at_every_length_and_rate(
+    tau_s: float, counted: Counted, capsys: pytest.CaptureFixture[str]
+) -> None:
     times, lines, missed = 200, [], []
     for seconds in LENGTHS_S:
         row = []
         for hz in RATES:
             found, least = tried(slow(tau_s), seconds, hz, times, 31), TO_HOLD[tau_s]
-            counted(courses=found.courses, bounds_given=found.given, mean_outside=found.given - found.mean)
+            counted(
+                courses=found.courses,
+                bounds_given=found.given,
+                mean_outside=found.given - found.mean,
+            )
             row.append(f"{hz:g} Hz {found}")
             if min(found.mean, found.sd) < (least - slack(least, times)) * found.given:
                 missed.append((seconds, hz, str(found)))
@@ -148,14 +194,20 @@ def test_bounds_hold_at_every_length_and_rate(tau_s: float, counted: Counted, ca
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", OTHERS)
-def test_bounds_hold_for_other_courses(name: str, counted: Counted, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bounds_hold_for_other_courses(
+    name: str, counted: Counted, capsys: pytest.CaptureFixture[str]
+) -> None:
     course, pieces, least = OTHERS[name]
     times, lines, missed = 150, [], []
     for seconds in LENGTHS_S:
         row = []
         for hz in (10.0, 2.0):
             found = tried(course, seconds, hz, times, 32, pieces)
-            counted(courses=found.courses, bounds_given=found.given, mean_outside=found.given - found.mean)
+            counted(
+                courses=found.courses,
+                bounds_given=found.given,
+                mean_outside=found.given - found.mean,
+            )
             row.append(f"{hz:g} Hz {found}")
             if min(found.mean, found.sd) < (least - slack(least, times)) * found.given:
                 missed.append((seconds, hz, str(found)))

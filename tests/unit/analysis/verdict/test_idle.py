@@ -37,7 +37,9 @@ def test_joints_and_their_recovery_are_left_out(case: Any, tip: Callable[..., An
     assert found.sd_c == pytest.approx(0, abs=0.01)
 
 
-def test_heating_up_is_left_out_and_a_constant_error_is_not(case: Any, tip: Callable[..., Any]) -> None:
+def test_heating_up_is_left_out_and_a_constant_error_is_not(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     one = tip(60)
     for i in range(60):
         one.temperature[i], one.power[i] = 30 + 5 * i, 1000
@@ -58,7 +60,9 @@ def test_an_oscillating_tip_is_seen(case: Any, tip: Callable[..., Any]) -> None:
 
 
 @pytest.mark.parametrize("status", ["stand", "sleep", "hibernation", "off", None])
-def test_a_tool_that_does_not_work_is_not_idle(case: Any, tip: Callable[..., Any], status: str | None) -> None:
+def test_a_tool_that_does_not_work_is_not_idle(
+    case: Any, tip: Callable[..., Any], status: str | None
+) -> None:
     one = tip()
     one.status = [status] * 600
     case.station("a", one)
@@ -73,14 +77,19 @@ def test_too_little_is_unknown_and_never_zero(case: Any, tip: Callable[..., Any]
     assert idle(case).sd_c is None
 
 
-def test_a_setting_that_is_no_longer_known_is_not_compared_with(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_setting_that_is_no_longer_known_is_not_compared_with(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     one = tip(60)
     one.setting = [350] + [None] * 599
     case.station("a", one)
-    assert idle(case).rows == 131  # from 2 s, calm, to 15 s, the last moment at which the reading holds
+    # from 2 s, calm, to 15 s, the last moment at which the reading holds
+    assert idle(case).rows == 131
 
 
-def test_after_a_change_of_the_setting_the_tip_must_settle_again(case: Any, tip: Callable[..., Any]) -> None:
+def test_after_a_change_of_the_setting_the_tip_must_settle_again(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     one = tip(60)
     for i in range(300, 600):
         one.setting[i] = 380 if one.setting[i] else None
@@ -101,11 +110,13 @@ def test_a_slow_recorder_measures_the_idle_error_too(case: Any, tip: Callable[..
     assert idle(case).mean_c == pytest.approx(0)
 
 
-# -- a tool that is pulled ----------------------------------------------------------------------------------------------------
+# -- a tool that is pulled -------------------------------------------------------------------------
 
 
 def pulled(one: Any, at: int, until: int, falls: float = 350.0) -> Any:
-    """A tool is pulled at one tick and back at another: its readings fall, and its port says so when it is asked next."""
+    """A tool is pulled at one tick and back at another: its readings fall, and its port says so
+    when it is asked next.
+    """
     for i in range(at, until):
         one.temperature[i], one.power[i] = max(0, round(350 - falls * (i - at + 1))), 0
         one.port_error[i] = None if one.port_error[i] is None else 4
@@ -124,7 +135,9 @@ def test_a_tool_that_was_pulled_is_not_idle_before_anybody_knows(
     assert found.rows >= 270  # and what came before, two seconds of it at the most, is
 
 
-def test_a_tool_that_is_pulled_at_the_very_end_is_not_idle(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_tool_that_is_pulled_at_the_very_end_is_not_idle(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     case.station("a", pulled(tip(59), 582, 590))
     assert idle(case).mean_c == pytest.approx(0, abs=0.01)
 
@@ -143,12 +156,16 @@ def test_a_port_that_does_not_work_is_not_idle_and_one_that_warns_is(
     case: Any, tip: Callable[..., Any], code: int, rows: int
 ) -> None:
     one = tip(60)
-    one.port_error = [code if i >= 301 and said is not None else said for i, said in enumerate(one.port_error)]
+    one.port_error = [
+        code if i >= 301 and said is not None else said for i, said in enumerate(one.port_error)
+    ]
     case.station("a", one)
     assert idle(case).rows == pytest.approx(rows, abs=20)
 
 
-def test_a_tip_that_is_far_too_cold_in_its_port_still_counts(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_tip_that_is_far_too_cold_in_its_port_still_counts(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     one = tip(60)
     one.temperature = [200] * 600
     case.station("a", one)

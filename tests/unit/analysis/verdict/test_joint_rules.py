@@ -20,12 +20,16 @@ LATE, CUT_OFF = Recovery(1.8, back=False), Recovery(1.8, back=None)  # s that th
 
 
 def mixed(recoveries: Sequence[float | Recovery | None]) -> list[Recovery | None]:
-    """The same as chance orders them: slow ones that follow each other are worth fewer. A number: back after so long."""
+    """The same as chance orders them: slow ones that follow each other are worth fewer. A number:
+    back after so long.
+    """
     told = [Recovery(one, True) if isinstance(one, float) else one for one in recoveries]
     return [told[place] for place in np.random.default_rng(1).permutation(len(told))]
 
 
-def judged(case: Any, tip: Callable[..., Any], limits: Limits, seen: PortJoints | None, family: str = "ale") -> Judgement:
+def judged(
+    case: Any, tip: Callable[..., Any], limits: Limits, seen: PortJoints | None, family: str = "ale"
+) -> Judgement:
     case.station("a", tip()).family = family
     joints = {} if seen is None else {("a", 1): seen}
     return judge(replace(case.evidence(), joints=joints), {"a": limits})
@@ -44,7 +48,8 @@ def the_rule(judgement: Judgement) -> Rule:
         ([*QUICK, 2.6, 9.0, None], "missing", "INCONCLUSIVE"),  # of 120 one may lie above the bound
         ([*QUICK, None], "pass", "ACCEPT"),
         ([*QUICK, None, None, None], "missing", "INCONCLUSIVE"),
-        ([*QUICK, *[2.6] * 5], "missing", "INCONCLUSIVE"),  # the figure keeps the limit, its bound does not
+        # the figure keeps the limit, its bound does not
+        ([*QUICK, *[2.6] * 5], "missing", "INCONCLUSIVE"),
         ([*QUICK, *[2.6] * 8], "fail", "REJECT"),
         ([2.6] * 3, "fail", "REJECT"),  # as many as there are broke it
         ([1.5] * 58, "missing", "INCONCLUSIVE"),
@@ -53,7 +58,11 @@ def the_rule(judgement: Judgement) -> Rule:
     ],
 )
 def test_recovery_is_judged_by_its_figure_and_kept_by_its_bound(
-    case: Any, tip: Callable[..., Any], recoveries: Sequence[float | Recovery | None], result: str, verdict: str
+    case: Any,
+    tip: Callable[..., Any],
+    recoveries: Sequence[float | Recovery | None],
+    result: str,
+    verdict: str,
 ) -> None:
     judgement = judged(case, tip, RECOVERY, PortJoints(mixed(recoveries)))
     rule = the_rule(judgement)
@@ -82,7 +91,9 @@ def test_the_figure_the_bound_and_n_stand_in_the_rule(case: Any, tip: Callable[.
 def test_a_line_whose_tip_never_recovers_is_no_pass(
     case: Any, tip: Callable[..., Any], limits: Limits, result: str, observed: float | None
 ) -> None:
-    """488 joints, each followed by the next after 1.8 s with a tip that is still far below: no recovery is known to be short."""
+    """488 joints, each followed by the next after 1.8 s with a tip that is still far below: no
+    recovery is known to be short.
+    """
     rule = the_rule(judged(case, tip, limits, PortJoints([LATE] * 488)))
     assert (rule.result, rule.observed) == (result, observed)
     if limits != RECOVERED:
@@ -95,7 +106,8 @@ def test_a_line_whose_tip_never_recovers_is_no_pass(
         ([*[1.5] * 95, *[LATE] * 5], "pass"),
         ([*[1.5] * 94, *[LATE] * 6], "fail"),
         ([*[1.5] * 95, *[LATE] * 4, CUT_OFF], "pass"),
-        ([*[1.5] * 94, *[LATE] * 5, CUT_OFF], "missing"),  # the one that was cut off decides, and nobody knows it
+        # the one that was cut off decides, and nobody knows it
+        ([*[1.5] * 94, *[LATE] * 5, CUT_OFF], "missing"),
         ([*[1.5] * 93, *[LATE] * 5, CUT_OFF, None], "missing"),
         ([CUT_OFF] * 3, "missing"),
         ([], "missing"),
@@ -123,12 +135,20 @@ def test_the_share_of_joints_that_recovered_in_time(
 def test_joints_in_gaps_may_be_anything(
     case: Any, tip: Callable[..., Any], limits: Limits, back: int, hidden: int, result: str
 ) -> None:
-    rule = the_rule(judged(case, tip, limits, PortJoints(mixed([1.5] * back), hidden=hidden, unseen_s=3.0 * hidden)))
+    rule = the_rule(
+        judged(
+            case, tip, limits, PortJoints(mixed([1.5] * back), hidden=hidden, unseen_s=3.0 * hidden)
+        )
+    )
     assert rule.result == result
-    assert (f"Joints in gaps ({3.0 * hidden:.1f} s) are not known." in rule.text) == (bool(hidden) and result == "missing")
+    assert (f"Joints in gaps ({3.0 * hidden:.1f} s) are not known." in rule.text) == (
+        bool(hidden) and result == "missing"
+    )
 
 
-def test_a_joint_that_was_cut_off_says_nothing_of_recovery(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_joint_that_was_cut_off_says_nothing_of_recovery(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     rule = the_rule(judged(case, tip, RECOVERY, PortJoints(mixed([*QUICK, CUT_OFF, CUT_OFF]))))
     assert (rule.result, rule.bound and rule.bound.n) == ("pass", 117)
 
@@ -141,18 +161,26 @@ def test_a_joint_that_was_cut_off_says_nothing_of_recovery(case: Any, tip: Calla
         (Feeds(102, 0, 0, 100), "pass", "ACCEPT"),
         (Feeds(97, 0, 0, 100), "fail", "REJECT"),
         (Feeds(103, 0, 0, 100), "fail", "REJECT"),
-        (Feeds(103, 1, 0, 100), "missing", "INCONCLUSIVE"),  # one may have been counted after the last reading
+        # one may have been counted after the last reading
+        (Feeds(103, 1, 0, 100), "missing", "INCONCLUSIVE"),
         (Feeds(97, 0, 1, 100), "missing", "INCONCLUSIVE"),
         (Feeds(97, 1, 0, 100), "fail", "REJECT"),
-        (Feeds(60, 0, 0, 100, lost_s=40.0), "missing", "INCONCLUSIVE"),  # they may have been made while nothing was read
+        # they may have been made while nothing was read
+        (Feeds(60, 0, 0, 100, lost_s=40.0), "missing", "INCONCLUSIVE"),
         (Feeds(140, 0, 0, 100, lost_s=40.0), "fail", "REJECT"),  # no gap makes joints
         (Feeds(0, 0, 0, 100), "fail", "REJECT"),
         (Feeds(5, 0, 0, 0), "missing", "INCONCLUSIVE"),
-        (Feeds(5, 0, 0, None, why="The counter went down: it was reset."), "missing", "INCONCLUSIVE"),
+        (
+            Feeds(5, 0, 0, None, why="The counter went down: it was reset."),
+            "missing",
+            "INCONCLUSIVE",
+        ),
         (None, "missing", "INCONCLUSIVE"),
     ],
 )
-def test_joints_against_the_counter(case: Any, tip: Callable[..., Any], feeds: Feeds | None, result: str, verdict: str) -> None:
+def test_joints_against_the_counter(
+    case: Any, tip: Callable[..., Any], feeds: Feeds | None, result: str, verdict: str
+) -> None:
     judgement = judged(case, tip, COUNTER, PortJoints((), feeds))
     rule = the_rule(judgement)
     assert (rule.result, judgement.verdict, rule.limit, rule.unit) == (result, verdict, 2, "%")
@@ -172,7 +200,14 @@ def test_joints_that_were_not_searched_are_missing_evidence(
 
 
 @pytest.mark.parametrize(
-    ("limits", "family"), [(RECOVERY, "jtse"), (RECOVERED, "omega"), (RECOVERY, "omega"), (COUNTER, "dde"), (COUNTER, "jtse")]
+    ("limits", "family"),
+    [
+        (RECOVERY, "jtse"),
+        (RECOVERED, "omega"),
+        (RECOVERY, "omega"),
+        (COUNTER, "dde"),
+        (COUNTER, "jtse"),
+    ],
 )
 def test_a_station_without_joints_or_feeder_is_not_judged_by_them(
     case: Any, tip: Callable[..., Any], limits: Limits, family: str
@@ -182,5 +217,7 @@ def test_a_station_without_joints_or_feeder_is_not_judged_by_them(
 
 
 def test_who_does_not_ask_is_not_judged_by_joints(case: Any, tip: Callable[..., Any]) -> None:
-    judgement = judged(case, tip, Limits(coverage_percent=99), PortJoints([9.0] * 100, Feeds(0, 0, 0, 9)))
+    judgement = judged(
+        case, tip, Limits(coverage_percent=99), PortJoints([9.0] * 100, Feeds(0, 0, 0, 9))
+    )
     assert {rule.name for rule in judgement.rules} == {"record", "station", "settings", "coverage"}

@@ -1,4 +1,6 @@
-"""A run in which a tool is pulled: neither its verdict nor its metrics take what is read then for an idle tip."""
+"""A run in which a tool is pulled: neither its verdict nor its metrics take what is read then for
+an idle tip.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,9 @@ FAULT = '[[station.sim.fault]]\nat_s = {at_s}\nkind = "tool"\nport = 1\ncode = {
 
 
 def run_of(home: Path, *faults: tuple[float, int]) -> Path:
-    sim = "joints_per_minute = 0\n" + "".join(FAULT.format(at_s=at_s, code=code) for at_s, code in faults)
+    sim = "joints_per_minute = 0\n" + "".join(
+        FAULT.format(at_s=at_s, code=code) for at_s, code in faults
+    )
     (home / "line.toml").write_text(line_text(sim, "ports = [1]"), encoding="utf-8")
     (home / "recipe.toml").write_text(RECIPE + LIMITS, encoding="utf-8")
     plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=60.0))
@@ -24,10 +28,13 @@ def run_of(home: Path, *faults: tuple[float, int]) -> Path:
 
 
 @pytest.mark.parametrize("faults", [[(33.3, 0), (44.0, 2)], [(60.0, 0)]])
-def test_what_a_pulled_tool_reads_is_no_idle_tip(tmp_path: Path, faults: list[tuple[float, int]]) -> None:
+def test_what_a_pulled_tool_reads_is_no_idle_tip(
+    tmp_path: Path, faults: list[tuple[float, int]]
+) -> None:
     run = open_run(run_of(tmp_path, *faults))
     samples = run.samples(columns=["temperature_c", "status"])
-    assert ((samples["temperature_c"] < 100) & (samples["status"] == "working")).iloc[100:].any()  # it was read as at work
+    # it was read as at work
+    assert ((samples["temperature_c"] < 100) & (samples["status"] == "working")).iloc[100:].any()
     rules = {rule["name"]: rule for rule in run.manifest.verdict_rules}
     assert abs(rules["idle_error"]["observed"]) < 1  # type: ignore[arg-type]
     assert rules["idle_sd"]["observed"] < 2  # type: ignore[operator]

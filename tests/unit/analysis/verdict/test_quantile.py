@@ -1,4 +1,6 @@
-"""The bound of a 95 % quantile, against Wilks's published sample sizes and against what chance really does."""
+"""The bound of a 95 % quantile, against Wilks's published sample sizes and against what chance
+really does.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,9 @@ import pytest
 from jbclog.analysis.verdict.quantiles import effective_size, most_above, p95, upper_p95
 
 WILKS = (59, 93, 124, 153, 181, 208, 234, 260, 286, 311)
-"""Sample sizes for 95 % / 95 %, the greatest, the second, ... the tenth value being the bound: the tables of safety analysis."""
+"""Sample sizes for 95 % / 95 %, the greatest, the second, ... the tenth value being the bound: the
+tables of safety analysis.
+"""
 
 
 @pytest.mark.parametrize(("above", "n"), [*enumerate(WILKS)])
@@ -52,7 +56,9 @@ def test_a_recovery_that_is_not_known_counts_as_the_longest() -> None:
     assert not isinstance(lacking, str)
     assert (whole.high, lacking.high) == (91, 92)
     text = upper_p95([None if value < 2 else value for value in known])
-    assert text == "The recovery of 2 of them is not known and may be longer; a 95 % bound allows 1."
+    assert (
+        text == "The recovery of 2 of them is not known and may be longer; a 95 % bound allows 1."
+    )
 
 
 def test_a_limit_in_tenths_is_met_by_the_same_tenths() -> None:

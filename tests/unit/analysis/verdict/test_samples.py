@@ -16,7 +16,9 @@ from jbclog.analysis.verdict.samples import KeptMeasures, measure
 
 def gap(case: Any, port: int = 1) -> float | None:
     evidence = case.evidence()
-    return measure(evidence.folder, {facts.name: facts for facts in evidence.stations})["a", port].gap_s
+    return measure(evidence.folder, {facts.name: facts for facts in evidence.stations})[
+        "a", port
+    ].gap_s
 
 
 def test_no_gap_is_zero(case: Any, tip: Callable[..., Any]) -> None:
@@ -25,7 +27,9 @@ def test_no_gap_is_zero(case: Any, tip: Callable[..., Any]) -> None:
 
 
 @pytest.mark.parametrize("start", [0, 20, 57])
-def test_a_gap_counts_at_the_beginning_in_the_middle_and_at_the_end(case: Any, tip: Callable[..., Any], start: float) -> None:
+def test_a_gap_counts_at_the_beginning_in_the_middle_and_at_the_end(
+    case: Any, tip: Callable[..., Any], start: float
+) -> None:
     case.station("a", tip().lose(start, 3))
     assert gap(case) == 3
 
@@ -39,12 +43,18 @@ def test_skipped_ticks_have_no_rows_and_count_in_both(case: Any, tip: Callable[.
     facts = case.station("a", tip(), skipped=60)
     assert gap(case) == 6  # at the end: last_tick says that they were due
     assert facts.last_tick == 659
-    coverage = next(rule for rule in judge(case.evidence(), {"a": Limits(coverage_percent=95)}).rules if rule.name == "coverage")
+    coverage = next(
+        rule
+        for rule in judge(case.evidence(), {"a": Limits(coverage_percent=95)}).rules
+        if rule.name == "coverage"
+    )
     assert coverage.observed == pytest.approx(100 * 600 / 660)
     assert coverage.result == "missing"
 
 
-def test_a_gap_between_two_parts_and_in_interleaved_rows(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_gap_between_two_parts_and_in_interleaved_rows(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     facts = case.station("a", tip(), tip().lose(55, 5))
     case.seal([("a", 1, tip()), ("a", 2, tip().lose(0, 2))], first_tick=600)
     facts.last_tick = 1199
@@ -52,7 +62,9 @@ def test_a_gap_between_two_parts_and_in_interleaved_rows(case: Any, tip: Callabl
     assert gap(case, 2) == 7
 
 
-def test_small_batches_measure_the_same(case: Any, tip: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_small_batches_measure_the_same(
+    case: Any, tip: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     case.station("a", tip(1300).lose(601, 4).at(30, 2, 320, 700), tip(1300).lose(3, 9))
     facts = {one.name: one for one in case.stations}
     whole = measure(case.folder, facts)
@@ -73,14 +85,25 @@ def test_without_a_grid_the_gap_is_taken_from_the_times(case: Any, tip: Callable
 def test_a_port_without_any_temperature_has_no_gap(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip().lose(0, 60))
     assert gap(case) is None
-    rules = {rule.name: rule for rule in judge(case.evidence(), {"a": Limits(longest_gap_s=5, coverage_percent=0)}).rules}
+    rules = {
+        rule.name: rule
+        for rule in judge(case.evidence(), {"a": Limits(longest_gap_s=5, coverage_percent=0)}).rules
+    }
     assert rules["longest_gap"].result == "missing"
 
 
-@pytest.mark.parametrize(("ok", "shown", "result"), [(24_874, "99.49 %", "fail"), (24_875, "99.5 %", "pass")])
-def test_coverage_is_never_rounded_up_to_its_limit(case: Any, tip: Callable[..., Any], ok: int, shown: str, result: str) -> None:
+@pytest.mark.parametrize(
+    ("ok", "shown", "result"), [(24_874, "99.49 %", "fail"), (24_875, "99.5 %", "pass")]
+)
+def test_coverage_is_never_rounded_up_to_its_limit(
+    case: Any, tip: Callable[..., Any], ok: int, shown: str, result: str
+) -> None:
     case.station("a", tip(25_000, hz=1).lose(0, 25_000 - ok))
-    coverage = next(rule for rule in judge(case.evidence(), {"a": Limits(coverage_percent=99.5)}).rules if rule.name == "coverage")
+    coverage = next(
+        rule
+        for rule in judge(case.evidence(), {"a": Limits(coverage_percent=99.5)}).rules
+        if rule.name == "coverage"
+    )
     assert coverage.result == result
     assert shown in coverage.text
 
@@ -88,9 +111,15 @@ def test_coverage_is_never_rounded_up_to_its_limit(case: Any, tip: Callable[...,
 @pytest.mark.parametrize("batch", [16_384, 97])
 @pytest.mark.parametrize("sizes", [(3600.0,), (-3600.0,), (3600.0, -7200.0), (-0.8, 30.0), (2.0,)])
 def test_without_a_grid_a_stepped_clock_is_no_gap(
-    case: Any, tip: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, sizes: tuple[float, ...], batch: int
+    case: Any,
+    tip: Callable[..., Any],
+    monkeypatch: pytest.MonkeyPatch,
+    sizes: tuple[float, ...],
+    batch: int,
 ) -> None:
-    """Steps at 20 s and 40 s; at 30 s half a second is lost, which is a gap of 0.6 s between two readings."""
+    """Steps at 20 s and 40 s; at 30 s half a second is lost, which is a gap of 0.6 s between two
+    readings.
+    """
     monkeypatch.setattr("jbclog.analysis.verdict.samples.BATCH_ROWS", batch)
     facts = case.station("a", tip().lose(30, 0.5), tip().lose(30, 0.5))
     facts.period_s = None
@@ -109,7 +138,9 @@ def test_without_a_grid_a_stepped_clock_is_no_gap(
     assert gap(case, 2) == pytest.approx(0.6)
 
 
-def test_stations_are_measured_once_for_the_same_limit_and_rules(case: Any, tip: Callable[..., Any]) -> None:
+def test_stations_are_measured_once_for_the_same_limit_and_rules(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     for name in ("a", "b"):
         case.station(name, tip(1300).lose(601, 4).at(30, 2, 320, 700))
     facts = {one.name: one for one in case.stations}

@@ -21,14 +21,25 @@ def rule(judgement: Any, name: str, port: int | None = 1) -> Rule:
     return next(one for one in judgement.rules if one.name == name and one.port == port)
 
 
-def test_a_clean_run_is_accepted_and_every_rule_is_written_down(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_clean_run_is_accepted_and_every_rule_is_written_down(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     case.station("a", tip())
     case.setting("a", "confirmed")
     case.setting("a", "unchanged")
     judgement = judge(case.evidence(), {"a": ALL})
     assert judgement.verdict == "ACCEPT"
     names = [one.name for one in judgement.rules]
-    assert names == ["record", "station", "settings", "alarms", "coverage", "longest_gap", "idle_error", "idle_sd"]
+    assert names == [
+        "record",
+        "station",
+        "settings",
+        "alarms",
+        "coverage",
+        "longest_gap",
+        "idle_error",
+        "idle_sd",
+    ]
     assert rule(judgement, "coverage").observed == 100
     assert rule(judgement, "settings", None).observed == "2 of 2"
     assert all(one.text.endswith(".") for one in judgement.rules)
@@ -47,14 +58,18 @@ def test_a_clean_run_is_accepted_and_every_rule_is_written_down(case: Any, tip: 
 
 
 @pytest.mark.parametrize("acceptance", [{}, {"a": None}, {"a": Limits()}])
-def test_without_limits_nothing_is_judged(case: Any, tip: Callable[..., Any], acceptance: dict[str, Limits | None]) -> None:
+def test_without_limits_nothing_is_judged(
+    case: Any, tip: Callable[..., Any], acceptance: dict[str, Limits | None]
+) -> None:
     case.station("a", tip().lose(10, 40))
     judgement = judge(case.evidence(), acceptance)
     assert judgement.verdict == "NOT JUDGED"
     assert judgement.rules == ()
 
 
-def test_a_broken_limit_rejects_and_outweighs_missing_evidence(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_broken_limit_rejects_and_outweighs_missing_evidence(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     case.station("a", tip().lose(10, 6))
     case.exit_status = "lost"
     judgement = judge(case.evidence(), {"a": ALL})
@@ -76,7 +91,10 @@ def test_a_broken_limit_rejects_and_outweighs_missing_evidence(case: Any, tip: C
     ],
 )
 def test_truth_table(results: list[Result], verdict: Verdict) -> None:
-    assert verdict_of([Rule("x", None, None, None, None, "", result, "") for result in results]) is verdict
+    assert (
+        verdict_of([Rule("x", None, None, None, None, "", result, "") for result in results])
+        is verdict
+    )
 
 
 @pytest.mark.parametrize(
@@ -89,7 +107,9 @@ def test_truth_table(results: list[Result], verdict: Verdict) -> None:
         (None, "INCONCLUSIVE"),
     ],
 )
-def test_how_the_run_ended(case: Any, tip: Callable[..., Any], exit_status: str | None, verdict: str) -> None:
+def test_how_the_run_ended(
+    case: Any, tip: Callable[..., Any], exit_status: str | None, verdict: str
+) -> None:
     case.station("a", tip())
     case.exit_status = exit_status
     assert judge(case.evidence(), {"a": ALL}).verdict == verdict
@@ -106,12 +126,16 @@ def test_how_the_run_ended(case: Any, tip: Callable[..., Any], exit_status: str 
         ("running", "INCONCLUSIVE"),
     ],
 )
-def test_how_the_station_ended(case: Any, tip: Callable[..., Any], outcome: str, verdict: str) -> None:
+def test_how_the_station_ended(
+    case: Any, tip: Callable[..., Any], outcome: str, verdict: str
+) -> None:
     case.station("a", tip(), outcome=outcome)
     assert judge(case.evidence(), {"a": ALL}).verdict == verdict
 
 
-def test_the_rule_of_a_station_has_the_reason_of_its_end(case: Any, tip: Callable[..., Any]) -> None:
+def test_the_rule_of_a_station_has_the_reason_of_its_end(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     facts = case.station("a", tip(), outcome="gone")
     facts.reason = "a: no answer within 3 s"
     found = rule(judge(case.evidence(), {"a": ALL}), "station", None)
@@ -122,7 +146,8 @@ def test_the_rule_of_a_station_has_the_reason_of_its_end(case: Any, tip: Callabl
 
 
 @pytest.mark.parametrize(
-    ("outcome", "result"), [("gone", "missing"), ("refused", "missing"), ("running", "missing"), ("completed", "pass")]
+    ("outcome", "result"),
+    [("gone", "missing"), ("refused", "missing"), ("running", "missing"), ("completed", "pass")],
 )
 def test_a_station_never_reached_says_nothing_of_the_recipes_settings(
     case: Any, tip: Callable[..., Any], outcome: str, result: str
@@ -141,16 +166,26 @@ def test_a_record_that_lacks_something_is_inconclusive(case: Any, tip: Callable[
 
 @pytest.mark.parametrize(
     ("outcome", "result"),
-    [("mismatch", "fail"), ("refused", "fail"), ("unconfirmed", "missing"), ("unsupported", "deviation"), ("read", "pass")],
+    [
+        ("mismatch", "fail"),
+        ("refused", "fail"),
+        ("unconfirmed", "missing"),
+        ("unsupported", "deviation"),
+        ("read", "pass"),
+    ],
 )
-def test_settings_must_be_read_back(case: Any, tip: Callable[..., Any], outcome: str, result: str) -> None:
+def test_settings_must_be_read_back(
+    case: Any, tip: Callable[..., Any], outcome: str, result: str
+) -> None:
     case.station("a", tip())
     case.setting("a", "confirmed")
     case.setting("a", outcome)
     assert rule(judge(case.evidence(), {"a": ALL}), "settings", None).result == result
 
 
-def test_what_the_station_does_not_know_is_named_and_is_a_deviation(case: Any, tip: Callable[..., Any]) -> None:
+def test_what_the_station_does_not_know_is_named_and_is_a_deviation(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     case.station("a", tip())
     case.setting("a", "confirmed")
     for _port in (1, 2):
@@ -163,7 +198,9 @@ def test_what_the_station_does_not_know_is_named_and_is_a_deviation(case: Any, t
     assert "Every setting" not in settings.text
 
 
-def test_what_the_recipe_asks_of_other_families_is_no_deviation(case: Any, tip: Callable[..., Any]) -> None:
+def test_what_the_recipe_asks_of_other_families_is_no_deviation(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     case.station("a", tip())
     case.setting("a", "confirmed")
     case.setting("a", "unsupported", "feeder_length", None)
@@ -190,7 +227,9 @@ def test_a_run_without_tables_is_inconclusive(case: Any, tip: Callable[..., Any]
     assert judge(evidence, {"a": ALL}).verdict == "INCONCLUSIVE"
 
 
-def test_samples_that_disagree_with_the_ledger_are_no_evidence(case: Any, tip: Callable[..., Any]) -> None:
+def test_samples_that_disagree_with_the_ledger_are_no_evidence(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     case.station("a", tip())
     case.ledger["a"]["1"]["temperature_c"]["ok"] -= 1
     found = rule(judge(case.evidence(), {"a": ALL}), "coverage")
@@ -211,7 +250,9 @@ def test_counted_alarms(case: Any, tip: Callable[..., Any]) -> None:
     assert judge(case.evidence(), {"a": Limits(alarms_max=2)}).verdict == "ACCEPT"
 
 
-def test_flags_that_were_never_read_are_no_evidence_of_no_alarm(case: Any, tip: Callable[..., Any]) -> None:
+def test_flags_that_were_never_read_are_no_evidence_of_no_alarm(
+    case: Any, tip: Callable[..., Any]
+) -> None:
     case.station("a", tip())
     case.ledger["a"]["1"]["alarm_high"] = {"due": 30, "ok": 0, "timeout": 30}
     found = rule(judge(case.evidence(), {"a": ALL}), "alarms", None)
@@ -274,5 +315,8 @@ def test_only_what_is_asked_is_judged(case: Any, tip: Callable[..., Any]) -> Non
 
 
 def test_the_recorder_can_judge_without_pandas_and_matplotlib() -> None:
-    code = "import jbclog.analysis.verdict, sys; sys.exit(bool({'pandas', 'matplotlib', 'jinja2'} & set(sys.modules)))"
+    code = (
+        "import jbclog.analysis.verdict, sys; sys.exit(bool({'pandas', 'matplotlib', 'jinja2'} &"
+        " set(sys.modules)))"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -16,7 +16,19 @@ DAYS = Limits(verification_days=30)
 
 def check(state: str = "pass", days: float = 3.0, port: int = 1) -> TipCheck:
     return TipCheck(
-        "a", port, state, "Its own sentence.", "2026-11-18T08:00:00.000000Z", days, "T-17", "TC-7", 2.4, 15.0, 3.0, 1, "0"
+        "a",
+        port,
+        state,
+        "Its own sentence.",
+        "2026-11-18T08:00:00.000000Z",
+        days,
+        "T-17",
+        "TC-7",
+        2.4,
+        15.0,
+        3.0,
+        1,
+        "0",
     )
 
 
@@ -47,19 +59,27 @@ def test_only_one_that_passed_lately_is_good_enough(
 
 def test_who_does_not_ask_for_it_is_not_judged_by_it(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip())
-    judgement = judge(replace(case.evidence(), verifications=[check("fail")]), {"a": Limits(alarms_max=0, idle_error_c=15)})
+    judgement = judge(
+        replace(case.evidence(), verifications=[check("fail")]),
+        {"a": Limits(alarms_max=0, idle_error_c=15)},
+    )
     assert "verification" not in {rule.name for rule in judgement.rules}
 
 
 @pytest.mark.parametrize(
-    ("readback", "result"), [("3", "pass"), ("0", "missing"), ("-3", "missing"), (None, "pass"), ("?", "pass")]
+    ("readback", "result"),
+    [("3", "pass"), ("0", "missing"), ("-3", "missing"), (None, "pass"), ("?", "pass")],
 )
 def test_one_that_was_made_with_another_adjustment_says_nothing_of_the_run(
     case: Any, tip: Callable[..., Any], readback: str | None, result: str
 ) -> None:
     case.station("a", tip())
-    case.setting_rows.append({"station": "a", "port": 1, "setting": "adjust", "readback": readback, "outcome": "read"})
-    case.setting_rows.append({"station": "a", "port": 2, "setting": "adjust", "readback": "9", "outcome": "read"})
+    case.setting_rows.append(
+        {"station": "a", "port": 1, "setting": "adjust", "readback": readback, "outcome": "read"}
+    )
+    case.setting_rows.append(
+        {"station": "a", "port": 2, "setting": "adjust", "readback": "9", "outcome": "read"}
+    )
     judgement = judge(replace(case.evidence(), verifications=[check()]), {"a": DAYS})
     (rule,) = [one for one in judgement.rules if one.name == "verification"]
     assert rule.result == result

@@ -16,7 +16,8 @@ def see(monkeypatch: pytest.MonkeyPatch) -> See:
 
     def seen(bench: Bench) -> dict[str, Observation]:
         found: list[Observation] = []
-        survey.Survey(at_once=1, access=bench.access).all(wanted(bench), found.append)  # one clock for all of them
+        # one clock for all of them
+        survey.Survey(at_once=1, access=bench.access).all(wanted(bench), found.append)
         return {one.station: one for one in found}
 
     return seen

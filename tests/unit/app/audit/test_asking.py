@@ -15,14 +15,33 @@ ROBOT_OFF = "robot_mode = false"
 
 def test_everything_of_a_station_is_seen(bench: MakeBench, see: See) -> None:
     seen = see(bench(station_text("dde-1", "dde", sim=COUNTED)))["dde-1"]
-    assert (seen.audit, seen.line, seen.station, seen.seen, seen.why, seen.source) == (AUDIT, "hand", "dde-1", True, "", "wire")
+    assert (seen.audit, seen.line, seen.station, seen.seen, seen.why, seen.source) == (
+        AUDIT,
+        "hand",
+        "dde-1",
+        True,
+        "",
+        "wire",
+    )
     assert seen.identity is not None
-    assert (seen.identity.family, seen.identity.model, seen.identity.software) == ("dde", "DDE", "1.00a")
+    assert (seen.identity.family, seen.identity.model, seen.identity.software) == (
+        "dde",
+        "DDE",
+        "1.00a",
+    )
     assert len(seen.counts) == 14  # seven of each port
     assert {one.standing for one in seen.counts} == {Standing.OK}
-    assert [count(seen, name).value for name in ("plugged_h", "work_h", "sleep_cycles")] == [1234.0, 812.0, 99.0]
+    assert [count(seen, name).value for name in ("plugged_h", "work_h", "sleep_cycles")] == [
+        1234.0,
+        812.0,
+        99.0,
+    ]
     assert seen.tools == {1: "T245/T470/TR245/TR470", 2: "T245/T470/TR245/TR470"}
-    assert (seen.parameters["2.sleep_delay"], seen.parameters["1.adjust"], seen.parameters["maximum_temperature"]) == (
+    assert (
+        seen.parameters["2.sleep_delay"],
+        seen.parameters["1.adjust"],
+        seen.parameters["maximum_temperature"],
+    ) == (
         "5",
         "0",
         "500",
@@ -31,7 +50,9 @@ def test_everything_of_a_station_is_seen(bench: MakeBench, see: See) -> None:
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_no_family_is_written_to_or_asked_what_reading_clears(bench: MakeBench, see: See, family: str) -> None:
+def test_no_family_is_written_to_or_asked_what_reading_clears(
+    bench: MakeBench, see: See, family: str
+) -> None:
     made = bench(station_text("it", family))
     seen = see(made)["it"]
     assert (seen.seen, seen.why) == (True, "")
@@ -46,7 +67,14 @@ def test_each_count_is_asked_twice_and_no_more(bench: MakeBench, see: See) -> No
     made = bench(station_text("dde-1", "dde"))
     see(made)
     asked = made.wires["dde-1"].texts
-    assert [asked.count(text) for text in ("RSMN", "RSVR", "RCW1", "RCW2", "RSER", "RA12")] == [2, 2, 2, 2, 2, 2]
+    assert [asked.count(text) for text in ("RSMN", "RSVR", "RCW1", "RCW2", "RSER", "RA12")] == [
+        2,
+        2,
+        2,
+        2,
+        2,
+        2,
+    ]
 
 
 @pytest.mark.parametrize(
@@ -58,7 +86,12 @@ def test_each_count_is_asked_twice_and_no_more(bench: MakeBench, see: See) -> No
     ],
 )
 def test_two_of_at_most_three_reads_must_agree(
-    bench: MakeBench, see: See, said: tuple[str, ...], value: float | None, standing: Standing, values: tuple[float, ...]
+    bench: MakeBench,
+    see: See,
+    said: tuple[str, ...],
+    value: float | None,
+    standing: Standing,
+    values: tuple[float, ...],
 ) -> None:
     made = bench(station_text("dde-1", "dde", sim="[station.sim.counters]\nwork_hours = 101\n"))
     says(made, "dde-1", "CW1", *said)
@@ -88,7 +121,9 @@ def test_a_silent_station_costs_seconds_and_the_next_is_asked(bench: MakeBench, 
     assert moments[0] - begun < 5
 
 
-def test_a_counter_that_is_refused_is_unread_and_the_others_are_read(bench: MakeBench, see: See) -> None:
+def test_a_counter_that_is_refused_is_unread_and_the_others_are_read(
+    bench: MakeBench, see: See
+) -> None:
     refused = "[[station.sim.fault]]\nkind = 'nak'\ncommand = 'work_hours'\ncode = 4\n"
     seen = see(bench(station_text("dde-1", "dde", sim=refused)))["dde-1"]
     assert count(seen, "work_h") == Count(1, "work_h", "h", None, Standing.UNREAD, (), "nak4")
@@ -96,7 +131,9 @@ def test_a_counter_that_is_refused_is_unread_and_the_others_are_read(bench: Make
     assert seen.seen
 
 
-def test_a_station_that_falls_silent_meanwhile_keeps_what_it_said(bench: MakeBench, see: See) -> None:
+def test_a_station_that_falls_silent_meanwhile_keeps_what_it_said(
+    bench: MakeBench, see: See
+) -> None:
     falls_silent = "[[station.sim.fault]]\nkind = 'silence'\nat_s = 0.2\n"
     seen = see(bench(station_text("dde-1", "dde", sim=falls_silent)))["dde-1"]
     assert seen.seen
@@ -110,7 +147,8 @@ def test_a_station_that_falls_silent_meanwhile_keeps_what_it_said(bench: MakeBen
 
 def test_a_bad_wire_ends_in_time_and_says_so(bench: MakeBench, see: See) -> None:
     noisy = (
-        "[[station.sim.fault]]\nkind = 'flip'\nat_s = 0.2\nbits = 1\nevery = 2\n[[station.sim.fault]]\nkind = 'late'\nby_s = 1.2\n"
+        "[[station.sim.fault]]\nkind = 'flip'\nat_s = 0.2\nbits = 1\nevery ="
+        " 2\n[[station.sim.fault]]\nkind = 'late'\nby_s = 1.2\n"
     )
     made = bench(station_text("dde-1", "dde", sim=noisy))
     begun = made.clock.monotonic()
@@ -118,11 +156,16 @@ def test_a_bad_wire_ends_in_time_and_says_so(bench: MakeBench, see: See) -> None
     assert made.clock.monotonic() - begun < 60
 
 
-def test_what_answers_as_another_family_is_not_counted_as_this_station(bench: MakeBench, see: See) -> None:
+def test_what_answers_as_another_family_is_not_counted_as_this_station(
+    bench: MakeBench, see: See
+) -> None:
     made = bench(station_text("dde-1", "dde", sim="model = 'NAE'"))
     seen = see(made)["dde-1"]
     assert (seen.seen, seen.counts) == (False, ())
-    assert seen.why == "the line file says family dde, the station says model NAE; its counters were not read"
+    assert (
+        seen.why
+        == "the line file says family dde, the station says model NAE; its counters were not read"
+    )
     assert seen.identity is not None
     assert seen.identity.model == "NAE"
     assert set(made.wires["dde-1"].texts) == {"RSMN"}
@@ -140,7 +183,11 @@ def test_one_whose_family_is_to_be_learnt_is_learnt(bench: MakeBench, see: See) 
 
 def test_settings_that_a_job_changes_are_no_parameters(bench: MakeBench, see: See) -> None:
     seen = see(
-        bench(station_text("ale-1", "ale"), station_text("jtse-1", "jtse", sim="tool = 1"), station_text("omega-1", "omega"))
+        bench(
+            station_text("ale-1", "ale"),
+            station_text("jtse-1", "jtse", sim="tool = 1"),
+            station_text("omega-1", "omega"),
+        )
     )
     for one in seen.values():
         assert [name for name in one.parameters if "selected" in name or "status" in name] == []

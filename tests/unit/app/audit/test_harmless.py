@@ -19,7 +19,21 @@ def test_questions_go_out(text: str, address: int | None) -> None:
     assert harmless_for(None)(framed(text, None if address is None else 0, target))
 
 
-@pytest.mark.parametrize("text", ["RTA1", "RTA2", "RTA3", "RTA4", "WST100350", "WPS100000", "WRSP00000", "ATT100183", "H0101", ""])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "RTA1",
+        "RTA2",
+        "RTA3",
+        "RTA4",
+        "WST100350",
+        "WPS100000",
+        "WRSP00000",
+        "ATT100183",
+        "H0101",
+        "",
+    ],
+)
 @pytest.mark.parametrize("family", [DDE, None, FAMILIES["soldering"], FAMILIES["jtse"], OMEGA])
 def test_nothing_else_does(text: str, family: object) -> None:
     for frame in (framed(text, 0, 1), framed(text, None)):
@@ -27,5 +41,6 @@ def test_nothing_else_does(text: str, family: object) -> None:
 
 
 def test_omega_is_asked_what_it_tells_and_told_nothing() -> None:
-    assert harmless_for(OMEGA)(b"\x02A\x0341")  # manual 003, 11.3.1: the sum of one character is its code
+    # manual 003, 11.3.1: the sum of one character is its code
+    assert harmless_for(OMEGA)(b"\x02A\x0341")
     assert not harmless_for(OMEGA)(b"\x02H0065\x0313")

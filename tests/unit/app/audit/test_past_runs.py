@@ -1,4 +1,6 @@
-"""Errors that runs saw are counted once, whatever runs and audits there are; tips that were verified count as done."""
+"""Errors that runs saw are counted once, whatever runs and audits there are; tips that were
+verified count as done.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,10 @@ from jbclog.record.manifest import LineFile, Manifest, write_manifest
 from jbclog.record.seal import seal_rows
 
 NOW = datetime(2026, 11, 21, 6, 0, tzinfo=UTC)
-FACTS = [StationFacts(name, f"/dev/{name}", "dde", "DDE", "1", ports=[1], tools={}) for name in ("dde-1", "dde-2")]
+FACTS = [
+    StationFacts(name, f"/dev/{name}", "dde", "DDE", "1", ports=[1], tools={})
+    for name in ("dde-1", "dde-2")
+]
 PLACE = ("hall", "dde-1")
 
 
@@ -36,7 +41,12 @@ class Recorded:
     manifest: Manifest
     store: LiveStore
 
-    def say(self, *events: tuple[float, str], station: str = "dde-1", severity: Severity = Severity.ERROR) -> None:
+    def say(
+        self,
+        *events: tuple[float, str],
+        station: str = "dde-1",
+        severity: Severity = Severity.ERROR,
+    ) -> None:
         for hours, kind in events:
             time = int((NOW + timedelta(hours=hours)).timestamp() * 1e6)
             self.store.event(EventRow(time, kind, severity, "it happened", station, 1))
@@ -67,7 +77,9 @@ def _let_go() -> Iterator[None]:
 def run(out: Path, begin: float, line: str = "hall") -> Recorded:
     folder = out / f"{(NOW + timedelta(hours=begin)).strftime('%Y%m%dT%H%M%SZ')}-{line}-abcd"
     folder.mkdir(parents=True)
-    manifest = Manifest(folder.name, started=iso(begin), line=LineFile(line, "line.toml", "0" * 64), stations=FACTS)
+    manifest = Manifest(
+        folder.name, started=iso(begin), line=LineFile(line, "line.toml", "0" * 64), stations=FACTS
+    )
     write_manifest(folder, manifest)
     store = LiveStore(folder, seal_every_s=None)
     store.start()
@@ -77,7 +89,9 @@ def run(out: Path, begin: float, line: str = "hall") -> Recorded:
 
 def look(hours: float, source: str = "wire", **errors: object) -> Observation:
     told = Errors(**errors)  # type: ignore[arg-type]  # test helper
-    return Observation(iso(hours), iso(hours), *PLACE, "/dev/dde-1", True, source=source, errors=told)
+    return Observation(
+        iso(hours), iso(hours), *PLACE, "/dev/dde-1", True, source=source, errors=told
+    )
 
 
 @dataclass
@@ -116,7 +130,8 @@ def test_a_run_over_several_audits_counts_part_by_part(ledger: Ledger) -> None:
     one = run(ledger.out, -30)
     one.say((-29, "port.error"), (-20, "port.error"))
     assert ledger.audit(0) == {"port.error": 1}  # the first was before the look a day ago
-    one.say((-LAG.total_seconds() / 7200, "station.error"), (1, "port.error"))  # half the lag before the audit, told afterwards
+    # half the lag before the audit, told afterwards
+    one.say((-LAG.total_seconds() / 7200, "station.error"), (1, "port.error"))
     assert ledger.audit(24) == {"port.error": 1, "station.error": 1}
     assert ledger.audit(48) == {}
     one.say((49, "port.error"))
@@ -132,7 +147,9 @@ def test_runs_of_other_lines_and_of_before_are_none_of_it(ledger: Ledger) -> Non
     assert ledger.audit(0) is None
 
 
-def test_the_run_that_has_the_station_counts_once_whether_it_is_of_the_folder_or_not(ledger: Ledger) -> None:
+def test_the_run_that_has_the_station_counts_once_whether_it_is_of_the_folder_or_not(
+    ledger: Ledger,
+) -> None:
     one = run(ledger.out, -4)
     one.say((-3, "port.error"))
     assert ledger.audit(0, f"run:{one.folder}", events={"port.error": 1}) == {"port.error": 1}
@@ -150,7 +167,9 @@ def test_the_first_look_and_one_that_saw_nothing_count_nothing(ledger: Ledger) -
     assert past_runs(ledger.out, {PLACE: iso(-24)}, iso(1)).with_errors(unseen) == unseen
 
 
-def test_a_clock_set_back_counts_nothing_twice_and_one_that_was_years_ahead_does_not_blind(ledger: Ledger) -> None:
+def test_a_clock_set_back_counts_nothing_twice_and_one_that_was_years_ahead_does_not_blind(
+    ledger: Ledger,
+) -> None:
     one = run(ledger.out, -5)
     one.say((-4, "port.error"))
     assert ledger.audit(0) == {"port.error": 1}
@@ -166,7 +185,10 @@ def test_a_folder_that_is_not_there_leaves_its_errors_to_the_next_audit(ledger: 
     one = run(ledger.out, -5)
     one.say((-4, "port.error"))
     gone = past_runs(ledger.out / "gone", {PLACE: iso(-24)}, iso(0))
-    assert "no such folder; errors since the last audit are not counted now; the next audit counts them" in gone.trouble[0]
+    assert (
+        "no such folder; errors since the last audit are not counted now; the next audit counts"
+        " them" in gone.trouble[0]
+    )
     ledger.looks.append(gone.with_errors(look(0)))
     assert ledger.audit(1) == {"port.error": 1}
 

@@ -12,7 +12,15 @@ import pytest
 from jbclog.app.audit import survey
 from jbclog.app.audit.questions import SurveyTarget
 from jbclog.app.audit.records import observed_in
-from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, CounterRow, EventRow, SettingRow, Severity, StationFacts
+from jbclog.core.rows import (
+    COLUMN,
+    SAMPLE_COLUMNS,
+    CounterRow,
+    EventRow,
+    SettingRow,
+    Severity,
+    StationFacts,
+)
 from jbclog.core.serial_line import LineFormat
 from jbclog.maintenance.counter_totals.observed import Observation, Standing
 from jbclog.protocol.commands.family import FAMILIES
@@ -40,7 +48,15 @@ def counted(minutes: float, counter: str, value: float | None, raw: str = "") ->
 
 
 def sample(minutes: float, **columns: object) -> list[object]:
-    told = {"time": at(minutes), "tick": 1, "station": "ale-1", "port": 1, "quality": "ok", "late_us": 0, "scan_us": 1} | columns
+    told = {
+        "time": at(minutes),
+        "tick": 1,
+        "station": "ale-1",
+        "port": 1,
+        "quality": "ok",
+        "late_us": 0,
+        "scan_us": 1,
+    } | columns
     row: list[object] = [None] * len(SAMPLE_COLUMNS)
     for name, value in told.items():
         row[COLUMN[name]] = value
@@ -73,7 +89,9 @@ def seen(run: LiveStore) -> Callable[..., Observation]:
     return after
 
 
-def test_a_run_that_is_sealed_meanwhile_still_has_its_station(run: LiveStore, seen: Callable[..., Observation]) -> None:
+def test_a_run_that_is_sealed_meanwhile_still_has_its_station(
+    run: LiveStore, seen: Callable[..., Observation]
+) -> None:
     seen(counted(9, "work_h", 412.0, "00412"))
     write_manifest(run.folder, Manifest(run.folder.name, stations=[FACTS]))
     run.close()
@@ -83,9 +101,18 @@ def test_a_run_that_is_sealed_meanwhile_still_has_its_station(run: LiveStore, se
     assert count.value == 412.0
 
 
-def test_the_newest_readings_are_taken_with_their_time(run: LiveStore, seen: Callable[..., Observation]) -> None:
-    found = seen(counted(9, "work_h", 811), counted(1, "work_h", 812), counted(2, "dispensed_mm", 4.5))
-    assert (found.station, found.line, found.seen, found.source) == ("ale-7", "hall", True, f"run:{run.folder}")
+def test_the_newest_readings_are_taken_with_their_time(
+    run: LiveStore, seen: Callable[..., Observation]
+) -> None:
+    found = seen(
+        counted(9, "work_h", 811), counted(1, "work_h", 812), counted(2, "dispensed_mm", 4.5)
+    )
+    assert (found.station, found.line, found.seen, found.source) == (
+        "ale-7",
+        "hall",
+        True,
+        f"run:{run.folder}",
+    )
     assert [(one.counter, one.value, one.standing) for one in found.counts] == [
         ("work_h", 812.0, Standing.OK),
         ("dispensed_mm", 4.5, Standing.OK),
@@ -100,29 +127,55 @@ def test_the_newest_readings_are_taken_with_their_time(run: LiveStore, seen: Cal
     )
 
 
-def test_a_reading_that_failed_since_takes_nothing_from_the_one_before(seen: Callable[..., Observation]) -> None:
-    found = seen(counted(5, "work_h", 811), counted(1, "work_h", None, "<timeout>"), counted(1, "sleep_h", None, "<bcc>"))
+def test_a_reading_that_failed_since_takes_nothing_from_the_one_before(
+    seen: Callable[..., Observation],
+) -> None:
+    found = seen(
+        counted(5, "work_h", 811),
+        counted(1, "work_h", None, "<timeout>"),
+        counted(1, "sleep_h", None, "<bcc>"),
+    )
     assert count(found, "work_h").value == 811.0
-    assert (count(found, "sleep_h").standing, count(found, "sleep_h").why) == (Standing.UNREAD, "bcc")
+    assert (count(found, "sleep_h").standing, count(found, "sleep_h").why) == (
+        Standing.UNREAD,
+        "bcc",
+    )
 
 
-def test_what_is_older_than_an_hour_is_not_taken_for_now(run: LiveStore, seen: Callable[..., Observation]) -> None:
+def test_what_is_older_than_an_hour_is_not_taken_for_now(
+    run: LiveStore, seen: Callable[..., Observation]
+) -> None:
     found = seen(counted(61, "work_h", 811))
     assert (found.seen, found.counts) == (False, ())
-    assert found.why.startswith(f"the run {run.folder} holds this station and has read none of its counters within the last hour;")
+    assert found.why.startswith(
+        f"the run {run.folder} holds this station and has read none of its counters within the last"
+        " hour;"
+    )
 
 
-def test_a_station_that_the_run_has_not_asked_yet_is_left_alone(run: LiveStore, seen: Callable[..., Observation]) -> None:
+def test_a_station_that_the_run_has_not_asked_yet_is_left_alone(
+    run: LiveStore, seen: Callable[..., Observation]
+) -> None:
     run.facts(replace(FACTS, model=None))
     assert "has not asked it yet; it was not read. Audit again in a minute" in seen().why
     elsewhere = replace(WANTED, target=replace(WANTED.target, url="/dev/another"))
     assert "has not asked it yet" in seen(wanted=elsewhere).why
 
 
-def test_settings_errors_and_events_are_the_runs(run: LiveStore, seen: Callable[..., Observation]) -> None:
-    for setting, port, text in (("sleep_delay", 1, "5"), ("feeder_mode", None, "program"), ("selected_temperature", 1, "350")):
-        run.setting(SettingRow(at(50), "ale-1", port, None, setting, "", None, None, text, None, "read"))
-    run.setting(SettingRow(at(40), "ale-1", 1, None, "sleep_delay", "min", "7", "7", "7", None, "confirmed"))
+def test_settings_errors_and_events_are_the_runs(
+    run: LiveStore, seen: Callable[..., Observation]
+) -> None:
+    for setting, port, text in (
+        ("sleep_delay", 1, "5"),
+        ("feeder_mode", None, "program"),
+        ("selected_temperature", 1, "350"),
+    ):
+        run.setting(
+            SettingRow(at(50), "ale-1", port, None, setting, "", None, None, text, None, "read")
+        )
+    run.setting(
+        SettingRow(at(40), "ale-1", 1, None, "sleep_delay", "min", "7", "7", "7", None, "confirmed")
+    )
     run.sample(sample(3, port_error=1, station_error=1))  # no more "now"
     run.sample(sample(1, port_error=7, station_error=0))
     kinds = (("port.error", 30), ("port.error", 20), ("station.error", 10), ("port.error", 400))
@@ -139,12 +192,18 @@ def test_settings_errors_and_events_are_the_runs(run: LiveStore, seen: Callable[
 def test_a_record_that_cannot_be_read_is_said(tmp_path: Path) -> None:
     found = observed_in(tmp_path / "nothing", WANTED, NOW)
     assert not found.seen
-    assert found.why.startswith(f"the run {tmp_path / 'nothing'} holds it, and its record cannot be read: ")
+    assert found.why.startswith(
+        f"the run {tmp_path / 'nothing'} holds it, and its record cannot be read: "
+    )
 
 
-def test_what_goes_wrong_with_one_station_takes_no_other_with_it(bench: MakeBench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_goes_wrong_with_one_station_takes_no_other_with_it(
+    bench: MakeBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     made = bench(station_text("dde-1", "dde"), station_text("dde-2", "dde"))
-    monkeypatch.setattr(survey, "run_that_holds", lambda url: None if url.endswith("2") else {}["no"])
+    monkeypatch.setattr(
+        survey, "run_that_holds", lambda url: None if url.endswith("2") else {}["no"]
+    )
     found: list[Observation] = []
     survey.Survey(at_once=1, access=made.access).all(wanted(made), found.append)
     assert [one.seen for one in found] == [False, True]
@@ -154,7 +213,9 @@ def test_what_goes_wrong_with_one_station_takes_no_other_with_it(bench: MakeBenc
 def test_a_run_that_began_behind_a_server_of_ports_meanwhile_has_the_station(
     bench: MakeBench, monkeypatch: pytest.MonkeyPatch, run: LiveStore
 ) -> None:
-    """A server takes a second client, and no lock tells the two of each other: what was read beside a run is not believed."""
+    """A server takes a second client, and no lock tells the two of each other: what was read beside
+    a run is not believed.
+    """
     made = bench(station_text("ale-7", "ale"))
     url = "socket://127.0.0.1:4001"
     made._by_url[url] = made.wires["ale-7"]  # the same station, behind a server
@@ -162,6 +223,8 @@ def test_a_run_that_began_behind_a_server_of_ports_meanwhile_has_the_station(
     monkeypatch.setattr(survey, "run_that_holds", lambda _: next(looks))
     found: list[Observation] = []
     target = replace(made.target("ale-7"), url=url)
-    survey.Survey(at_once=1, access=made.access).all([SurveyTarget(AUDIT, "hall", target)], found.append)
+    survey.Survey(at_once=1, access=made.access).all(
+        [SurveyTarget(AUDIT, "hall", target)], found.append
+    )
     assert (found[0].seen, found[0].source) == (False, f"run:{run.folder}")
     assert made.wires["ale-7"].heard != []

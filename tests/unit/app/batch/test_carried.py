@@ -26,7 +26,8 @@ def papers(folder: Path, name: str, *kinds: str, ended: float | None = None) -> 
 def test_the_last_job_leaves_the_serial_that_ended_it(tmp_path: Path) -> None:
     first = papers(tmp_path, "a-1", "unit.begin", "unit.end", "unit.next", "run.end", ended=100.0)
     assert unread_serial([first]) == "S2"
-    second = papers(tmp_path, "b-1", "unit.begin", "unit.end", ended=200.0)  # which had it, and left none
+    # which had it, and left none
+    second = papers(tmp_path, "b-1", "unit.begin", "unit.end", ended=200.0)
     assert unread_serial([first, second]) is None
     still = papers(tmp_path, "c-1", "unit.next")
     assert unread_serial([first, still]) == "S2"

@@ -1,4 +1,6 @@
-"""When a job that waits for a time of day begins: around midnight, a time just past, and the two nights of summer time."""
+"""When a job that waits for a time of day begins: around midnight, a time just past, and the two
+nights of summer time.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +55,9 @@ def at(text: str) -> At:
 def begins(rome: Zone, wanted: str, started: str) -> str | None:
     """When a job at `wanted` (local) begins, in UTC, if its batch is started at `started` (UTC)."""
     moment = due_times([Turn("job", frozenset(), at=at(wanted))], utc(started), rome)["job"]
-    return None if moment is None else datetime.fromtimestamp(moment, UTC).strftime("%m-%d %H:%M:%S")
+    return (
+        None if moment is None else datetime.fromtimestamp(moment, UTC).strftime("%m-%d %H:%M:%S")
+    )
 
 
 @pytest.mark.parametrize(
@@ -73,7 +77,9 @@ def begins(rome: Zone, wanted: str, started: str) -> str | None:
         ("06:00:30", "2026-11-20 17:00", "11-21 05:00:30"),
     ],
 )
-def test_the_next_time_that_the_clock_shows_it(rome: Zone, wanted: str, started: str, utc_time: str | None) -> None:
+def test_the_next_time_that_the_clock_shows_it(
+    rome: Zone, wanted: str, started: str, utc_time: str | None
+) -> None:
     assert begins(rome, wanted, started) == utc_time
 
 
@@ -97,7 +103,9 @@ def test_the_next_time_that_the_clock_shows_it(rome: Zone, wanted: str, started:
         ("22:00", "2026-10-24 21:00", "10-25 21:00:00"),
     ],
 )
-def test_the_two_nights_of_summer_time(rome: Zone, wanted: str, started: str, utc_time: str) -> None:
+def test_the_two_nights_of_summer_time(
+    rome: Zone, wanted: str, started: str, utc_time: str
+) -> None:
     assert begins(rome, wanted, started) == utc_time
 
 
@@ -110,7 +118,10 @@ def test_jobs_behind_each_other_are_a_timetable_also_across_midnight(rome: Zone)
         Turn("second night", frozenset({"s1"}), at=at("02:00:00")),
     ]
     found = due_times(turns, utc("2026-11-20 23:30"), rome)  # 00:30 local
-    told = {name: datetime.fromtimestamp(moment or 0, UTC).strftime("%d %H:%M") for name, moment in found.items()}
+    told = {
+        name: datetime.fromtimestamp(moment or 0, UTC).strftime("%d %H:%M")
+        for name, moment in found.items()
+    }
     assert told == {
         "evening": "21 21:00",
         "night": "22 01:00",
@@ -120,7 +131,10 @@ def test_jobs_behind_each_other_are_a_timetable_also_across_midnight(rome: Zone)
     }
 
 
-@pytest.mark.parametrize("text", ["", "22", "24:00", "22:60", "2026-02-30 22:00", "22:00Z", "٢٢:٠٠", "10 pm", "2026-11-22"])
+@pytest.mark.parametrize(
+    "text",
+    ["", "22", "24:00", "22:60", "2026-02-30 22:00", "22:00Z", "٢٢:٠٠", "10 pm", "2026-11-22"],
+)
 def test_what_is_no_time(text: str) -> None:
     assert read_at(text) is None
 

@@ -1,4 +1,6 @@
-"""What came of a process that was told to end before its run began: the work of who told it, and no failure of the record."""
+"""What came of a process that was told to end before its run began: the work of who told it, and no
+failure of the record.
+"""
 
 from __future__ import annotations
 
@@ -37,16 +39,27 @@ def processes_with(folder: Path, process: subprocess.Popen[bytes]) -> SystemProc
     return processes
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)])
-def test_told_to_end_before_its_run_began(tmp_path: Path, number: signal.Signals, code: int) -> None:
-    processes = processes_with(tmp_path, subprocess.Popen([sys.executable, "-S", "-c", "import signal; signal.pause()"]))
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)]
+)
+def test_told_to_end_before_its_run_began(
+    tmp_path: Path, number: signal.Signals, code: int
+) -> None:
+    processes = processes_with(
+        tmp_path, subprocess.Popen([sys.executable, "-S", "-c", "import signal; signal.pause()"])
+    )
     assert processes.request_end("a", 1, number)
     text = f"{number.name} ended it before its run began; no station was touched"
     assert came(processes) == AttemptResult(State.HALF, code, text)
 
 
-def test_a_job_that_was_started_under_nohup_ends_with_a_batch_that_is_hung_up(tmp_path: Path) -> None:
-    deaf = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN); print(flush=True); signal.pause()"
+def test_a_job_that_was_started_under_nohup_ends_with_a_batch_that_is_hung_up(
+    tmp_path: Path,
+) -> None:
+    deaf = (
+        "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN); print(flush=True);"
+        " signal.pause()"
+    )
     with subprocess.Popen([sys.executable, "-S", "-c", deaf], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         process.stdout.readline()
@@ -56,22 +69,32 @@ def test_a_job_that_was_started_under_nohup_ends_with_a_batch_that_is_hung_up(tm
 
 
 def test_dead_by_itself_before_its_run_began(tmp_path: Path) -> None:
-    processes = processes_with(tmp_path, subprocess.Popen([sys.executable, "-S", "-c", "raise SystemExit(1)"]))
-    assert came(processes) == AttemptResult(State.FAILED, 4, "its process ended before its run began")
+    processes = processes_with(
+        tmp_path, subprocess.Popen([sys.executable, "-S", "-c", "raise SystemExit(1)"])
+    )
+    assert came(processes) == AttemptResult(
+        State.FAILED, 4, "its process ended before its run began"
+    )
 
 
 def cut_off(home: Path) -> tuple[JobDir, Path]:
-    """An attempt whose process died when its run had a folder and its papers did not name it yet; the run."""
+    """An attempt whose process died when its run had a folder and its papers did not name it yet;
+    the run.
+    """
     papers = JobDir(home / "night.batch" / "20261122T004342Z" / "jobs" / "a-1")
     run = few_rows.abandoned(home)
     order = tagged(JobSpec(Job(RunOptions(home / "line.toml"), run.parent, "a")), papers)
     os.close(papers.make(SPEC.dump_json(order)))
     assert order.job.wanted.metadata is not None
-    write_manifest(run, Manifest(run.name, metadata=Metadata(tags=dict(order.job.wanted.metadata.tags))))
+    write_manifest(
+        run, Manifest(run.name, metadata=Metadata(tags=dict(order.job.wanted.metadata.tags)))
+    )
     return papers, run
 
 
-def test_a_run_that_its_papers_do_not_name_yet_is_found_and_recorded_as_half_done(tmp_path: Path) -> None:
+def test_a_run_that_its_papers_do_not_name_yet_is_found_and_recorded_as_half_done(
+    tmp_path: Path,
+) -> None:
     papers, run = cut_off(tmp_path)
     came = result_of(papers)
     assert (came.state, came.run) == (State.HALF, run)
@@ -103,7 +126,11 @@ def test_what_somebody_else_recovered_is_half_done(tmp_path: Path) -> None:
     papers.set_run(run)
     recover(run)
     came = result_of(papers)
-    assert (came.state, came.exit_code, came.text) == (State.HALF, 4, "its process died while it ran")
+    assert (came.state, came.exit_code, came.text) == (
+        State.HALF,
+        4,
+        "its process died while it ran",
+    )
 
 
 @pytest.mark.parametrize("has_said", [True, False])
@@ -119,7 +146,9 @@ def test_what_somebody_else_recovered_is_half_done(tmp_path: Path) -> None:
         (143, State.HALF),
     ],
 )
-def test_only_what_ended_by_itself_and_well_is_done(tmp_path: Path, code: int, state: State, has_said: bool) -> None:
+def test_only_what_ended_by_itself_and_well_is_done(
+    tmp_path: Path, code: int, state: State, has_said: bool
+) -> None:
     papers, run = cut_off(tmp_path)
     papers.set_run(run)
     recover(run)

@@ -1,4 +1,6 @@
-"""Jobs files: everything that is wrong is told at once, with file, line and key; those that come with the project can be run."""
+"""Jobs files: everything that is wrong is told at once, with file, line and key; those that come
+with the project can be run.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,10 @@ from support.virtual.recorded_run import RecordedRun
 BATCHES = sorted((PROFILES / "batches").glob("*.toml"))
 RECIPES = PROFILES / "recipes"
 HEAD = f'[batch]\nline = "{BENCH}"\n'
-JOB = f'[[job]]\nname = "a"\nrecipe = "{RECIPES / "sac305-smd.toml"}"\nstations = ["dde-1"]\nduration = "15m"\nrate = "fit"\n'
+JOB = (
+    f'[[job]]\nname = "a"\nrecipe = "{RECIPES / "sac305-smd.toml"}"\nstations = ["dde-1"]\nduration'
+    ' = "15m"\nrate = "fit"\n'
+)
 
 
 def wrong(text: str) -> list[str]:
@@ -48,11 +53,16 @@ def test_everything_that_is_wrong_is_told_at_once() -> None:
     )
     assert wrong(text) == [
         "night.toml:3: batch.on_fail: unknown; did you mean on_failure?",
-        'night.toml:7: job[1].at: "25:00" is not allowed; a time of day such as "22:00", or a date with it such as '
-        '"2026-11-22 02:30"',
+        (
+            'night.toml:7: job[1].at: "25:00" is not allowed; a time of day such as "22:00", or a'
+            ' date with it such as "2026-11-22 02:30"'
+        ),
         'night.toml:8: job[1].families[1]: "dd" is unknown; did you mean dde?',
         'night.toml:9: job[1].after[2]: "zz" is unknown; allowed here: a, b',
-        "night.toml:10: job[2].units_from: missing; units are counted by their serials: name the reader's device or a pipe",
+        (
+            "night.toml:10: job[2].units_from: missing; units are counted by their serials: name"
+            " the reader's device or a pipe"
+        ),
         'night.toml:14: job[2].rate: 0 is not allowed; Hz up to 1000, "auto", "fit" or "max"',
         f"night.toml:15: job[3].duration: missing; {END_ALLOWED}",
         'night.toml:16: job[3].name: "b" is the name of two jobs, first in line 11',
@@ -63,13 +73,31 @@ def test_everything_that_is_wrong_is_told_at_once() -> None:
     ("lines", "told"),
     [
         (['units_frm = "x"'], "night.toml:6: job[1].units_frm: unknown; did you mean units_from?"),
-        (['stations = ["dde-1"]', 'families = ["dde"]'], "night.toml:7: job[1].families: stands beside stations; give one of"),
-        (['on_failure = "retry"'], 'night.toml:6: job[1].on_failure: "retry" is not allowed; one of stop, skip, continue'),
+        (
+            ['stations = ["dde-1"]', 'families = ["dde"]'],
+            "night.toml:7: job[1].families: stands beside stations; give one of",
+        ),
+        (
+            ['on_failure = "retry"'],
+            'night.toml:6: job[1].on_failure: "retry" is not allowed; one of stop, skip, continue',
+        ),
         (['after = ["a"]'], "night.toml:6: job[1].after: a waits for a: none of them could begin"),
         (['tags = { x = "" }'], 'night.toml:6: job[1].tags.x: "" is not allowed; names and texts'),
-        (['operator = "A\\u202eB"'], "night.toml:6: job[1].operator: holds the hidden or control character U+202E"),
-        (["units = 3", 'units_from = "/dev/null"', "joints = 3"], "night.toml:8: job[1].joints: stands beside units; give one end"),
-        (["stations = []"], "night.toml:6: job[1].stations: [] is not allowed; a list of stations of the line, by name"),
+        (
+            ['operator = "A\\u202eB"'],
+            "night.toml:6: job[1].operator: holds the hidden or control character U+202E",
+        ),
+        (
+            ["units = 3", 'units_from = "/dev/null"', "joints = 3"],
+            "night.toml:8: job[1].joints: stands beside units; give one end",
+        ),
+        (
+            ["stations = []"],
+            (
+                "night.toml:6: job[1].stations: [] is not allowed; a list of stations of the line,"
+                " by name"
+            ),
+        ),
     ],
 )
 def test_what_a_job_must_not_say(lines: list[str], told: str) -> None:
@@ -78,18 +106,28 @@ def test_what_a_job_must_not_say(lines: list[str], told: str) -> None:
 
 
 def test_jobs_in_a_circle_are_told_with_their_way() -> None:
-    text = HEAD + job('after = ["c"]') + job('after = ["a"]', name="b") + job('after = ["b"]', name="c")
+    text = (
+        HEAD
+        + job('after = ["c"]')
+        + job('after = ["a"]', name="b")
+        + job('after = ["b"]', name="c")
+    )
     (sentence,) = wrong(text)
-    assert sentence == "night.toml:6: job[1].after: a waits for c waits for b waits for a: none of them could begin"
+    assert (
+        sentence
+        == "night.toml:6: job[1].after: a waits for c waits for b waits for a: none of them could"
+        " begin"
+    )
 
 
 def test_another_file_is_told_to_be_none() -> None:
     assert wrong('[recipe]\nname = "x"') == [
-        "night.toml: this is no jobs file; one has [batch] with the line, and a [[job]] for each job"
+        "night.toml: this is no jobs file; one has [batch] with the line, and a [[job]] for"
+        " each job"
     ]
 
 
-# -- what only line and recipes tell -----------------------------------------------------------------------------------------
+# -- what only line and recipes tell ---------------------------------------------------------------
 
 
 def test_every_job_is_planned_before_the_first_begins() -> None:
@@ -102,13 +140,20 @@ def test_every_job_is_planned_before_the_first_begins() -> None:
     with pytest.raises(Problems) as raised:
         ordered(text)
     assert [str(problem) for problem in raised.value.problems] == [
-        '/nowhere/night.toml:12: job[2].stations[1]: "dde-7" is not on the line bench; it has dde-1, dde-2, ucr-1, ale-1',
+        (
+            '/nowhere/night.toml:12: job[2].stations[1]: "dde-7" is not on the line bench; it has'
+            " dde-1, dde-2, ucr-1, ale-1"
+        ),
         "/nowhere/night.toml:18: job[3].families: the line bench has no station of these families",
     ]
 
 
 def test_what_line_and_recipes_tell_is_told_at_once() -> None:
-    text = HEAD + JOB.replace("dde-1", "dde-7") + JOB.replace('"a"', '"b"').replace("sac305-smd", "none-such")
+    text = (
+        HEAD
+        + JOB.replace("dde-1", "dde-7")
+        + JOB.replace('"a"', '"b"').replace("sac305-smd", "none-such")
+    )
     with pytest.raises(Problems) as raised:
         ordered(text)
     first, second = map(str, raised.value.problems)
@@ -117,7 +162,11 @@ def test_what_line_and_recipes_tell_is_told_at_once() -> None:
 
 
 def test_a_recipe_that_does_not_fit_is_told_with_the_job_that_wants_it() -> None:
-    text = HEAD + JOB.replace("dde-1", "ucr-1") + JOB.replace('"a"', '"b"').replace("sac305-smd", "none-such")
+    text = (
+        HEAD
+        + JOB.replace("dde-1", "ucr-1")
+        + JOB.replace('"a"', '"b"').replace("sac305-smd", "none-such")
+    )
     with pytest.raises(Problems) as raised:
         ordered(text)
     first, second = map(str, raised.value.problems)
@@ -131,7 +180,10 @@ def test_a_recipe_that_does_not_fit_is_told_with_the_job_that_wants_it() -> None
 def test_a_recipe_that_is_wrong_is_told_once_however_many_jobs_have_it(tmp_path: Path) -> None:
     bad = tmp_path / "bad.toml"
     bad.write_text('[recipe]\nname = "x"\nrevision = 1\nfamilies = ["dde"]\n[sleep]\ndelay = 1\n')
-    text = HEAD + "".join(JOB.replace(str(RECIPES / "sac305-smd.toml"), str(bad)).replace('"a"', f'"{name}"') for name in "abc")
+    text = HEAD + "".join(
+        JOB.replace(str(RECIPES / "sac305-smd.toml"), str(bad)).replace('"a"', f'"{name}"')
+        for name in "abc"
+    )
     with pytest.raises(Problems) as raised:
         ordered(text)
     assert len(raised.value.problems) == 1
@@ -140,16 +192,26 @@ def test_a_recipe_that_is_wrong_is_told_once_however_many_jobs_have_it(tmp_path:
 def test_what_a_recipe_requires_is_asked_for_in_the_keys_of_the_file(tmp_path: Path) -> None:
     recipe = tmp_path / "strict.toml"
     required = 'required = ["operator", "order", "wire_lot", "unit", "tag.blade"]'
-    recipe.write_text(f'[recipe]\nname = "x"\nrevision = 1\nfamilies = ["dde"]\n[metadata]\n{required}\n')
+    recipe.write_text(
+        f'[recipe]\nname = "x"\nrevision = 1\nfamilies = ["dde"]\n[metadata]\n{required}\n'
+    )
     with pytest.raises(Problems) as raised:
         ordered(HEAD + JOB.replace(str(RECIPES / "sac305-smd.toml"), str(recipe)))
     (problem,) = raised.value.problems
     keys = 'operator = "…" order = "…" wire_lots = ["…"] serials = ["…"] tags = { blade = "…" }'
-    assert str(problem) == f"/nowhere/night.toml:3: job[1]: {recipe}:6: metadata.required: give {keys}"
+    assert (
+        str(problem) == f"/nowhere/night.toml:3: job[1]: {recipe}:6: metadata.required: give {keys}"
+    )
 
 
 def test_what_a_job_says_is_what_its_run_is_told() -> None:
-    lines = ['operator = "A. Rossi"', 'order = "7"', 'wire_lots = ["L1"]', 'tips = ["dde-1:2=T1"]', 'serials = ["S1"]']
+    lines = [
+        'operator = "A. Rossi"',
+        'order = "7"',
+        'wire_lots = ["L1"]',
+        'tips = ["dde-1:2=T1"]',
+        'serials = ["S1"]',
+    ]
     orders = ordered(HEAD + JOB + "\n".join([*lines, 'tags = { shift = "night" }', "wire = true"]))
     wanted = orders.specs["a"].job.wanted
     assert wanted.duration_s == 900
@@ -170,14 +232,23 @@ def test_what_a_job_says_is_what_its_run_is_told() -> None:
 
 @pytest.mark.parametrize("rate", ['"auto"', '"fit"', '"max"', "2", "2.5"])
 def test_what_a_job_is_told_comes_to_its_process_as_it_is(rate: str) -> None:
-    lines = ['operator = "Ä. Rossi"', 'tips = ["T1"]', 'tags = { shift = "night" }', "allow_omega_write = true"]
+    lines = [
+        'operator = "Ä. Rossi"',
+        'tips = ["T1"]',
+        'tags = { shift = "night" }',
+        "allow_omega_write = true",
+    ]
     order = ordered(HEAD + JOB.replace('"fit"', rate) + "\n".join(lines)).specs["a"]
     assert SPEC.validate_json(SPEC.dump_json(order)) == order
 
 
 def test_the_other_ends_of_a_run_and_the_reader_that_two_jobs_share() -> None:
     one = JOB.replace('duration = "15m"', 'units = 40\nunits_from = "/dev/null"')
-    two = JOB.replace('duration = "15m"', 'joints = 200\nunits_from = "/dev/null"').replace('"a"', '"b"').replace("dde-1", "dde-2")
+    two = (
+        JOB.replace('duration = "15m"', 'joints = 200\nunits_from = "/dev/null"')
+        .replace('"a"', '"b"')
+        .replace("dde-1", "dde-2")
+    )
     orders = ordered(HEAD + one + two)
     assert orders.specs["a"].job.wanted.until_units == 40
     assert orders.specs["b"].job.wanted.until_joints == 200
@@ -194,7 +265,10 @@ def test_a_duration_beside_units_or_joints_is_their_bound() -> None:
     ("end", "shown"),
     [
         ('duration = "15m"', "40 s of 15:00, 14:20 left"),
-        ('duration = "15m"\nunits = 9\nunits_from = "/dev/null"', "3 of 9 units, 40 s of 15:00, 14:20 left"),
+        (
+            'duration = "15m"\nunits = 9\nunits_from = "/dev/null"',
+            "3 of 9 units, 40 s of 15:00, 14:20 left",
+        ),
         ("joints = 200", "40 s, to 200 joints"),
     ],
 )
@@ -210,11 +284,13 @@ def test_joints_so_far_are_shown_once_they_are_counted() -> None:
 
 def test_a_reader_that_is_not_plugged_in_is_noted_before_the_first_job_begins() -> None:
     text = HEAD + JOB.replace('duration = "15m"', 'units = 40\nunits_from = "{}"')
-    assert "a: its reader /nowhere/reader is not connected yet" in ordered(text.format("reader")).notes
+    assert (
+        "a: its reader /nowhere/reader is not connected yet" in ordered(text.format("reader")).notes
+    )
     assert not [text for text in ordered(text.format("/dev/null")).notes if "reader" in text]
 
 
-# -- those that come with the project ------------------------------------------------------------------------------------------
+# -- those that come with the project --------------------------------------------------------------
 
 
 def of_profile(path: Path, tmp_path: Path) -> tuple[JobsFile, BatchPlan]:
@@ -223,8 +299,12 @@ def of_profile(path: Path, tmp_path: Path) -> tuple[JobsFile, BatchPlan]:
 
 
 @pytest.mark.parametrize("path", BATCHES, ids=lambda path: path.stem)
-def test_each_batch_of_the_profiles_runs_as_it_stands_where_it_says(path: Path, tmp_path: Path) -> None:
-    """Its line is the one that `jbclog sim` makes of the bench, below the folder that the profiles are in."""
+def test_each_batch_of_the_profiles_runs_as_it_stands_where_it_says(
+    path: Path, tmp_path: Path
+) -> None:
+    """Its line is the one that `jbclog sim` makes of the bench, below the folder that the profiles
+    are in.
+    """
     shutil.copytree(PROFILES, tmp_path / "profiles")
     (tmp_path / "virtual").mkdir()
     shutil.copy(BENCH, tmp_path / "virtual" / "line.toml")

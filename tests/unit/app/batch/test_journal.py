@@ -1,4 +1,6 @@
-"""A batch's journal on disk: cut off anywhere, changed anywhere, held by another, asked to go on with what is not the same."""
+"""A batch's journal on disk: cut off anywhere, changed anywhere, held by another, asked to go on
+with what is not the same.
+"""
 
 from __future__ import annotations
 
@@ -98,7 +100,7 @@ def interrupted(bench: Bench) -> Journal:
     return journal
 
 
-# -- what a crash leaves -------------------------------------------------------------------------------------------------------
+# -- what a crash leaves ---------------------------------------------------------------------------
 
 
 def entries(folder: Path) -> list[Entry]:
@@ -121,7 +123,14 @@ def changed(folder: Path, *statements: str) -> None:
 
 
 def test_a_log_cut_off_anywhere_keeps_what_was_written_before(tmp_path: Path) -> None:
-    kinds = (Entry("", EntryKind.BEGIN, ""), replace(START, kind=EntryKind.JOB), EXECUTION, START, END, FINISH)
+    kinds = (
+        Entry("", EntryKind.BEGIN, ""),
+        replace(START, kind=EntryKind.JOB),
+        EXECUTION,
+        START,
+        END,
+        FINISH,
+    )
     journal = begun(tmp_path, *kinds)
     log = journal.folder / f"{NAME}-wal"
     whole, found = log.read_bytes(), []
@@ -141,7 +150,9 @@ class Killed(BaseException):
     pass
 
 
-def test_killed_at_any_statement_an_entry_is_written_or_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_killed_at_any_statement_an_entry_is_written_or_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     whole = Database.execute
     for fatal in range(1, 20):
         home = tmp_path / str(fatal)
@@ -149,7 +160,9 @@ def test_killed_at_any_statement_an_entry_is_written_or_not(tmp_path: Path, monk
         journal = begun(home, EXECUTION)
         done: list[str] = []
 
-        def execute(db: Database, sql: str, values: Any = (), *, fatal: int = fatal, done: list[str] = done) -> sqlite3.Cursor:
+        def execute(
+            db: Database, sql: str, values: Any = (), *, fatal: int = fatal, done: list[str] = done
+        ) -> sqlite3.Cursor:
             done.append(sql)
             if len(done) == fatal:
                 db.interrupt()
@@ -164,7 +177,9 @@ def test_killed_at_any_statement_an_entry_is_written_or_not(tmp_path: Path, monk
         else:
             is_whole = True
         monkeypatch.setattr(Database, "execute", whole)
-        assert [entry.kind for entry in entries(journal.folder)] == ["sitting", "start"][: 1 + is_whole]
+        assert [entry.kind for entry in entries(journal.folder)] == ["sitting", "start"][
+            : 1 + is_whole
+        ]
         journal.note(END)  # its transaction was given up, and the next one is as good as ever
         assert entries(journal.folder)[-1].kind == "end"
         if is_whole:
@@ -206,7 +221,9 @@ def test_a_store_that_is_larger_than_any_batch_stops_everything(tmp_path: Path) 
     journal.store.close()
     with (journal.folder / NAME).open("r+b") as file:
         file.truncate((64 << 20) + 1)
-    with pytest.raises(RecordError, match=r"has 67108865 bytes; a batch's journal has at most 67108864"):
+    with pytest.raises(
+        RecordError, match=r"has 67108865 bytes; a batch's journal has at most 67108864"
+    ):
         newest(tmp_path, MEANS.utc)
 
 
@@ -217,11 +234,15 @@ def test_a_store_that_was_removed_takes_no_more_entries(tmp_path: Path) -> None:
         journal.note(START)
 
 
-def test_a_full_disk_takes_no_entry_and_the_next_one_follows_the_last_that_was_written(tmp_path: Path) -> None:
+def test_a_full_disk_takes_no_entry_and_the_next_one_follows_the_last_that_was_written(
+    tmp_path: Path,
+) -> None:
     journal = begun(tmp_path, EXECUTION)
     with journal.store.transaction() as db:
         db.execute("PRAGMA max_page_count = 1")  # as many as there are
-    with pytest.raises(RecordError, match=r"database or disk is full; no more jobs start\. Running jobs continue"):
+    with pytest.raises(
+        RecordError, match=r"database or disk is full; no more jobs start\. Running jobs continue"
+    ):
         journal.note(replace(START, text="x" * 20_000))
     assert [job.name for job in journal.state.running()] == []
     with journal.store.transaction() as db:
@@ -230,7 +251,9 @@ def test_a_full_disk_takes_no_entry_and_the_next_one_follows_the_last_that_was_w
     assert [entry.kind for entry in entries(journal.folder)] == ["sitting", "start"]
 
 
-def test_another_process_that_writes_is_waited_for_and_then_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_process_that_writes_is_waited_for_and_then_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(store, "BUSY_S", 0.05)
     journal = begun(tmp_path, EXECUTION)
     journal.store.close()
@@ -238,7 +261,8 @@ def test_another_process_that_writes_is_waited_for_and_then_named(tmp_path: Path
         other.execute("BEGIN IMMEDIATE")
         with pytest.raises(RecordError, match="database is locked"):
             journal.note(START)
-        assert [entry.kind for entry in entries(journal.folder)] == ["sitting"]  # readers do not wait
+        # readers do not wait
+        assert [entry.kind for entry in entries(journal.folder)] == ["sitting"]
         other.execute("ROLLBACK")
     journal.note(START)
 
@@ -250,14 +274,16 @@ def test_entries_that_are_missing_show_in_the_folders_of_the_jobs(bench: Bench, 
     (journal.folder / "jobs" / "a-1").mkdir(parents=True)
     assert newest(bench.home, MEANS.utc) is not None
     changed(journal.folder, f"DELETE FROM journal WHERE number > {left}")
-    with pytest.raises(RecordError, match=r"no entry for jobs/a-1.*entries are missing; nothing was started"):
+    with pytest.raises(
+        RecordError, match=r"no entry for jobs/a-1.*entries are missing; nothing was started"
+    ):
         newest(bench.home, MEANS.utc)
     (journal.folder / NAME).unlink()
     with pytest.raises(RecordError, match="start a new batch"):
         newest(bench.home, MEANS.utc)
 
 
-# -- batches of earlier releases -----------------------------------------------------------------------------------------------
+# -- batches of earlier releases -------------------------------------------------------------------
 
 
 def as_of_old(journal: Journal) -> Path:
@@ -269,7 +295,9 @@ def as_of_old(journal: Journal) -> Path:
     job = journal.folder / "jobs" / "a-1"
     job.mkdir(parents=True)
     (job / "job.json").write_text("{}")
-    (job / "said.json").write_text('{"exit_code": 2, "verdict": null, "findings": ["no such port"], "run": null}')
+    (job / "said.json").write_text(
+        '{"exit_code": 2, "verdict": null, "findings": ["no such port"], "run": null}'
+    )
     (job / "events.jsonl").write_text('[1, "unit.next", "info", "", "", null, null, "S7"]\n')
     return job
 
@@ -301,7 +329,9 @@ def test_a_finished_batch_of_an_earlier_release_counts(bench: Bench) -> None:
     assert bench.take().is_new
 
 
-def test_an_import_that_was_killed_is_done_again(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_import_that_was_killed_is_done_again(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
     journal = interrupted(bench)
     before = entries(journal.folder)
     as_of_old(journal)
@@ -327,7 +357,7 @@ def test_an_old_journal_that_was_changed_stops_everything(bench: Bench) -> None:
     assert "journal.jsonl: line" in bench.failure()
 
 
-# -- new or resumed ------------------------------------------------------------------------------------------------------------
+# -- new or resumed --------------------------------------------------------------------------------
 
 
 def test_a_batch_that_was_killed_before_it_began_is_none(bench: Bench) -> None:
@@ -336,7 +366,7 @@ def test_a_batch_that_was_killed_before_it_began_is_none(bench: Bench) -> None:
     assert bench.take().is_new
 
 
-# -- gone on with --------------------------------------------------------------------------------------------------------------
+# -- gone on with ----------------------------------------------------------------------------------
 
 
 def test_what_was_not_finished_is_gone_on_with_and_what_was_is_begun_anew(bench: Bench) -> None:
@@ -350,7 +380,10 @@ def test_what_was_not_finished_is_gone_on_with_and_what_was_is_begun_anew(bench:
 
 
 def test_there_is_nothing_to_resume_at_first(bench: Bench) -> None:
-    assert "no batch to resume, none has begun; leave out --resume to start a new one" in bench.problems(resume=True)
+    assert (
+        "no batch to resume, none has begun; leave out --resume to start a new one"
+        in bench.problems(resume=True)
+    )
 
 
 def test_what_will_be_done_is_told_for_each_job_and_nothing_is_done(bench: Bench) -> None:
@@ -366,12 +399,18 @@ def test_what_will_be_done_is_told_for_each_job_and_nothing_is_done(bench: Bench
     assert texts == ["was half done: it is done again, as a new run", "stays skipped"]
 
 
-def test_a_run_that_the_journal_has_is_not_forgotten_with_the_papers_of_its_job(bench: Bench) -> None:
+def test_a_run_that_the_journal_has_is_not_forgotten_with_the_papers_of_its_job(
+    bench: Bench,
+) -> None:
     journal = interrupted(bench)
     journal.note(Entry("", EntryKind.RUN, "a records into run-1.", "a", 1, run="run-1"))
     shift = bench.take(resume=True)
     text = next(text for _, text in shift.next_steps())
-    assert text == "was cut off by a crash: run-1 is recovered and recorded as half done, and the job is done again"
+    assert (
+        text
+        == "was cut off by a crash: run-1 is recovered and recorded as half done, and the job is"
+        " done again"
+    )
     assert result_of(JobDir(bench.out), recorded=bench.out / "run-1").run == bench.out / "run-1"
 
 
@@ -434,7 +473,9 @@ def test_what_still_runs_is_not_given_up(bench: Bench) -> None:
         os.close(descriptor)
 
 
-def test_a_file_of_the_same_name_from_elsewhere_is_another_batch(bench: Bench, tmp_path: Path) -> None:
+def test_a_file_of_the_same_name_from_elsewhere_is_another_batch(
+    bench: Bench, tmp_path: Path
+) -> None:
     interrupted(bench)
     (tmp_path / "other").mkdir()
     bench.file = Path(shutil.copy(bench.file, tmp_path / "other" / "night.toml"))
@@ -443,19 +484,28 @@ def test_a_file_of_the_same_name_from_elsewhere_is_another_batch(bench: Bench, t
 
 def test_a_date_that_is_over_is_told_before_anything_begins(bench: Bench) -> None:
     bench.change('name = "b"', 'name = "b"\nat = "2026-09-20 22:00"')
-    with pytest.raises(Problems, match=r'night.toml:11: job\[2\].at: "2026-09-20 22:00" has passed; give a later time, or none'):
+    with pytest.raises(
+        Problems,
+        match=(
+            r'night.toml:11: job\[2\].at: "2026-09-20 22:00" has passed; give a later time, or none'
+        ),
+    ):
         bench.take()
     assert newest(bench.home, MEANS.utc) is None
 
 
-# -- one at a time -------------------------------------------------------------------------------------------------------------
+# -- one at a time ---------------------------------------------------------------------------------
 
 
 def test_a_second_one_is_told_who_holds_it(bench: Bench, tmp_path: Path) -> None:
     with ExitStack() as stack:
         stack.enter_context(hold(bench.home, bench.file, "2026-09-21T14:13:20Z"))
-        assert f"process {os.getpid()} has been running it since 2026-09-21T14:13:20Z" in refused(bench.home, bench.file)
-        assert "another batch of this file runs with another --out" in refused(tmp_path / "elsewhere", bench.file)
+        assert f"process {os.getpid()} has been running it since 2026-09-21T14:13:20Z" in refused(
+            bench.home, bench.file
+        )
+        assert "another batch of this file runs with another --out" in refused(
+            tmp_path / "elsewhere", bench.file
+        )
     with hold(bench.home, bench.file, "now"):
         pass
 
@@ -478,5 +528,8 @@ except Exception as error:
 
 def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "runs").write_text("a file")
-    with pytest.raises(JbclogError, match="cannot be created or locked"), hold(tmp_path / "runs" / "x.batch", tmp_path, "now"):
+    with (
+        pytest.raises(JbclogError, match="cannot be created or locked"),
+        hold(tmp_path / "runs" / "x.batch", tmp_path, "now"),
+    ):
         pass

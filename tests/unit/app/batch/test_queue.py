@@ -1,4 +1,6 @@
-"""The queue and its journal, whatever ends how and whoever is killed when: pure, on a world of plain values."""
+"""The queue and its journal, whatever ends how and whoever is killed when: pure, on a world of
+plain values.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,13 @@ FINE = Fate()
 MOST_SITTINGS = 60
 
 
-def turn(name: str, *places: str, after: tuple[str, ...] = (), on_failure: OnFailure = CONTINUE, at: At | None = None) -> Turn:
+def turn(
+    name: str,
+    *places: str,
+    after: tuple[str, ...] = (),
+    on_failure: OnFailure = CONTINUE,
+    at: At | None = None,
+) -> Turn:
     return Turn(name, frozenset(places), after, on_failure, at)
 
 
@@ -37,7 +45,7 @@ def starts(of: World) -> list[str]:
     return [process.name for process in of.processes]
 
 
-# -- whose turn it is --------------------------------------------------------------------------------------------------------
+# -- whose turn it is ------------------------------------------------------------------------------
 
 
 def test_on_one_station_jobs_come_in_turn_and_on_different_ones_side_by_side() -> None:
@@ -74,18 +82,22 @@ def test_a_job_waits_for_its_time_and_holds_its_place() -> None:
     assert 0 <= bench.processes[1].began - (NIGHT + 2800) < 2
 
 
-# -- what a failure means ----------------------------------------------------------------------------------------------------
+# -- what a failure means --------------------------------------------------------------------------
 
 
 def test_stop_begins_nothing_more_and_lets_what_runs_run() -> None:
-    bench = world(turn("a", "s1", on_failure=STOP), turn("b", "s2"), turn("c", "s1"), a=Fate(3, 2.0))
+    bench = world(
+        turn("a", "s1", on_failure=STOP), turn("b", "s2"), turn("c", "s1"), a=Fate(3, 2.0)
+    )
     assert bench.executor().work() is Exit.STATION
     assert states(bench) == {"a": "failed", "b": "done", "c": "waiting"}
     assert bench.disk[-1].kind == EntryKind.CLOSE
 
 
 def test_started_again_a_line_that_was_stopped_does_what_stopped_it_and_the_rest() -> None:
-    bench = world(turn("a", "s1", on_failure=STOP), turn("b", "s2"), turn("c", "s1"), a=Fate(3, 2.0))
+    bench = world(
+        turn("a", "s1", on_failure=STOP), turn("b", "s2"), turn("c", "s1"), a=Fate(3, 2.0)
+    )
     bench.executor().work()
     assert bench.executor().work() is Exit.FINE
     assert starts(bench) == ["a", "b", "a", "c"]
@@ -102,7 +114,11 @@ def test_a_rejected_job_that_stopped_the_line_was_made_and_is_not_made_again() -
 
 def test_skip_leaves_out_what_waits_for_it_and_what_waits_for_that() -> None:
     bench = world(
-        turn("a", "s1", on_failure=SKIP), turn("b", "s1", after=("a",)), turn("c", "s1", after=("b",)), turn("d", "s1"), a=Fate(4)
+        turn("a", "s1", on_failure=SKIP),
+        turn("b", "s1", after=("a",)),
+        turn("c", "s1", after=("b",)),
+        turn("d", "s1"),
+        a=Fate(4),
     )
     assert bench.executor().work() is Exit.RECORD
     assert states(bench) == {"a": "failed", "b": "skipped", "c": "skipped", "d": "done"}
@@ -116,7 +132,8 @@ def test_continue_goes_on_as_if() -> None:
 
 
 @pytest.mark.parametrize(
-    ("ends", "code"), [((1, 3), 3), ((4, 3), 4), ((5, 4), 5), ((1, 0), 1), ((2, 0), 3), ((0, 0), 0), ((CRASH, 1), 4)]
+    ("ends", "code"),
+    [((1, 3), 3), ((4, 3), 4), ((5, 4), 5), ((1, 0), 1), ((2, 0), 3), ((0, 0), 0), ((CRASH, 1), 4)],
 )
 def test_the_exit_code_is_the_most_severe(ends: tuple[int | str, int | str], code: int) -> None:
     bench = world(turn("a", "s1"), turn("b", "s2"), a=Fate(ends[0]), b=Fate(ends[1]))
@@ -131,13 +148,17 @@ def test_what_this_machine_could_not_start_is_no_fault_of_a_station() -> None:
 
     bench.watch = full
     assert bench.executor().work() is Exit.RECORD
-    assert batch_state(bench.disk).jobs["a"].text == "it could not be started: No space left on device"
+    assert (
+        batch_state(bench.disk).jobs["a"].text == "it could not be started: No space left on device"
+    )
 
 
-# -- cut short ---------------------------------------------------------------------------------------------------------------
+# -- cut short -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 143)]
+)
 def test_a_signal_ends_what_runs_and_begins_nothing_more(number: signal.Signals, code: int) -> None:
     bench = world(turn("a", "s1"), turn("b", "s1"))
     executor = bench.executor()
@@ -169,7 +190,9 @@ def test_the_only_job_cut_short_is_left_to_be_gone_on_with(policy: OnFailure) ->
 @pytest.mark.parametrize("policy", OnFailure)
 @pytest.mark.parametrize("dies", [CRASH, STILLBORN])
 def test_what_died_while_nobody_looked_is_told_and_done_again(policy: OnFailure, dies: str) -> None:
-    bench = world(turn("a", "s1", on_failure=policy), turn("b", "s1", after=("a",)), a=Fate(dies, 30.0))
+    bench = world(
+        turn("a", "s1", on_failure=policy), turn("b", "s1", after=("a",)), a=Fate(dies, 30.0)
+    )
     bench.kill_at = 6  # when it runs
     with pytest.raises(Killed):
         bench.executor().work()
@@ -197,7 +220,7 @@ def test_a_worse_end_wins_over_the_signal() -> None:
     assert executor.work() is Exit.UNSAFE
 
 
-# -- whatever ends how, whoever is killed when ----------------------------------------------------------------------------------
+# -- whatever ends how, whoever is killed when -----------------------------------------------------
 
 NAMES = "abcdefg"
 PLACES = ("s1", "s2", "s3")
@@ -209,27 +232,52 @@ def queues(draw: st.DrawFn) -> list[Turn]:
     places = st.sets(st.sampled_from(PLACES), min_size=1).map(frozenset)
     found = []
     for name in names:
-        before = [one for one in names if one < name]  # so there is no circle, and names may stand before what they wait for
-        after = tuple(draw(st.lists(st.sampled_from(before), unique=True, max_size=2))) if before else ()
-        at = read_at(draw(st.sampled_from(["14:20", "23:59", "02:30"]))) if draw(st.integers(0, 5)) == 0 else None
+        # so there is no circle, and names may stand before what they wait for
+        before = [one for one in names if one < name]
+        after = (
+            tuple(draw(st.lists(st.sampled_from(before), unique=True, max_size=2)))
+            if before
+            else ()
+        )
+        at = (
+            read_at(draw(st.sampled_from(["14:20", "23:59", "02:30"])))
+            if draw(st.integers(0, 5)) == 0
+            else None
+        )
         found.append(Turn(name, draw(places), after, draw(st.sampled_from(OnFailure)), at))
     return found
 
 
-ENDS = st.builds(Fate, st.sampled_from([0, 0, 0, 1, 3, 4, 5, 143, CRASH, STILLBORN]), st.floats(0.5, 40.0))
+ENDS = st.builds(
+    Fate, st.sampled_from([0, 0, 0, 1, 3, 4, 5, 143, CRASH, STILLBORN]), st.floats(0.5, 40.0)
+)
 MEANWHILE = st.tuples(st.sampled_from(["nothing", "time", "power cut"]), st.floats(0.0, 60.0))
 
 
 @settings(deadline=None, max_examples=40)
-@given(queues(), st.lists(ENDS, min_size=30, max_size=30), st.lists(st.integers(1, 40), max_size=8), MEANWHILE, st.integers(0, 300))
+@given(
+    queues(),
+    st.lists(ENDS, min_size=30, max_size=30),
+    st.lists(st.integers(1, 40), max_size=8),
+    MEANWHILE,
+    st.integers(0, 300),
+)
 def test_each_job_comes_to_exactly_one_end_whatever_dies_when(
-    turns: list[Turn], ends: list[Fate], kills: list[int], meanwhile: tuple[str, float], signal_at: int
+    turns: list[Turn],
+    ends: list[Fate],
+    kills: list[int],
+    meanwhile: tuple[str, float],
+    signal_at: int,
 ) -> None:
     each_job_comes_to_one_end(turns, ends, kills, meanwhile, signal_at)
 
 
 def each_job_comes_to_one_end(
-    turns: list[Turn], ends: list[Fate], kills: list[int], meanwhile: tuple[str, float], signal_at: int
+    turns: list[Turn],
+    ends: list[Fate],
+    kills: list[int],
+    meanwhile: tuple[str, float],
+    signal_at: int,
 ) -> None:
     left = list(ends)
     bench = World(turns, lambda name, attempt: left.pop() if left else FINE)
@@ -256,15 +304,27 @@ def each_job_comes_to_one_end(
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @settings(deadline=None, max_examples=4000)
-@given(queues(), st.lists(ENDS, min_size=30, max_size=30), st.lists(st.integers(1, 40), max_size=8), MEANWHILE, st.integers(0, 300))
+@given(
+    queues(),
+    st.lists(ENDS, min_size=30, max_size=30),
+    st.lists(st.integers(1, 40), max_size=8),
+    MEANWHILE,
+    st.integers(0, 300),
+)
 def test_the_same_of_many_more(
-    turns: list[Turn], ends: list[Fate], kills: list[int], meanwhile: tuple[str, float], signal_at: int
+    turns: list[Turn],
+    ends: list[Fate],
+    kills: list[int],
+    meanwhile: tuple[str, float],
+    signal_at: int,
 ) -> None:
     each_job_comes_to_one_end(turns, ends, kills, meanwhile, signal_at)
 
 
 def expect_its_turn(bench: World, turns: list[Turn], name: str) -> None:
-    """A job begins when all that it comes after is over, when its time has come, and never on a line that was stopped."""
+    """A job begins when all that it comes after is over, when its time has come, and never on a
+    line that was stopped.
+    """
     state = batch_state(bench.disk)
     order = in_turn(turns)
     mine = next(one for one in order if one.name == name)
@@ -298,14 +358,24 @@ def expect_one_end_each(bench: World, turns: list[Turn]) -> None:
         for process in tried:
             recorded = told[process.attempt].state in RECORDED
             assert recorded == (process.comes_to in (0, 1))
-        assert (job.state is State.SKIPPED) == (one.name in {entry.job for entry in bench.disk if entry.kind == EntryKind.SKIP})
+        assert (job.state is State.SKIPPED) == (
+            one.name in {entry.job for entry in bench.disk if entry.kind == EntryKind.SKIP}
+        )
 
 
 @settings(deadline=None, max_examples=8)
 @given(queues(), st.lists(ENDS, min_size=30, max_size=30))
-def test_killed_at_each_step_in_turn_it_comes_to_the_same_as_undisturbed(turns: list[Turn], ends: list[Fate]) -> None:
-    """With jobs that go on meanwhile: what was done, skipped and failed is the same as if nobody had been killed."""
-    fates = {(name, number): ends[(NAMES.index(name) * 4 + number) % len(ends)] for name in NAMES for number in range(1, 40)}
+def test_killed_at_each_step_in_turn_it_comes_to_the_same_as_undisturbed(
+    turns: list[Turn], ends: list[Fate]
+) -> None:
+    """With jobs that go on meanwhile: what was done, skipped and failed is the same as if nobody
+    had been killed.
+    """
+    fates = {
+        (name, number): ends[(NAMES.index(name) * 4 + number) % len(ends)]
+        for name in NAMES
+        for number in range(1, 40)
+    }
     whole = World(turns, lambda name, attempt: fates[name, attempt])
     whole.executor().work()
     for kill_at in range(1, whole.steps + 1):
@@ -322,8 +392,16 @@ def test_killed_at_each_step_in_turn_it_comes_to_the_same_as_undisturbed(turns: 
 
 def assert_goes_on(bench: World, state: BatchState) -> None:
     for job in state.jobs.values():
-        assert not [process for process in bench.processes if process.name == job.name and process.ended is None]
-        recorded = [process for process in bench.processes if process.name == job.name and process.comes_to in (0, 1)]
+        assert not [
+            process
+            for process in bench.processes
+            if process.name == job.name and process.ended is None
+        ]
+        recorded = [
+            process
+            for process in bench.processes
+            if process.name == job.name and process.comes_to in (0, 1)
+        ]
         assert len(recorded) == (job.state in RECORDED)
     assert state.is_finished or state.stopped_by is not None
 

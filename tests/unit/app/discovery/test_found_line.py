@@ -14,7 +14,11 @@ from jbclog.session.discovery.found import PortReport, StationFound, Turnaround
 
 
 def report(url: str, family: str = "dde", **keys: object) -> PortReport:
-    values: dict[str, object] = {"address": 1, "tools": {1: "T245", 2: "T210"}, "turnaround": Turnaround(1.234, 2.0, 12, 12)}
+    values: dict[str, object] = {
+        "address": 1,
+        "tools": {1: "T245", 2: "T210"},
+        "turnaround": Turnaround(1.234, 2.0, 12, 12),
+    }
     values |= {"line": LineFormat(), "family": FAMILIES[family], "model": family.upper()} | keys
     return PortReport(url, StationFound(**values))  # type: ignore[arg-type]  # keys by name
 
@@ -29,11 +33,19 @@ def written(folder: Path, *reports: PortReport, name: str = "found.toml") -> lis
 def test_all_that_was_found_stands_in_it(tmp_path: Path) -> None:
     (one,) = written(tmp_path, report("/dev/ttyUSB0", line=LineFormat(9600, "8E1"), address=None))
     assert (one.name, one.url, one.family) == ("dde-1", "/dev/ttyUSB0", "dde")
-    assert (one.baudrate, one.format, one.address, one.ports, one.turnaround_ms) == (9600, "8E1", None, (1, 2), 1.3)
+    assert (one.baudrate, one.format, one.address, one.ports, one.turnaround_ms) == (
+        9600,
+        "8E1",
+        None,
+        (1, 2),
+        1.3,
+    )
 
 
 def test_every_station_has_a_name_of_its_own(tmp_path: Path) -> None:
-    found = written(tmp_path, report("/dev/a"), report("/dev/b", "ale", tools={1: "T245"}), report("/dev/c"))
+    found = written(
+        tmp_path, report("/dev/a"), report("/dev/b", "ale", tools={1: "T245"}), report("/dev/c")
+    )
     assert [one.name for one in found] == ["dde-1", "ale-1", "dde-2"]
 
 
@@ -48,12 +60,22 @@ def test_with_no_tool_anywhere_the_ports_that_answer_are_named(tmp_path: Path) -
 
 
 def test_an_omega(tmp_path: Path) -> None:
-    omega = report("/dev/a", "omega", line=LineFormat(9600), address=None, model=None, robot_mode=None, tools={})
+    omega = report(
+        "/dev/a",
+        "omega",
+        line=LineFormat(9600),
+        address=None,
+        model=None,
+        robot_mode=None,
+        tools={},
+    )
     (one,) = written(tmp_path, omega)
     assert (one.family, one.baudrate, one.address) == ("omega", 9600, None)
 
 
-def test_a_path_is_written_from_the_root_and_a_link_stays_a_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_path_is_written_from_the_root_and_a_link_stays_a_link(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "dde-1").symlink_to("/dev/null")
     (one,) = written(tmp_path, report("dde-1"))
@@ -71,7 +93,9 @@ def test_what_a_station_says_of_itself_cannot_spoil_the_file(tmp_path: Path, mod
     assert one.name == "dde-1"
 
 
-@pytest.mark.parametrize(("file", "name"), [("bench-3.toml", "bench-3"), ("a b.toml", "line"), ("-x.toml", "line")])
+@pytest.mark.parametrize(
+    ("file", "name"), [("bench-3.toml", "bench-3"), ("a b.toml", "line"), ("-x.toml", "line")]
+)
 def test_the_lines_name_is_the_files_where_it_can_be(tmp_path: Path, file: str, name: str) -> None:
     written(tmp_path, report("/dev/a"), name=file)
     assert load_line(tmp_path / file).name == name

@@ -40,7 +40,7 @@ def finding(looked: Looked | None) -> ScanFinding:
     return looked
 
 
-# -- disk -------------------------------------------------------------------------------------------------------------------
+# -- disk ------------------------------------------------------------------------------------------
 
 
 def test_a_folder_that_is_not_there_yet_is_fine_and_is_not_made(tmp_path: Path) -> None:
@@ -58,9 +58,16 @@ def test_a_file_in_the_way(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("number", "step"),
-    [(errno.EACCES, "sudo chown $USER"), (errno.EROFS, "--out DIR"), (errno.ENOSPC, "free space"), (errno.EIO, "--out DIR")],
+    [
+        (errno.EACCES, "sudo chown $USER"),
+        (errno.EROFS, "--out DIR"),
+        (errno.ENOSPC, "free space"),
+        (errno.EIO, "--out DIR"),
+    ],
 )
-def test_no_write_access(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, step: str) -> None:
+def test_no_write_access(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, step: str
+) -> None:
     def refuse(path: Path, data: bytes) -> None:
         raise OSError(number, os.strerror(number))
 
@@ -71,13 +78,15 @@ def test_no_write_access(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number
 
 
 def test_little_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda path: Usage(10**12, 10**12, 123_000_000))
+    monkeypatch.setattr(
+        doctor.shutil, "disk_usage", lambda path: Usage(10**12, 10**12, 123_000_000)
+    )
     (looked,) = look_at_folder(tmp_path)
     assert finding(looked).kind == "disk.space"
     assert "only 123 MB" in finding(looked).what
 
 
-# -- clock ------------------------------------------------------------------------------------------------------------------
+# -- clock -----------------------------------------------------------------------------------------
 
 
 def test_a_clock_that_is_kept() -> None:
@@ -85,7 +94,9 @@ def test_a_clock_that_is_kept() -> None:
     assert isinstance(look_at_clock(NOW, None), Fine)
 
 
-@pytest.mark.parametrize(("utc_s", "kept", "kind"), [(0.0, True, "clock.wrong"), (NOW, False, "clock.unkept")])
+@pytest.mark.parametrize(
+    ("utc_s", "kept", "kind"), [(0.0, True, "clock.wrong"), (NOW, False, "clock.unkept")]
+)
 def test_a_clock_that_is_not(utc_s: float, kept: bool, kind: str) -> None:
     looked = finding(look_at_clock(utc_s, kept))
     assert looked.kind == kind
@@ -96,7 +107,7 @@ def test_the_kernel_is_asked() -> None:
     assert clock_is_kept() in (True, False, None)
 
 
-# -- ports ------------------------------------------------------------------------------------------------------------------
+# -- ports -----------------------------------------------------------------------------------------
 
 
 def usb(device: Path) -> UsbPort:
@@ -106,20 +117,29 @@ def usb(device: Path) -> UsbPort:
 def test_a_port_that_is_free(tmp_path: Path) -> None:
     device = tmp_path / "ttyUSB0"
     device.touch()
-    assert look_at_usb_port(usb(device)) == Fine("port", "/dev/serial/by-id/usb-FTDI", "FT232R, free and allowed")
+    assert look_at_usb_port(usb(device)) == Fine(
+        "port", "/dev/serial/by-id/usb-FTDI", "FT232R, free and allowed"
+    )
 
 
-def test_a_port_that_this_user_may_not_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_that_this_user_may_not_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     device = tmp_path / "ttyUSB0"
     device.touch()
     monkeypatch.setattr(doctor.os, "access", lambda path, mode: False)
     monkeypatch.setattr(Path, "group", lambda path: "uucp")
     monkeypatch.setattr(doctor.getpass, "getuser", lambda: "rossi")
     looked = finding(look_at_usb_port(usb(device)))
-    assert (looked.kind, looked.step) == ("port.permission", "`sudo adduser rossi uucp`, then log in again")
+    assert (looked.kind, looked.step) == (
+        "port.permission",
+        "`sudo adduser rossi uucp`, then log in again",
+    )
 
 
-def test_a_port_that_somebody_else_has_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_port_that_somebody_else_has_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     device = tmp_path / "ttyUSB0"
     device.touch()
     monkeypatch.setattr(doctor, "locker_of", lambda url: os.getppid())
@@ -128,14 +148,25 @@ def test_a_port_that_somebody_else_has_open(tmp_path: Path, monkeypatch: pytest.
     assert f"process {os.getppid()}" in looked.what
 
 
-OPENS = "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print('open', flush=True); sys.stdin.read()"
-BOTH_ENDS = "import os, sys; far, near = os.openpty(); print(os.ttyname(near), flush=True); sys.stdin.read()"
+OPENS = (
+    "import os, sys; os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY); print('open', flush=True);"
+    " sys.stdin.read()"
+)
+BOTH_ENDS = (
+    "import os, sys; far, near = os.openpty(); print(os.ttyname(near), flush=True);"
+    " sys.stdin.read()"
+)
 
 
 @contextmanager
 def another_program(script: str, *words: str) -> Iterator[tuple[int, str]]:
     """A process that runs `script` meanwhile: its number and the first line that it says."""
-    with subprocess.Popen([sys.executable, "-c", script, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as one:
+    with subprocess.Popen(
+        [sys.executable, "-c", script, *words],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as one:
         assert one.stdout is not None
         try:
             yield one.pid, one.stdout.readline().strip()
@@ -160,7 +191,9 @@ def test_the_program_behind_a_pseudo_terminal_does_not_share_it() -> None:
 
 
 @pytest.mark.parametrize("group", ["root", "wheel", "audio"])
-def test_nobody_is_told_to_join_a_group_that_may_do_more(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str) -> None:
+def test_nobody_is_told_to_join_a_group_that_may_do_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str
+) -> None:
     monkeypatch.setattr(Path, "group", lambda path: group)
     monkeypatch.setattr(doctor.getpass, "getuser", lambda: "rossi")
     step = permission_step(tmp_path / "ttyUSB0")
@@ -170,14 +203,20 @@ def test_nobody_is_told_to_join_a_group_that_may_do_more(tmp_path: Path, monkeyp
 
 
 def test_a_run_that_holds_a_port_is_no_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "run_that_holds", lambda url: Path("runs/20261121T013000Z-bench-k7qd"))
+    monkeypatch.setattr(
+        doctor, "run_that_holds", lambda url: Path("runs/20261121T013000Z-bench-k7qd")
+    )
     looked = look_at_holder("dde-1", "/dev/ttyUSB0")
     assert isinstance(looked, Fine)
     assert "runs/20261121T013000Z-bench-k7qd" in looked.what
 
 
-@pytest.mark.parametrize(("held_ms", "is_slow"), [("16\n", True), ("1\n", False), ("nonsense", False)])
-def test_an_adapter_that_holds_answers_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held_ms: str, is_slow: bool) -> None:
+@pytest.mark.parametrize(
+    ("held_ms", "is_slow"), [("16\n", True), ("1\n", False), ("nonsense", False)]
+)
+def test_an_adapter_that_holds_answers_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, held_ms: str, is_slow: bool
+) -> None:
     timer = tmp_path / "latency_timer"
     timer.write_text(held_ms)
     monkeypatch.setattr(doctor, "latency_timer", lambda device: timer)

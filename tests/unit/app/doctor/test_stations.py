@@ -16,10 +16,18 @@ from support.oracles.printed_omega import PageOmega
 PLACE = Path("/place/line.toml")
 
 
-def looked_at(cable: Cable | None, family: str = "dde", keys: str = "", url: str = "/dev/far") -> list[Looked]:
+def looked_at(
+    cable: Cable | None, family: str = "dde", keys: str = "", url: str = "/dev/far"
+) -> list[Looked]:
     """What doctor says of one station that the line file describes so, with `cable` at its port."""
-    line = parse_line(f'[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "{url}"\nfamily = "{family}"\n{keys}\n', PLACE)
-    return look_at_stations(line, access=access_to({} if cable is None else {line.stations[0].url: cable}))
+    line = parse_line(
+        f'[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "{url}"\nfamily ='
+        f' "{family}"\n{keys}\n',
+        PLACE,
+    )
+    return look_at_stations(
+        line, access=access_to({} if cable is None else {line.stations[0].url: cable})
+    )
 
 
 def finding(looked: list[Looked]) -> ScanFinding:
@@ -33,12 +41,14 @@ def test_a_station_as_the_file_says() -> None:
     assert one == Fine(
         "station",
         "s-1",
-        "DDE answers at 19200 8N1, address 01 in 1.0 ms; port 1 T245/T470/TR245/TR470; port 2 T245/T470/TR245/TR470; "
-        "Robot mode is not known until the first write",
+        "DDE answers at 19200 8N1, address 01 in 1.0 ms; port 1 T245/T470/TR245/TR470; port 2"
+        " T245/T470/TR245/TR470; Robot mode is not known until the first write",
     )
 
 
-@pytest.mark.parametrize("keys", ['baudrate = 1200\nformat = "8O2"', "address = 44", "address = false"])
+@pytest.mark.parametrize(
+    "keys", ['baudrate = 1200\nformat = "8O2"', "address = 44", "address = false"]
+)
 def test_what_the_file_says_is_tried_first_and_found_at_once(keys: str) -> None:
     cable = station_cable("hde", keys)
     (one,) = looked_at(cable, "hde", keys)
@@ -59,12 +69,17 @@ def test_an_omega_that_knows_its_printed_page_only() -> None:
 
 
 def test_an_omega_that_the_file_calls_something_else() -> None:
-    one = finding(looked_at(station_cable("omega"), "soldering", "baudrate = 9600\naddress = false"))
+    one = finding(
+        looked_at(station_cable("omega"), "soldering", "baudrate = 9600\naddress = false")
+    )
     assert one.kind == "line.family"
     assert 'family = "omega"' in one.step
 
 
-@pytest.mark.parametrize(("real", "told"), [("9600 8N1", "19200 8N1"), ("19200 8E1", "19200 8N1"), ("19200 8N1", "115200 8E1")])
+@pytest.mark.parametrize(
+    ("real", "told"),
+    [("9600 8N1", "19200 8N1"), ("19200 8E1", "19200 8N1"), ("19200 8N1", "115200 8E1")],
+)
 def test_the_right_line_format_is_found_and_named(real: str, told: str) -> None:
     (rate, form), (told_rate, told_form) = real.split(), told.split()
     cable = station_cable("dde", f'baudrate = {rate}\nformat = "{form}"')
@@ -78,7 +93,8 @@ def test_the_right_line_format_is_found_and_named(real: str, told: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("real", "told", "value"), [("10", "1", "10"), ("1", "10", "1"), ("false", "1", "false"), ("1", "false", "1")]
+    ("real", "told", "value"),
+    [("10", "1", "10"), ("1", "10", "1"), ("false", "1", "false"), ("1", "false", "1")],
 )
 def test_the_right_address_is_found_and_named(real: str, told: str, value: str) -> None:
     one = finding(looked_at(station_cable("dde", f"address = {real}"), keys=f"address = {told}"))
@@ -153,7 +169,10 @@ def test_a_virtual_station_that_nobody_serves() -> None:
 
 
 def test_a_bad_link() -> None:
-    fault = '[[station.sim.fault]]\nkind = "silence"\ncommand = "station_error"\nat_s = 0.1\nonly = "read"'
+    fault = (
+        '[[station.sim.fault]]\nkind = "silence"\ncommand = "station_error"\nat_s = 0.1\nonly ='
+        ' "read"'
+    )
     found = looked_at(station_cable("dde", sim=fault))
     assert finding(found).kind == "line.noisy"
 

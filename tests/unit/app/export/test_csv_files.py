@@ -32,7 +32,9 @@ def read(folder: Path, table: str) -> list[dict[str, str]]:
 
 def test_pandas_reads_every_cell_of_the_samples(folder: Path, run: jbclog.Run) -> None:
     expected = run.samples()
-    found = pd.read_csv(folder / "samples.csv", parse_dates=["time"], dtype_backend="numpy_nullable")
+    found = pd.read_csv(
+        folder / "samples.csv", parse_dates=["time"], dtype_backend="numpy_nullable"
+    )
     assert list(found) == list(expected)
     assert (found["time"] == expected["time"]).all()
     for name in expected:
@@ -58,7 +60,10 @@ def test_what_was_not_read_is_empty_and_its_reason_stands_beside_it(folder: Path
 
 
 def test_duckdb_reads_times_as_the_moments_that_they_are(folder: Path, run: jbclog.Run) -> None:
-    query = f"SELECT epoch_us(start), dwell_s, unit FROM read_csv('{folder}/joints.csv', nullstr='') ORDER BY station, port, joint"
+    query = (
+        f"SELECT epoch_us(start), dwell_s, unit FROM read_csv('{folder}/joints.csv', nullstr='')"
+        " ORDER BY station, port, joint"
+    )
     found = duckdb.connect().execute(query).fetchall()
     joints = run.joints()
     assert [row[0] for row in found] == joints["start"].astype("int64").tolist()
@@ -79,20 +84,33 @@ def test_no_text_is_a_formula(folder: Path) -> None:
     assert all(text.startswith("'") for text in texts[: len(FORMULAS)])
 
 
-def test_the_metadata_name_the_run_its_fingerprint_and_the_units(folder: Path, run: jbclog.Run) -> None:
+def test_the_metadata_name_the_run_its_fingerprint_and_the_units(
+    folder: Path, run: jbclog.Run
+) -> None:
     found = json.loads((folder / csv_files.METADATA).read_text())
     facts = {one["schema:name"]: one["schema:value"] for one in found["schema:additionalProperty"]}
     assert facts["run"] == run.name
-    assert facts["fingerprint"] == manifest_sha256(run.folder)  # and not what a tag of this name says
+    # and not what a tag of this name says
+    assert facts["fingerprint"] == manifest_sha256(run.folder)
     assert facts["tag fingerprint"] == "forged"
     assert "released" in facts["note 1"]
     assert found["dc:title"] == f"exported by jbclog {jbclog.__version__} from run {run.name}"
-    columns = {one["url"]: {column["name"]: column for column in one["tableSchema"]["columns"]} for one in found["tables"]}
+    columns = {
+        one["url"]: {column["name"]: column for column in one["tableSchema"]["columns"]}
+        for one in found["tables"]
+    }
     assert columns["samples.csv"]["temperature_c"]["schema:unitText"] == "°C"
     assert columns["alarms.csv"]["peak_c"]["schema:unitText"] == "°C"
     assert columns["joints.csv"]["start"]["datatype"] == "dateTimeStamp"
 
 
 def test_only_the_tables_that_were_chosen(run: jbclog.Run, place: Path) -> None:
-    assert csv_files.write(Source(run, ["joints", "samples"], is_checked=True), place).keys() == {"samples", "joints"}
-    assert {path.name for path in place.iterdir()} == {"samples.csv", "joints.csv", csv_files.METADATA}
+    assert csv_files.write(Source(run, ["joints", "samples"], is_checked=True), place).keys() == {
+        "samples",
+        "joints",
+    }
+    assert {path.name for path in place.iterdir()} == {
+        "samples.csv",
+        "joints.csv",
+        csv_files.METADATA,
+    }

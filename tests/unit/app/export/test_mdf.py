@@ -1,8 +1,9 @@
 """MDF files as asammdf and mdfreader read them.
 
-mdfreader 4.3 reads the invalidation bits, but applies them wrongly: `apply_invalid_bit` takes the first bit for none, and the bit
-before for each other. The bits are decoded here from the bytes and positions that it reads. It cannot read a group with three bytes
-of them (17 to 24 channels), so it gets one with two.
+mdfreader 4.3 reads the invalidation bits, but applies them wrongly: `apply_invalid_bit` takes the
+first bit for none, and the bit before for each other. The bits are decoded here from the bytes and
+positions that it reads. It cannot read a group with three bytes of them (17 to 24 channels), so it
+gets one with two.
 """
 
 from __future__ import annotations
@@ -49,9 +50,16 @@ def test_a_group_for_each_port_and_table(file: MDF) -> None:
 
 
 @pytest.mark.parametrize("port", [1, 2])
-def test_asammdf_reads_values_invalidation_bits_units_and_times(file: MDF, run: jbclog.Run, port: int) -> None:
+def test_asammdf_reads_values_invalidation_bits_units_and_times(
+    file: MDF, run: jbclog.Run, port: int
+) -> None:
     expected, number = run.samples("dde-1", port), groups(file)[f"dde-1 port {port}"]
-    for name, unit in (("temperature_c", "°C"), ("power_permille", "‰"), ("set_c", "°C"), ("alarm_high", "")):
+    for name, unit in (
+        ("temperature_c", "°C"),
+        ("power_permille", "‰"),
+        ("set_c", "°C"),
+        ("alarm_high", ""),
+    ):
         found = file.get(name, group=number, ignore_invalidation_bits=True)
         assert found.unit == unit
         assert found.invalidation_bits.tolist() == expected[name].isna().tolist()
@@ -59,7 +67,10 @@ def test_asammdf_reads_values_invalidation_bits_units_and_times(file: MDF, run: 
         assert found.samples[is_known].tolist() == expected[name][is_known].astype(float).tolist()
         assert np.isnan(found.samples[~is_known]).all()  # for readers that ignore the bits
         assert found.timestamps == pytest.approx(expected["tick"].to_numpy() * 0.1)
-    assert file.get("temperature_c", group=number).samples.tolist() == expected["temperature_c"].dropna().astype(float).tolist()
+    assert (
+        file.get("temperature_c", group=number).samples.tolist()
+        == expected["temperature_c"].dropna().astype(float).tolist()
+    )
     utc = file.get("time_utc", group=number)
     assert utc.samples.tolist() == expected["time"].astype("int64").tolist()
 
@@ -75,7 +86,8 @@ def test_a_port_has_the_channels_that_its_family_fills(file: MDF) -> None:
     known, unknown = (file.groups[groups(file)[name]] for name in ("dde-1 port 1", "dde-2 port 1"))
     assert "alarm_low" in {channel.name for channel in known.channels}  # read with alarm_high
     assert "transistor_c" not in {channel.name for channel in known.channels}
-    assert "transistor_c" in {channel.name for channel in unknown.channels}  # an older record does not list them
+    # an older record does not list them
+    assert "transistor_c" in {channel.name for channel in unknown.channels}
 
 
 def test_the_header_names_the_run(file: MDF, run: jbclog.Run) -> None:
@@ -97,15 +109,22 @@ def test_mdfreader_reads_the_same(tmp_path: Path) -> None:
     assert read.get_channel_master("temperature_c") == "time"
     for name in ("temperature_c", "power_permille", "set_c", "alarm_high"):
         values = read.get_channel_data(name)
-        assert bits(read, name).tolist() == expected[name].isna().tolist() == np.isnan(values).tolist(), name
-        assert values[~bits(read, name)].tolist() == expected[name].dropna().astype(float).tolist(), name
+        assert (
+            bits(read, name).tolist() == expected[name].isna().tolist() == np.isnan(values).tolist()
+        ), name
+        assert (
+            values[~bits(read, name)].tolist() == expected[name].dropna().astype(float).tolist()
+        ), name
     assert bits(read, "status").tolist() == expected["status"].isna().tolist()
     assert read.get_channel_data("status").tolist() == expected["status"].fillna("-").tolist()
 
 
 def bits(read: mdfreader.Mdf, name: str) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """The invalidation bits of a channel."""
-    place, raw = read.get_invalid_bit(name) or 0, read.get_channel_data(read.get_invalid_channel(name))
+    place, raw = (
+        read.get_invalid_bit(name) or 0,
+        read.get_channel_data(read.get_invalid_channel(name)),
+    )
     return (raw[:, place // 8] >> place % 8 & 1).astype(bool)
 
 
@@ -130,6 +149,13 @@ def test_rows_written_in_many_stretches_are_the_same(
     with MDF(tmp_path / "cut.mf4") as again, MDF(path) as whole:
         for name, number in groups(again).items():
             for channel in ("time_utc", "temperature_c", "status", "quality", "reasons"):
-                two = [each.get(channel, group=groups(each)[name], ignore_invalidation_bits=True) for each in (again, whole)]
-                assert two[0].samples.astype(str).tolist() == two[1].samples.astype(str).tolist(), (name, channel, number)
+                two = [
+                    each.get(channel, group=groups(each)[name], ignore_invalidation_bits=True)
+                    for each in (again, whole)
+                ]
+                assert two[0].samples.astype(str).tolist() == two[1].samples.astype(str).tolist(), (
+                    name,
+                    channel,
+                    number,
+                )
                 assert two[0].timestamps.tolist() == two[1].timestamps.tolist()

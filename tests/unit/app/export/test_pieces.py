@@ -16,9 +16,15 @@ from jbclog.app.export.source import Source
 PIECES = 12
 
 
-@pytest.mark.parametrize(("write", "most"), [(csv_files.write, 2), (workbook.write, 2), (mdf.write, 5)])
+@pytest.mark.parametrize(
+    ("write", "most"), [(csv_files.write, 2), (workbook.write, 2), (mdf.write, 5)]
+)
 def test_few_pieces_of_a_table_are_in_memory_at_once(
-    run: jbclog.Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, write: Callable[[Source, Path], dict[str, int]], most: int
+    run: jbclog.Run,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    write: Callable[[Source, Path], dict[str, int]],
+    most: int,
 ) -> None:
     rows = next(run.groups("samples", list(run.samples().columns))).combine_chunks()
     made, peak = list[weakref.ref[pa.Table]](), 0

@@ -1,4 +1,6 @@
-"""Q-DAS files as aqdefreader reads them, in a process of its own: its import warns of what chardet deprecates."""
+"""Q-DAS files as aqdefreader reads them, in a process of its own: its import warns of what chardet
+deprecates.
+"""
 
 from __future__ import annotations
 
@@ -25,9 +27,13 @@ def read(path):
     file = read_dfq_file(path)
     part, found = file.get_part(0), []
     for one in part.get_characteristics():
-        values = [[m.value, m.attribute if m.attribute is not None else 0, str(m.datetime)] for m in one.get_measurements()]
+        values = [
+            [m.value, m.attribute if m.attribute is not None else 0, str(m.datetime)]
+            for m in one.get_measurements()
+        ]
         found.append([{key: one.get_data(key) for key in one.get_data_keys()}, values])
-    fields = {key: part.get_data(key) for key in ("K1001", "K1002", "K1053", "K1081", "K1342", "K1900")}
+    keys = ("K1001", "K1002", "K1053", "K1081", "K1342", "K1900")
+    fields = {key: part.get_data(key) for key in keys}
     return [file.part_count(), fields, found]
 
 with contextlib.redirect_stdout(sys.stderr):
@@ -50,7 +56,11 @@ def files(folder: Path) -> dict[str, Read]:
     command = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", READER, *map(str, paths)]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)
     return {
-        path.name: (parts, fields, {described["K2001"]: (described, values) for described, values in found})
+        path.name: (
+            parts,
+            fields,
+            {described["K2001"]: (described, values) for described, values in found},
+        )
         for path, (parts, fields, found) in zip(paths, json.loads(ended.stdout), strict=True)
     }
 
@@ -69,16 +79,28 @@ def test_aqdefreader_reads_each_joint_of_a_port(folder: Path, run: jbclog.Run) -
     assert (fields["K1002"], fields["K1342"]) == ("Joints of dde-1 port 2", "sn100c-tht revision 7")
     for name, (_, values) in found.items():
         is_known = expected[name].notna()  # the reader leaves out placeholders
-        assert [value for value, _, _ in values] == pytest.approx(expected[name][is_known].tolist(), abs=5e-4), name
-        assert [time for _, _, time in values] == expected["start"][is_known].dt.strftime("%Y-%m-%d %H:%M:%S").tolist()
+        assert [value for value, _, _ in values] == pytest.approx(
+            expected[name][is_known].tolist(), abs=5e-4
+        ), name
+        assert [time for _, _, time in values] == expected["start"][is_known].dt.strftime(
+            "%Y-%m-%d %H:%M:%S"
+        ).tolist()
 
 
-def test_what_is_not_known_is_a_placeholder_with_attribute_255_and_never_0(folder: Path, run: jbclog.Run) -> None:
+def test_what_is_not_known_is_a_placeholder_with_attribute_255_and_never_0(
+    folder: Path, run: jbclog.Run
+) -> None:
     joints = run.joints("dde-1")
     unknown = joints[joints["recovery_s"].isna() & (joints["port"] == 2)]
     assert len(unknown)
-    lines = [line for line in (folder / "dde-1-port2.dfq").read_text("utf-8-sig").splitlines() if qdas.BETWEEN_FIELDS in line]
-    cells = [line.split(qdas.BETWEEN_CHARACTERISTICS)[1].split(qdas.BETWEEN_FIELDS) for line in lines]
+    lines = [
+        line
+        for line in (folder / "dde-1-port2.dfq").read_text("utf-8-sig").splitlines()
+        if qdas.BETWEEN_FIELDS in line
+    ]
+    cells = [
+        line.split(qdas.BETWEEN_CHARACTERISTICS)[1].split(qdas.BETWEEN_FIELDS) for line in lines
+    ]
     assert sum(cell[:2] == ["-99999", "255"] for cell in cells) == len(unknown)
     assert not any(cell[0] in ("", "0", "0.000") for cell in cells)
 
@@ -86,8 +108,18 @@ def test_what_is_not_known_is_a_placeholder_with_attribute_255_and_never_0(folde
 def test_units_limits_and_decimals(folder: Path) -> None:
     _, _, found = read(folder / "dde-1-port1.dfq")
     recovery, deficit = found["recovery_s"][0], found["deficit_c"][0]
-    assert (recovery["K2142"], recovery["K2022"], recovery["K2009"], recovery["K2004"]) == ("s", 3, 800, 0)
-    assert (recovery["K2110"], recovery["K2120"], recovery["K2111"], recovery["K2121"]) == (0, 2, "2.5", 1)
+    assert (recovery["K2142"], recovery["K2022"], recovery["K2009"], recovery["K2004"]) == (
+        "s",
+        3,
+        800,
+        0,
+    )
+    assert (recovery["K2110"], recovery["K2120"], recovery["K2111"], recovery["K2121"]) == (
+        0,
+        2,
+        "2.5",
+        1,
+    )
     assert "95 of 100 joints" in str(recovery["K2900"])
     assert (deficit["K2120"], deficit["K2121"], deficit.get("K2110")) == (0, 0, None)
     assert found["dwell_s"][0]["K2121"] == 0
@@ -101,14 +133,18 @@ def test_heat_in_joules_needs_a_declared_power(folder: Path) -> None:
 
 def test_foreign_text_neither_begins_a_field_nor_separates_values(folder: Path) -> None:
     lines = (folder / "dde-1-port1.dfq").read_bytes().decode("utf-8-sig").split("\r\n")
-    assert [line for line in lines if line.startswith("K1001")] == ['K1001/1 Müller K0001/1 9?255?1,";']
+    assert [line for line in lines if line.startswith("K1001")] == [
+        'K1001/1 Müller K0001/1 9?255?1,";'
+    ]
     assert not any(line.startswith("K0001") for line in lines)
     serials = [line for line in lines if line.startswith("K0014")]
     assert set(serials) == {'K0014/0 Müller K0001/1 9?255?1,";'}
     assert 0 < len(serials) < sum(qdas.BETWEEN_FIELDS in line for line in lines)
 
 
-def test_the_remark_names_run_fingerprint_and_version_within_255_characters(folder: Path, run: jbclog.Run) -> None:
+def test_the_remark_names_run_fingerprint_and_version_within_255_characters(
+    folder: Path, run: jbclog.Run
+) -> None:
     _, fields, _ = read(folder / "dde-1-port1.dfq")
     assert fields["K1900"].startswith(f"run {run.name}; fingerprint ")
     assert f"jbclog {jbclog.__version__}, methods" in fields["K1900"]

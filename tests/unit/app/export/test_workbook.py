@@ -43,7 +43,9 @@ def test_every_cell_of_the_samples(read: dict[str, Cells], run: jbclog.Run) -> N
     expected["time"] = expected["time"].dt.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
     names, *rows = read["samples"]
     assert list(names) == list(expected)
-    assert rows == [*expected.astype(object).where(expected.notna(), None).itertuples(index=False, name=None)]
+    assert rows == [
+        *expected.astype(object).where(expected.notna(), None).itertuples(index=False, name=None)
+    ]
 
 
 def test_times_are_text_in_utc_and_numbers_and_flags_are_no_text(read: dict[str, Cells]) -> None:
@@ -61,11 +63,15 @@ def test_nothing_is_a_formula_or_a_link(path: Path, read: dict[str, Cells]) -> N
     assert b"<f>" not in written
     assert b"hyperlink" not in written
     place = read["events"][0].index("text")
-    assert [row[place] for row in read["events"][1 : len(FORMULAS) + 1]] == [csv_cell(text) for text in FORMULAS]
+    assert [row[place] for row in read["events"][1 : len(FORMULAS) + 1]] == [
+        csv_cell(text) for text in FORMULAS
+    ]
     assert ("operator", "'=HYPERLINK(1)") in [row[:2] for row in read["about"]]
 
 
-def test_the_first_sheet_has_facts_units_and_the_sheets_of_each_table(read: dict[str, Cells], run: jbclog.Run) -> None:
+def test_the_first_sheet_has_facts_units_and_the_sheets_of_each_table(
+    read: dict[str, Cells], run: jbclog.Run
+) -> None:
     assert [*read] == ["about", "samples", "events", "settings", "counters", "joints", "alarms"]
     rows = read["about"]
     assert rows[0][0] == f"exported by jbclog {jbclog.__version__} from run {run.name}"
@@ -80,7 +86,11 @@ def test_more_rows_than_a_sheet_holds_continue_on_further_sheets_which_is_stated
     monkeypatch.setattr(workbook, "MOST_ROWS", 701)
     rows = workbook.write(source, tmp_path / "run.xlsx")
     read = sheets(tmp_path / "run.xlsx")
-    assert [len(read[name]) - 1 for name in ("samples", "samples 2", "samples 3")] == [700, 700, 400]
+    assert [len(read[name]) - 1 for name in ("samples", "samples 2", "samples 3")] == [
+        700,
+        700,
+        400,
+    ]
     assert rows["samples"] == 1800
     assert read["samples"][0] == read["samples 2"][0] == read["samples 3"][0]
     ticks = [row[1] for name in ("samples", "samples 2", "samples 3") for row in read[name][1:]]

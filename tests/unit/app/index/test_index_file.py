@@ -1,4 +1,6 @@
-"""The index's file: what is damaged, foreign or locked has no entries, and is no error; where it may lie."""
+"""The index's file: what is damaged, foreign or locked has no entries, and is no error; where it
+may lie.
+"""
 
 from __future__ import annotations
 
@@ -35,11 +37,17 @@ def test_an_entry_is_that_of_its_key_and_stamp(tmp_path: Path) -> None:
     written(path)
     assert read(path) == b"data"
     assert read(path, stamp=b"t" * 16) is None
-    for key in ((b"q" * 16, "run", b"one"), (KEY[0], "idle_error_c", b"one"), (KEY[0], "run", b"two")):
+    for key in (
+        (b"q" * 16, "run", b"one"),
+        (KEY[0], "idle_error_c", b"one"),
+        (KEY[0], "run", b"two"),
+    ):
         assert read(path, key) is None
 
 
-def test_an_entry_of_another_version_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_entry_of_another_version_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     written(tmp_path / NAME)
     monkeypatch.setattr(index_file, "BY", b"jbclog 99")
     assert read(tmp_path / NAME) is None
@@ -91,8 +99,13 @@ FOREIGN: dict[str, Callable[[Path], object]] = {
     "a head alone": bytes_of(b"SQLite format 3\0" + bytes(84)),
     "another table": schema("CREATE TABLE other (x)"),
     "newer": schema(CREATE.replace("sum,", "sum, more,")),
-    "a view": schema("CREATE TABLE t (place, kind, run, stamp, data, sum)", "CREATE VIEW entries AS SELECT * FROM t"),
-    "a trigger": schema(CREATE, "CREATE TRIGGER t AFTER INSERT ON entries BEGIN DELETE FROM entries; END"),
+    "a view": schema(
+        "CREATE TABLE t (place, kind, run, stamp, data, sum)",
+        "CREATE VIEW entries AS SELECT * FROM t",
+    ),
+    "a trigger": schema(
+        CREATE, "CREATE TRIGGER t AFTER INSERT ON entries BEGIN DELETE FROM entries; END"
+    ),
     "a link": lambda path: (path.unlink(), path.symlink_to("/dev/zero")),
     "a pipe": lambda path: (path.unlink(), os.mkfifo(path)),
 }
@@ -156,19 +169,25 @@ def test_the_folder_is_the_users_own(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert cache_folder() is None
 
 
-def test_a_relative_path_in_the_environment_does_not_count(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_relative_path_in_the_environment_does_not_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "cache")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert cache_folder() == tmp_path / ".cache" / "jbclog"
 
 
 @pytest.mark.parametrize("home", ["/proc/self/nothing", "/dev/null"])
-def test_where_nothing_can_be_created_there_is_none(home: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_nothing_can_be_created_there_is_none(
+    home: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", home)
     assert cache_folder() is None
 
 
-def test_nothing_is_created_below_the_home_of_another_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_created_below_the_home_of_another_user(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / ".cache"))
     monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
     assert cache_folder() is None

@@ -1,4 +1,6 @@
-"""Runs found and measured through the index: the same answers as without it, whatever happens to the folder or to the index."""
+"""Runs found and measured through the index: the same answers as without it, whatever happens to
+the folder or to the index.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,13 @@ from jbclog.maintenance.suspect_runs import where_used
 from jbclog.record.annotations import append
 from jbclog.record.find_runs import ALL, Filter, Found, find
 from jbclog.record.manifest import NAME as MANIFEST
-from jbclog.record.manifest import Metadata, RunState, manifest_sha256, read_manifest, write_manifest
+from jbclog.record.manifest import (
+    Metadata,
+    RunState,
+    manifest_sha256,
+    read_manifest,
+    write_manifest,
+)
 from support.records import many_runs
 
 SINCE = datetime(2000, 1, 1, tzinfo=UTC)
@@ -46,7 +54,12 @@ FILTERS = (
     Filter(station="dde-1", tags={"shift": "2"}),
     Filter(verdict="REJECT"),
 )
-STRANGE = ('it\'s "a" run; DROP TABLE entries --', "line\nbreak", os.fsdecode(b"caf\xe9"), "%s?*[x]")
+STRANGE = (
+    'it\'s "a" run; DROP TABLE entries --',
+    "line\nbreak",
+    os.fsdecode(b"caf\xe9"),
+    "%s?*[x]",
+)
 A_TICK_S = 0.03  # longer than a file system's clock stands still
 
 
@@ -100,8 +113,13 @@ Answer = tuple[list[Any], Any, Any]
 def answer(home: Path, wanted: Filter, source: Any) -> Answer:
     """What the three commands print, from a source of runs."""
     runs = open_runs(home).through(source)
-    of_metric = [(one.station, one.port, one.points, one.changes, one.warnings) for one in trends(runs, "idle_error_c")]
-    used = where_used(home, "dde-1", since=SINCE, search=source.find) if any(home.iterdir()) else None
+    of_metric = [
+        (one.station, one.port, one.points, one.changes, one.warnings)
+        for one in trends(runs, "idle_error_c")
+    ]
+    used = (
+        where_used(home, "dde-1", since=SINCE, search=source.find) if any(home.iterdir()) else None
+    )
     return list(source.find(home, wanted)), (of_metric, runs.unreadable), used
 
 
@@ -116,7 +134,9 @@ def read_again(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     """The runs whose manifests are read from now on."""
     read: list[Path] = []
     whole = run_index.summary_of
-    monkeypatch.setattr(run_index, "summary_of", lambda folder, *more: read.append(folder) or whole(folder, *more))
+    monkeypatch.setattr(
+        run_index, "summary_of", lambda folder, *more: read.append(folder) or whole(folder, *more)
+    )
     return read
 
 
@@ -145,11 +165,15 @@ def test_metrics_are_measured_once(home: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(Records, "metrics", lambda *those: measured.append(those) or [])
     with run_index.run_index() as index:
         for metric in ("idle_error_c", "recovery_s"):  # the other one was kept, too
-            assert [len(one.points) for one in trends(open_runs(home).through(index), metric)] == [3]
+            assert [len(one.points) for one in trends(open_runs(home).through(index), metric)] == [
+                3
+            ]
     assert measured == []
 
 
-def test_what_was_written_just_now_is_read_again(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_was_written_just_now_is_read_again(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(run_index, "SETTLED_NS", int(3600 * 1e9))
     read = read_again(monkeypatch)
     assert indexed(home) == indexed(home)
@@ -161,7 +185,11 @@ def test_a_run_that_continues_or_was_cut_off_is_looked_at_each_time(home: Path) 
     write_manifest(run, replace(read_manifest(run), state=RunState.OPEN))
     lock = FolderLock.take(run)
     time.sleep(A_TICK_S)
-    assert [one.state for one in (*indexed(home), *indexed(home))] == ["sealed", "running", "sealed"] * 2
+    assert [one.state for one in (*indexed(home), *indexed(home))] == [
+        "sealed",
+        "running",
+        "sealed",
+    ] * 2
     expect_same(home)
     lock.remove()
     assert [one.state for one in indexed(home)] == ["sealed", "crashed", "sealed"]
@@ -205,14 +233,23 @@ def change(rng: random.Random, model: Path, home: Path, index: Path) -> str:
             index.write_bytes(data[: rng.choice((len(data), len(data) // 2))])
 
     ways: dict[str, Callable[[], object]] = {
-        "added": lambda: add(model, home, f"20261101T00{rng.randrange(10, 60)}{rng.randrange(10, 60)}Z-bench-aaaa", "88123"),
+        "added": lambda: add(
+            model,
+            home,
+            f"20261101T00{rng.randrange(10, 60)}{rng.randrange(10, 60)}Z-bench-aaaa",
+            "88123",
+        ),
         "strange": lambda: add(model, home, rng.choice(STRANGE), "5"),
         "removed": lambda: shutil.rmtree(one) if len(runs) > 2 else None,
-        "annotated": lambda: append(one, who="a", what=f"SN-{rng.randrange(9)}", why="late", kind="unit.late"),
+        "annotated": lambda: append(
+            one, who="a", what=f"SN-{rng.randrange(9)}", why="late", kind="unit.late"
+        ),
         "amended": lambda: amend(one, str(rng.choice((88123, 88124)))),
         "manifest damaged": lambda: damaged(manifest),
         "manifest cut": lambda: manifest.write_bytes(manifest.read_bytes()[: rng.randrange(2000)]),
-        "manifest of another run in its place": lambda: in_place(manifest, (other / MANIFEST).read_bytes()),
+        "manifest of another run in its place": lambda: in_place(
+            manifest, (other / MANIFEST).read_bytes()
+        ),
         "manifest gone": lambda: manifest.unlink(missing_ok=True),
         "exchanged": exchanged,
         "samples damaged": lambda: damaged(one / "samples" / "part-0000.parquet"),
@@ -230,7 +267,9 @@ def change(rng: random.Random, model: Path, home: Path, index: Path) -> str:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_with_and_without_the_index_the_answers_are_the_same(seed: int, home: Path, model: Path, tmp_path: Path) -> None:
+def test_with_and_without_the_index_the_answers_are_the_same(
+    seed: int, home: Path, model: Path, tmp_path: Path
+) -> None:
     rng, done = random.Random(seed), list[str]()
     expect_same(home)
     for _ in range(CHANGES):
@@ -248,18 +287,25 @@ def test_where_used_reads_again_what_it_names(home: Path) -> None:
     with run_index.run_index() as index:
         first = next(one for one in index.find(home) if isinstance(one, Found))
         forged = replace(first, order="forged", units=("forged",))
-        values = attrgetter(*(name for name in Found.__dataclass_fields__ if name != "folder"))(forged)
+        values = attrgetter(*(name for name in Found.__dataclass_fields__ if name != "folder"))(
+            forged
+        )
         stamp = run_index._look(
-            [str(first.folder / MANIFEST), str(first.folder / "annotations.jsonl")], len(str(first.folder))
+            [str(first.folder / MANIFEST), str(first.folder / "annotations.jsonl")],
+            len(str(first.folder)),
         ).stamp
         place, name = index._place(home), os.fsencode(first.folder.name)
         index._file.put(place, FOUND, name, stamp, msgspec.msgpack.encode(values))
     with run_index.run_index() as index:
         assert next(iter(index.find(home))) == forged  # as good as the index can be forged
-        assert where_used(home, "dde-1", since=SINCE, search=index.find) == where_used(home, "dde-1", since=SINCE)
+        assert where_used(home, "dde-1", since=SINCE, search=index.find) == where_used(
+            home, "dde-1", since=SINCE
+        )
 
 
-def test_entries_of_another_folder_are_none_of_this_one(home: Path, tmp_path: Path, model: Path) -> None:
+def test_entries_of_another_folder_are_none_of_this_one(
+    home: Path, tmp_path: Path, model: Path
+) -> None:
     indexed(home)
     other = tmp_path / "other"
     shutil.copytree(home, other)
@@ -270,8 +316,13 @@ def test_entries_of_another_folder_are_none_of_this_one(home: Path, tmp_path: Pa
         places = [place for (place,) in database.execute("SELECT DISTINCT place FROM entries")]
         assert len(places) == 2
         for one, two in (places, places[::-1]):
-            rows = database.execute("SELECT kind, run, stamp, data, sum FROM entries WHERE place = ?", (one,)).fetchall()
-            database.executemany("INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?, ?, ?)", [(two, *row) for row in rows])
+            rows = database.execute(
+                "SELECT kind, run, stamp, data, sum FROM entries WHERE place = ?", (one,)
+            ).fetchall()
+            database.executemany(
+                "INSERT OR REPLACE INTO entries VALUES (?, ?, ?, ?, ?, ?)",
+                [(two, *row) for row in rows],
+            )
     expect_same(home)
     expect_same(other)
 
@@ -285,7 +336,12 @@ def test_runs_that_are_gone_leave_the_index(home: Path, tmp_path: Path) -> None:
 
 
 def test_the_commands_print_the_same(home: Path, tmp_path: Path) -> None:
-    for words in (["runs", str(home)], ["runs", str(home), "--json"], ["trend", str(home)], ["where-used", str(home), *USED]):
+    for words in (
+        ["runs", str(home)],
+        ["runs", str(home), "--json"],
+        ["trend", str(home)],
+        ["where-used", str(home), *USED],
+    ):
         direct = CliRunner().invoke(app, [*words, "--no-cache"])
         assert direct.exit_code == 0, direct.output
         for _ in range(2):
@@ -312,12 +368,19 @@ for _ in range(40):
 
 def test_two_programs_write_at_once(home: Path) -> None:
     time.sleep(A_TICK_S)
-    both = [subprocess.Popen([sys.executable, "-c", BESIDE, str(home)], stderr=subprocess.PIPE, text=True) for _ in range(2)]
+    both = [
+        subprocess.Popen(
+            [sys.executable, "-c", BESIDE, str(home)], stderr=subprocess.PIPE, text=True
+        )
+        for _ in range(2)
+    ]
     assert [(one.communicate(timeout=120)[1], one.returncode) for one in both] == [("", 0)] * 2
     expect_same(home)
 
 
-def test_a_program_that_writes_for_long_blocks_nobody(home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_program_that_writes_for_long_blocks_nobody(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(index_file, "BUSY_S", 0.05)
     expect_same(home)
     with sqlite3.connect(index_path(tmp_path), isolation_level=None) as database:

@@ -1,4 +1,6 @@
-"""Runs are published whole, once, and anew where annotations were added; what is not a whole sealed run is refused."""
+"""Runs are published whole, once, and anew where annotations were added; what is not a whole sealed
+run is refused.
+"""
 
 from __future__ import annotations
 
@@ -85,10 +87,15 @@ def test_every_cell_comes_back(folder: Path, filled: Place, table: str) -> None:
 
 def test_units_and_time_zones_are_in_the_schema(filled: Place) -> None:
     schema = DeltaTable(filled.of("samples")).to_pyarrow_dataset().schema
-    assert schema.field("temperature_c").metadata == {b"unit": "°C".encode(), b"command": b"R-TTx R-ATx"}
+    assert schema.field("temperature_c").metadata == {
+        b"unit": "°C".encode(),
+        b"command": b"R-TTx R-ATx",
+    }
     assert schema.field("time").type == pa.timestamp("us", tz="UTC")
     assert schema.field("scan_us").metadata == {b"unit": "µs".encode()}
-    assert DeltaTable(filled.of("alarms")).to_pyarrow_dataset().schema.field("peak_c").metadata == {b"unit": "°C".encode()}
+    assert DeltaTable(filled.of("alarms")).to_pyarrow_dataset().schema.field("peak_c").metadata == {
+        b"unit": "°C".encode()
+    }
 
 
 def test_each_table_is_partitioned_by_line_and_month(filled: Place) -> None:
@@ -98,7 +105,9 @@ def test_each_table_is_partitioned_by_line_and_month(filled: Place) -> None:
         assert table.partitions() in ([], [{"line": "bench", "month": "2026-09"}])
 
 
-def test_publishing_again_changes_nothing(folder: Path, place: Place, publishing: Publisher) -> None:
+def test_publishing_again_changes_nothing(
+    folder: Path, place: Place, publishing: Publisher
+) -> None:
     before = versions(place)
     for _ in range(2):
         assert publishing.publish(folder).result is Result.THERE
@@ -109,7 +118,9 @@ def test_a_renamed_copy_is_the_same_run(own: Path, place: Place, publishing: Pub
     assert publishing.publish(own.rename(own.parent / "renamed")).result is Result.THERE
 
 
-def test_an_annotated_run_is_a_new_version_and_its_record_is_not_copied(own: Path, place: Place, publishing: Publisher) -> None:
+def test_an_annotated_run_is_a_new_version_and_its_record_is_not_copied(
+    own: Path, place: Place, publishing: Publisher
+) -> None:
     before = rows(place)
     says(own, "SN-LATE", annotations.LATE)
     done = publishing.publish(own)
@@ -120,11 +131,14 @@ def test_an_annotated_run_is_a_new_version_and_its_record_is_not_copied(own: Pat
     (run,) = jbclog.open_runs(place.url)
     assert "SN-LATE" in [*run.units()["unit"]]
     assert len(jbclog.open_runs(place.url, unit="SN-LATE")) == 1
-    assert [one.version for one in Store(place).every_version()] in ([1, 2], [2, 1])  # the older one is kept
+    # the older one is kept
+    assert [one.version for one in Store(place).every_version()] in ([1, 2], [2, 1])
     assert publishing.publish(own).result is Result.THERE
 
 
-def test_an_older_copy_adds_nothing(folder: Path, own: Path, place: Place, publishing: Publisher) -> None:
+def test_an_older_copy_adds_nothing(
+    folder: Path, own: Path, place: Place, publishing: Publisher
+) -> None:
     says(own, "a remark")
     publishing.publish(own)
     before = rows(place)
@@ -133,7 +147,13 @@ def test_an_older_copy_adds_nothing(folder: Path, own: Path, place: Place, publi
 
 
 def test_a_report_alone_is_no_new_version(own: Path, place: Place, publishing: Publisher) -> None:
-    annotations.append(own, who="jbclog report", what="report.json SHA-256 " + "0" * 64, why="-", kind=annotations.VOUCHED)
+    annotations.append(
+        own,
+        who="jbclog report",
+        what="report.json SHA-256 " + "0" * 64,
+        why="-",
+        kind=annotations.VOUCHED,
+    )
     from jbclog.analysis.store.identity import Step, identity_of
 
     known = Store(place).newest(own.name)
@@ -141,7 +161,9 @@ def test_a_report_alone_is_no_new_version(own: Path, place: Place, publishing: P
     assert identity_of(own).step(known.identity) is Step.NOTHING
 
 
-def test_copies_that_were_annotated_differently_are_refused(own: Path, place: Place, publishing: Publisher, tmp_path: Path) -> None:
+def test_copies_that_were_annotated_differently_are_refused(
+    own: Path, place: Place, publishing: Publisher, tmp_path: Path
+) -> None:
     other = Path(shutil.copytree(own, tmp_path / "other" / own.name))
     says(own, "here")
     says(other, "there")
@@ -152,8 +174,15 @@ def test_copies_that_were_annotated_differently_are_refused(own: Path, place: Pl
     assert rows(place) == before
 
 
-def test_another_run_of_the_same_name_is_refused(folder: Path, place: Place, publishing: Publisher, tmp_path: Path) -> None:
-    other = sealed_run.seal(tmp_path, [sealed_run.station(rows=100)], sealed_run.table(sealed_run.samples(100)), run=folder.name)
+def test_another_run_of_the_same_name_is_refused(
+    folder: Path, place: Place, publishing: Publisher, tmp_path: Path
+) -> None:
+    other = sealed_run.seal(
+        tmp_path,
+        [sealed_run.station(rows=100)],
+        sealed_run.table(sealed_run.samples(100)),
+        run=folder.name,
+    )
     with pytest.raises(RecordError, match="another manifest"):
         publishing.publish(other)
 
@@ -161,7 +190,10 @@ def test_another_run_of_the_same_name_is_refused(folder: Path, place: Place, pub
 def test_a_run_whose_check_fails_is_refused_and_leaves_nothing(own: Path, tmp_path: Path) -> None:
     (own / "recipes" / "extra.toml").write_text("x = 1\n")
     place = place_of(tmp_path / "empty")
-    with Publisher(place) as one, pytest.raises(RecordError, match="is not in the manifest; nothing was published"):
+    with (
+        Publisher(place) as one,
+        pytest.raises(RecordError, match="is not in the manifest; nothing was published"),
+    ):
         one.publish(own)
     assert set(rows(place).values()) == {0}
 
@@ -173,7 +205,9 @@ def test_a_run_that_is_not_sealed_is_refused(own: Path, publishing: Publisher) -
     assert [str(one) for one in publish_all(publishing, own)] == [f"{own}: {NOT_SEALED}"]
 
 
-def test_what_fails_half_way_is_removed_again(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_fails_half_way_is_removed_again(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An error that is no kill: the publisher takes its own rows out."""
     place = place_of(tmp_path / "store")
 
@@ -192,7 +226,9 @@ def test_what_fails_half_way_is_removed_again(folder: Path, tmp_path: Path, monk
         assert one.publish(folder).result is Result.PUBLISHED
 
 
-def test_two_at_once_leave_one_copy(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_at_once_leave_one_copy(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The other one publishes between our look and our commit: ours is taken out again."""
     place = place_of(tmp_path / "store")
     with Publisher(place) as first, Publisher(place) as second:
@@ -210,8 +246,12 @@ def test_two_at_once_leave_one_copy(folder: Path, tmp_path: Path, monkeypatch: p
     assert rows(place)["runs"] == 1
 
 
-def test_who_decided_before_another_commit_decides_anew(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The other one publishes between our reading of `runs` and our commit to it: the library refuses ours."""
+def test_who_decided_before_another_commit_decides_anew(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other one publishes between our reading of `runs` and our commit to it: the library
+    refuses ours.
+    """
     place, made = place_of(tmp_path / "store"), publisher._Writing._row
     with Publisher(place) as first, Publisher(place) as second:
 
@@ -224,12 +264,15 @@ def test_who_decided_before_another_commit_decides_anew(folder: Path, tmp_path: 
         others: list[Result] = []
         monkeypatch.setattr(publisher._Writing, "_row", slow)
         assert first.publish(folder).result is Result.THERE
-    assert others == [Result.PUBLISHED, Result.THERE]  # asked twice: the commit after the first decision was refused
+    # asked twice: the commit after the first decision was refused
+    assert others == [Result.PUBLISHED, Result.THERE]
     assert rows(place)["runs"] == 1
     assert rows(place)["samples"] == len(jbclog.open_run(folder).samples())
 
 
-def test_a_commit_whose_answer_was_lost_is_found_again(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_commit_whose_answer_was_lost_is_found_again(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The storage made the commit and reported a conflict: it is ours, and its rows stay."""
     place, made = place_of(tmp_path / "store"), commits.committed
 
@@ -252,9 +295,15 @@ def test_a_commit_whose_answer_was_lost_is_found_again(folder: Path, tmp_path: P
     assert len(jbclog.open_runs(place.url)[0].samples()) == rows(place)["samples"]
 
 
-def test_a_folder_is_published_run_by_run_and_one_blocks_no_other(own: Path, tmp_path: Path) -> None:
-    (own / "manifest.json").write_bytes((own / "manifest.json").read_bytes().replace(b"bench", b"bensh"))
-    sealed_run.seal(own.parent, [sealed_run.station(rows=100)], sealed_run.table(sealed_run.samples(100)))
+def test_a_folder_is_published_run_by_run_and_one_blocks_no_other(
+    own: Path, tmp_path: Path
+) -> None:
+    (own / "manifest.json").write_bytes(
+        (own / "manifest.json").read_bytes().replace(b"bench", b"bensh")
+    )
+    sealed_run.seal(
+        own.parent, [sealed_run.station(rows=100)], sealed_run.table(sealed_run.samples(100))
+    )
     with Publisher(place_of(tmp_path / "store")) as one:
         done = [str(each) for each in publish_all(one, own.parent)]
     assert [text for text in done if "published (version 1)" in text] != []
@@ -262,14 +311,18 @@ def test_a_folder_is_published_run_by_run_and_one_blocks_no_other(own: Path, tmp
     assert len(jbclog.open_runs(tmp_path / "store")) == 1
 
 
-def test_a_follower_publishes_what_is_sealed_and_annotated_meanwhile(own: Path, tmp_path: Path) -> None:
+def test_a_follower_publishes_what_is_sealed_and_annotated_meanwhile(
+    own: Path, tmp_path: Path
+) -> None:
     with Publisher(place_of(tmp_path / "store")) as one:
         follower = Follower(one, own.parent)
         assert [str(each) for each in follower.poll()] == [f"{own.name}: published (version 1)"]
         assert [*follower.poll()] == []
         says(own, "a remark")
         assert [str(each) for each in follower.poll()] == [f"{own.name}: new version (version 2)"]
-        sealed_run.seal(own.parent, [sealed_run.station(rows=100)], sealed_run.table(sealed_run.samples(100)))
+        sealed_run.seal(
+            own.parent, [sealed_run.station(rows=100)], sealed_run.table(sealed_run.samples(100))
+        )
         assert len([*follower.poll()]) == 1
 
 

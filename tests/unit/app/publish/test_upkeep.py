@@ -1,4 +1,6 @@
-"""A store is checked, compacted and vacuumed; damage, a newer schema and a publisher at work are said; nothing is read short."""
+"""A store is checked, compacted and vacuumed; damage, a newer schema and a publisher at work are
+said; nothing is read short.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,10 @@ def place(filled: Place, tmp_path: Path) -> Place:
 
 
 def files(place: Place, table: str) -> list[Path]:
-    return [Path(place.of(table), *path.split("/")) for path in DeltaTable(place.of(table)).get_add_actions()["path"].to_pylist()]
+    return [
+        Path(place.of(table), *path.split("/"))
+        for path in DeltaTable(place.of(table)).get_add_actions()["path"].to_pylist()
+    ]
 
 
 def on_line(*words: object) -> tuple[int, dict[str, object]]:
@@ -64,12 +69,18 @@ def on_line(*words: object) -> tuple[int, dict[str, object]]:
     return ended.exit_code, json.loads(ended.stdout)
 
 
-# -- check ---------------------------------------------------------------------------------------------------------------------
+# -- check -----------------------------------------------------------------------------------------
 
 
 def test_nothing_is_wrong(place: Place, runs: list[Path]) -> None:
     code, found = on_line("store", "check", place.url)
-    assert (code, found["agrees"], found["runs"], found["findings"], found["leftovers"]) == (0, True, len(runs), [], [])
+    assert (code, found["agrees"], found["runs"], found["findings"], found["leftovers"]) == (
+        0,
+        True,
+        len(runs),
+        [],
+        [],
+    )
 
 
 def test_half_a_table_deleted_is_found_and_not_read(place: Place) -> None:
@@ -77,7 +88,9 @@ def test_half_a_table_deleted_is_found_and_not_read(place: Place) -> None:
     victim.unlink()
     code, found = on_line("store", "check", place.url)
     assert code == 1
-    assert [text for text in found["findings"] if victim.name in text and "is missing" in text] != []
+    assert [
+        text for text in found["findings"] if victim.name in text and "is missing" in text
+    ] != []
     with pytest.raises(RecordError, match="samples are incomplete"):
         [*jbclog.open_runs(place.url).samples()]
 
@@ -85,14 +98,20 @@ def test_half_a_table_deleted_is_found_and_not_read(place: Place) -> None:
 def test_rows_that_somebody_deleted_are_found_and_not_read(place: Place, runs: list[Path]) -> None:
     DeltaTable(place.of("joints")).delete(f"run = '{runs[1].name}' AND joint > 2")
     found = check(place, AT_ONCE)
-    assert [text for text in found.findings if text.startswith(f"joints: {runs[1].name} version 1: 2 of ")] != []
+    assert [
+        text
+        for text in found.findings
+        if text.startswith(f"joints: {runs[1].name} version 1: 2 of ")
+    ] != []
     with pytest.raises(RecordError, match="joints are incomplete: 2 of"):
         jbclog.open_run(f"{place}/{runs[1].name}").joints()
 
 
 def test_a_table_without_its_log_is_named(place: Place) -> None:
     shutil.rmtree(Path(place.of("metrics"), "_delta_log"))
-    assert [text for text in check(place, AT_ONCE).findings if "its table metrics is missing" in text] != []
+    assert [
+        text for text in check(place, AT_ONCE).findings if "its table metrics is missing" in text
+    ] != []
     ended = CliRunner().invoke(app, ["trend", place.url])
     assert ended.exit_code == 4
     assert "metrics is missing" in ended.output
@@ -105,9 +124,13 @@ def test_metrics_that_lack_are_an_error_of_the_trend(place: Place, runs: list[Pa
     assert "metrics are incomplete" in ended.output
 
 
-def test_a_changed_manifest_is_noticed(place: Place, runs: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_changed_manifest_is_noticed(
+    place: Place, runs: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     real = Store.files_of
-    monkeypatch.setattr(Store, "files_of", lambda self, one: [(name, data + b" ") for name, data in real(self, one)])
+    monkeypatch.setattr(
+        Store, "files_of", lambda self, one: [(name, data + b" ") for name, data in real(self, one)]
+    )
     with pytest.raises(RecordError, match="its manifest was changed"):
         jbclog.open_run(f"{place}/{runs[0].name}")
 
@@ -118,7 +141,7 @@ def test_no_store_is_said(tmp_path: Path) -> None:
     assert "no store" in str(found["problems"])
 
 
-# -- interrupted publishers ----------------------------------------------------------------------------------------------------
+# -- interrupted publishers ------------------------------------------------------------------------
 
 
 def leave(place: Place, publication: str = "abcdefabcdef-1") -> None:
@@ -126,12 +149,16 @@ def leave(place: Place, publication: str = "abcdefabcdef-1") -> None:
     found = DeltaTable(place.of("samples"))
     rows = found.to_pyarrow_table().slice(0, 5)
     mine = rows.set_column(
-        rows.schema.get_field_index("publication"), rows.schema.field("publication"), pa.array([publication] * 5)
+        rows.schema.get_field_index("publication"),
+        rows.schema.field("publication"),
+        pa.array([publication] * 5),
     )
     write_deltalake(found, mine, mode="append")
 
 
-def test_leftovers_count_for_nobody_and_are_removed(place: Place, filled: Place, runs: list[Path]) -> None:
+def test_leftovers_count_for_nobody_and_are_removed(
+    place: Place, filled: Place, runs: list[Path]
+) -> None:
     leave(place)
     before = len(jbclog.open_runs(place.url)[0].samples())
     assert before == len(jbclog.open_runs(filled.url)[0].samples())
@@ -187,7 +214,9 @@ def test_a_fence_excludes_a_commit_of_the_same_moment(place: Place) -> None:
         write_deltalake(stale, row, mode="append", commit_properties=properties((APPLICATION, 99)))
 
 
-def test_leases_of_other_hosts_end_after_an_hour(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_leases_of_other_hosts_end_after_an_hour(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
     held = Lease(place)
     assert len(live(place)) == 1
     monkeypatch.setattr(lease, "boot_id", lambda: "another boot")
@@ -197,7 +226,7 @@ def test_leases_of_other_hosts_end_after_an_hour(place: Place, monkeypatch: pyte
     held.release()
 
 
-# -- compact and vacuum --------------------------------------------------------------------------------------------------------
+# -- compact and vacuum ----------------------------------------------------------------------------
 
 
 def test_joined_files_have_the_same_rows_in_the_same_order(place: Place, filled: Place) -> None:
@@ -211,10 +240,14 @@ def test_joined_files_have_the_same_rows_in_the_same_order(place: Place, filled:
     leave(place)
     compact(place)
     assert len(check(place, AT_ONCE).removed) == 1  # also from a file that it shares with others
-    pd.testing.assert_frame_equal(jbclog.open_runs(place.url)[1].samples(), jbclog.open_runs(filled.url)[1].samples())
+    pd.testing.assert_frame_equal(
+        jbclog.open_runs(place.url)[1].samples(), jbclog.open_runs(filled.url)[1].samples()
+    )
 
 
-def test_an_annotation_after_compaction_is_a_version(place: Place, runs: list[Path], tmp_path: Path) -> None:
+def test_an_annotation_after_compaction_is_a_version(
+    place: Place, runs: list[Path], tmp_path: Path
+) -> None:
     compact(place)
     own = Path(shutil.copytree(runs[0], tmp_path / runs[0].name))
     annotations.append(own, who="A. Rossi", what="a remark", why="a test")
@@ -234,21 +267,33 @@ def test_vacuum_below_seven_days_or_beside_a_publisher_is_refused(place: Place) 
     assert on_line("store", "vacuum", place.url)[1]["deleted"]["samples"] == 0  # they are younger
 
 
-def test_vacuum_deletes_what_no_version_needs(place: Place, filled: Place, monkeypatch: pytest.MonkeyPatch) -> None:
-    stray = Path(place.of("samples"), "line=bench", "month=2026-09", "part-of-a-killed-publisher.parquet")
+def test_vacuum_deletes_what_no_version_needs(
+    place: Place, filled: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stray = Path(
+        place.of("samples"), "line=bench", "month=2026-09", "part-of-a-killed-publisher.parquet"
+    )
     stray.write_bytes(b"cut off")
     os.utime(stray, (0, 0))
     assert vacuum(place)["samples"] == 1
     assert not stray.exists()
-    assert len(jbclog.open_runs(place.url)[0].samples()) == len(jbclog.open_runs(filled.url)[0].samples())
+    assert len(jbclog.open_runs(place.url)[0].samples()) == len(
+        jbclog.open_runs(filled.url)[0].samples()
+    )
 
 
-# -- schema --------------------------------------------------------------------------------------------------------------------
+# -- schema ----------------------------------------------------------------------------------------
 
 
 def test_a_store_of_a_newer_schema_is_refused(place: Place, runs: list[Path]) -> None:
-    DeltaTable(place.of(RUNS)).alter.set_table_properties({PROPERTY: "2"}, raise_if_not_exists=False)
-    for words in (["runs", place.url], ["store", "check", place.url], ["publish", str(runs[0]), place.url]):
+    DeltaTable(place.of(RUNS)).alter.set_table_properties(
+        {PROPERTY: "2"}, raise_if_not_exists=False
+    )
+    for words in (
+        ["runs", place.url],
+        ["store", "check", place.url],
+        ["publish", str(runs[0]), place.url],
+    ):
         ended = CliRunner().invoke(app, words)
         assert ended.exit_code == 4
         assert "written with schema 2; this jbclog knows 1" in ended.output
@@ -281,13 +326,20 @@ def test_a_store_of_this_release_is_read(tmp_path: Path) -> None:
     """`tests/data/stores` was written when the schema had number 1."""
     shutil.copytree(OF_THIS_RELEASE, tmp_path / "store")
     (run,) = jbclog.open_runs(tmp_path / "store")
-    assert (len(run.samples()), len(run.events()), len(run.joints()), len(run.metrics())) == (60, 0, 0, 42)
+    assert (len(run.samples()), len(run.events()), len(run.joints()), len(run.metrics())) == (
+        60,
+        0,
+        0,
+        42,
+    )
     assert run.samples()["temperature_c"].iloc[-1] == 350
     assert run.manifest.line is not None
     assert check(place_of(tmp_path / "store"), AT_ONCE).findings == []
 
 
-def test_a_column_more_is_added_and_older_readers_read_on(tmp_path: Path, runs: list[Path], newer: pa.Schema) -> None:
+def test_a_column_more_is_added_and_older_readers_read_on(
+    tmp_path: Path, runs: list[Path], newer: pa.Schema
+) -> None:
     place = place_of(shutil.copytree(OF_THIS_RELEASE, tmp_path / "store"))
     with Publisher(place) as one:
         assert one.publish(runs[1]).result is Result.PUBLISHED
@@ -299,7 +351,9 @@ def test_a_column_more_is_added_and_older_readers_read_on(tmp_path: Path, runs: 
         assert {*piece["method"].to_pylist()} == {expected[one.identity.run == runs[1].name]}
 
 
-def test_an_older_publisher_adds_to_a_store_with_a_column_more(place: Place, tmp_path: Path, runs: list[Path]) -> None:
+def test_an_older_publisher_adds_to_a_store_with_a_column_more(
+    place: Place, tmp_path: Path, runs: list[Path]
+) -> None:
     from deltalake.schema import Field, PrimitiveType
 
     DeltaTable(place.of("metrics")).alter.add_columns([Field("method", PrimitiveType("string"))])
@@ -307,21 +361,29 @@ def test_an_older_publisher_adds_to_a_store_with_a_column_more(place: Place, tmp
     annotations.append(own, who="A. Rossi", what="a remark", why="a test")
     with Publisher(place) as one:
         assert one.publish(own).result is Result.VERSIONED
-    assert len(jbclog.open_runs(place.url).metrics()) == len(runs) * len(jbclog.open_run(own).metrics())
+    assert len(jbclog.open_runs(place.url).metrics()) == len(runs) * len(
+        jbclog.open_run(own).metrics()
+    )
 
 
 @pytest.mark.parametrize("line", ["line 4 = \"tin\" & 'lead'", "Łódź/1:%", "..", None])
-def test_a_run_of_an_odd_line_is_looked_up(place: Place, runs: list[Path], line: str | None) -> None:
+def test_a_run_of_an_odd_line_is_looked_up(
+    place: Place, runs: list[Path], line: str | None
+) -> None:
     table = DeltaTable(place.of(RUNS))
     row = table.to_pyarrow_table(filters=[("run", "=", runs[0].name)])
     for name, value in (("run", "an odd one"), ("line", line)):
-        row = row.set_column(row.schema.get_field_index(name), row.schema.field(name), pa.array([value], pa.utf8()))
+        row = row.set_column(
+            row.schema.get_field_index(name), row.schema.field(name), pa.array([value], pa.utf8())
+        )
     write_deltalake(table, row, mode="append")
     for _ in range(2):
         found = Store(place).newest("an odd one")
         assert found is not None
         assert (found.line, found.month) == (line, "2026-09")
-        assert [one.line for one in Store(place).runs() if one.identity.run == "an odd one"] == [line]
+        assert [one.line for one in Store(place).runs() if one.identity.run == "an odd one"] == [
+            line
+        ]
         compact(place)
 
 
@@ -329,7 +391,10 @@ def test_a_run_of_an_odd_line_is_looked_up(place: Place, runs: list[Path], line:
 def test_odd_names_in_partitions_come_back(tmp_path: Path, line: str | None) -> None:
     place = place_of(tmp_path / "store")
     create_tables(place)
-    rows = pa.table({"unit": ["SN-1", "SN-2"], "begin": [None, None], "end": [None, None]}, schema=schema.OWN["units"])
+    rows = pa.table(
+        {"unit": ["SN-1", "SN-2"], "begin": [None, None], "end": [None, None]},
+        schema=schema.OWN["units"],
+    )
     partition = {"line": line, "month": "2026-09"}
     for number in range(2):
         batches = contents.stamped([rows], "units", "a run", f"abc-{number}", partition)

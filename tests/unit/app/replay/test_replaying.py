@@ -21,7 +21,11 @@ from support.virtual.virtual_run import line_text
 def folder(tmp_path: Path) -> Path:
     run = tmp_path / "run"
     recorded(
-        run, line_text(), duration_s=None, rate="fit", arrange=lambda run: run.at(2.5, lambda: run.driver.end("ended by SIGINT"))
+        run,
+        line_text(),
+        duration_s=None,
+        rate="fit",
+        arrange=lambda run: run.at(2.5, lambda: run.driver.end("ended by SIGINT")),
     )
     return run
 
@@ -32,13 +36,20 @@ def facts(name: str, period_s: float | None, ticks: int) -> StationFacts:
 
 def with_manifest(folder: Path, *stations: StationFacts) -> Recording:
     metadata = Metadata("A. Rossi", units=["1", "2"], tags={"shift": "3"})
-    write_manifest(folder, Manifest(folder.name, state="sealed", stations=list(stations), metadata=metadata))
+    write_manifest(
+        folder, Manifest(folder.name, state="sealed", stations=list(stations), metadata=metadata)
+    )
     return open_recording(folder)
 
 
 def test_without_a_manifest_the_wires_say_what_was_ordered(folder: Path) -> None:
     recording = open_recording(folder)
-    assert (recording.rates_hz, recording.ticks("dde-1"), recording.sampled_s, recording.manifest) == ({}, None, None, None)
+    assert (
+        recording.rates_hz,
+        recording.ticks("dde-1"),
+        recording.sampled_s,
+        recording.manifest,
+    ) == ({}, None, None, None)
     assert recording.metadata.tags == {"replay_of": "run"}
     plan = plan_of(recording)
     assert (plan.wanted.rate, plan.wanted.duration_s, plan.wanted.guard) == ("fit", None, False)
@@ -54,7 +65,11 @@ def test_what_came_of_a_rate_and_of_a_run_that_was_ended(folder: Path) -> None:
     without = with_manifest(folder, facts("dde-1", None, 25))
     assert (without.sampled_s, without.rates_hz, without.ticks("dde-1")) == (None, {}, None)
     told = two.metadata
-    assert (told.operator, told.units, told.tags) == ("A. Rossi", ("1", "2"), {"shift": "3", "replay_of": "run"})
+    assert (told.operator, told.units, told.tags) == (
+        "A. Rossi",
+        ("1", "2"),
+        {"shift": "3", "replay_of": "run"},
+    )
 
 
 def test_the_line_file_has_the_recipe_and_the_rate_of_the_run(folder: Path, tmp_path: Path) -> None:
@@ -64,14 +79,18 @@ def test_the_line_file_has_the_recipe_and_the_rate_of_the_run(folder: Path, tmp_
     line = load_line(tmp_path / "served" / "line.toml")
     (spec,) = line.stations
     assert spec.recipe == folder / "recipes" / "recipe.toml"
-    assert (spec.name, spec.baudrate, spec.url) == ("dde-1", 19200, str(tmp_path / "served" / "dde-1"))
+    assert (spec.name, spec.baudrate, spec.url) == (
+        "dde-1",
+        19200,
+        str(tmp_path / "served" / "dde-1"),
+    )
     assert line.replay is not None
     assert line.replay.rate_hz == {"dde-1": 10.0}
     (plan,) = make_plan(RunOptions(line.path)).stations
     assert plan.rate == 10.0
     (order,) = station_tasks(make_plan(RunOptions(line.path)), 0.0)
     assert order.is_replay
-    (reply, *_) = station.receive(b"\x020001RSMN\x03\x02", VirtualClock().monotonic())
+    reply, *_ = station.receive(b"\x020001RSMN\x03\x02", VirtualClock().monotonic())
     assert reply.data.startswith(b"\x020100ASMN")
 
 
@@ -89,7 +108,9 @@ def test_the_line_file_has_the_recipe_and_the_rate_of_the_run(folder: Path, tmp_
         ("linked", False),
     ],
 )
-def test_no_real_station_is_asked_at_the_pace_of_a_recorded_one(folder: Path, tmp_path: Path, url: str, is_fine: bool) -> None:
+def test_no_real_station_is_asked_at_the_pace_of_a_recorded_one(
+    folder: Path, tmp_path: Path, url: str, is_fine: bool
+) -> None:
     server, _ = serve(with_manifest(folder, facts("dde-1", 0.1, 25)), tmp_path / "served")
     server.close()
     path = tmp_path / "served" / "line.toml"

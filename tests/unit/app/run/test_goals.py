@@ -1,4 +1,6 @@
-"""Runs that end with a number of units or joints: when they end, and what is said where they come short of it."""
+"""Runs that end with a number of units or joints: when they end, and what is said where they come
+short of it.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,7 @@ class Told:
         self.kinds.append(kind)
 
 
-# -- units, in whole runs on a virtual clock ------------------------------------------------------------------------------------
+# -- units, in whole runs on a virtual clock -------------------------------------------------------
 
 
 class Typing:
@@ -44,7 +46,11 @@ class Typing:
         clock, utc = self.run.driver.clock, next(iter(self.run.contexts.values())).utc
         source = LineSource(reading, "stdin")
         self.feed = UnitFeed(
-            source, self.run.memory.event, lambda: utc.micros(clock.monotonic()), wanted=2, refuses_repeats=refuses_repeats
+            source,
+            self.run.memory.event,
+            lambda: utc.micros(clock.monotonic()),
+            wanted=2,
+            refuses_repeats=refuses_repeats,
         )
         self.told = Told()
         self.goals = Goals([Goal("units", 2)], self.told.tell, self._end, self.feed)
@@ -84,14 +90,17 @@ def test_a_run_ends_when_its_last_unit_is_finished(typing: Typing, last: bytes) 
     assert typing.told.ends == ["Units finished: 2, wanted: 2"]
     assert run.facts.outcome == "completed"
     assert run.facts.safe_state == {1: "verified", 2: "verified"}
-    assert run.driver.clock.monotonic() - run.t0 == pytest.approx(40.0, abs=3.0)  # and the time that it takes to make it safe
+    # and the time that it takes to make it safe
+    assert run.driver.clock.monotonic() - run.t0 == pytest.approx(40.0, abs=3.0)
     assert ("unit.next" in run.memory.kinds()) == (last == b"SN-3\n")
     (goal,) = typing.goals.reached()
     assert (goal.reached, goal.is_met, goal.text) == (2, True, "Units finished: 2, wanted: 2.")
 
 
 @pytest.mark.parametrize("typing", [60.0], indirect=True)
-def test_a_run_that_its_duration_ends_says_how_many_were_missing_and_what_was_on_the_bench(typing: Typing) -> None:
+def test_a_run_that_its_duration_ends_says_how_many_were_missing_and_what_was_on_the_bench(
+    typing: Typing,
+) -> None:
     for second, line in ((20.0, b"SN-1\n"), (30.0, b"SN-2\n")):
         typing.types(second, line)
     run = typing.run.go()
@@ -99,30 +108,43 @@ def test_a_run_that_its_duration_ends_says_how_many_were_missing_and_what_was_on
     assert typing.told.ends == []
     (goal,) = typing.goals.reached()
     assert (goal.reached, goal.is_met) == (1, False)
-    assert goal.text == "Units finished: 1, wanted: 2. Unit SN-2 was on the bench when the run ended."
+    assert (
+        goal.text == "Units finished: 1, wanted: 2. Unit SN-2 was on the bench when the run ended."
+    )
     found = findings([run.facts], verdict="ACCEPT", record=None, cut_short=None, goals=[goal])
     assert [(one.code, one.text + ".") for one in found] == [(Exit.NOT_FINE, goal.text)]
 
 
 @pytest.mark.parametrize(("refuses", "ended_s"), [(False, 40.0), (True, 50.0)])
-def test_a_serial_that_comes_back_finishes_the_unit_before_it_only_where_it_is_accepted(refuses: bool, ended_s: float) -> None:
+def test_a_serial_that_comes_back_finishes_the_unit_before_it_only_where_it_is_accepted(
+    refuses: bool, ended_s: float
+) -> None:
     typing = Typing(600.0, refuses_repeats=refuses)
     try:
-        for second, line in ((20.0, b"SN-1\n"), (30.0, b"SN-2\n"), (40.0, b"SN-1\n"), (50.0, b"SN-3\n")):
+        for second, line in (
+            (20.0, b"SN-1\n"),
+            (30.0, b"SN-2\n"),
+            (40.0, b"SN-1\n"),
+            (50.0, b"SN-3\n"),
+        ):
             typing.types(second, line)
         run = typing.run.go()
     finally:
         os.close(typing.writing)
     assert run.driver.clock.monotonic() - run.t0 == pytest.approx(ended_s, abs=3.0)
     assert typing.feed.finished == {"SN-1", "SN-2"}
-    assert [event.severity for event in run.memory.of_kind("unit.repeated")] == [Severity.ERROR] * refuses
+    assert [event.severity for event in run.memory.of_kind("unit.repeated")] == [
+        Severity.ERROR
+    ] * refuses
 
 
-# -- joints ---------------------------------------------------------------------------------------------------------------------
+# -- joints ----------------------------------------------------------------------------------------
 
 
 class Counting(JointCounting):
-    """In the place of the process that counts: at each look the next of `counts`, or the reason why there is none."""
+    """In the place of the process that counts: at each look the next of `counts`, or the reason why
+    there is none.
+    """
 
     def __init__(self, *counts: int | str | None) -> None:
         self.latest, self.why = None, None
@@ -136,7 +158,10 @@ class Counting(JointCounting):
         if isinstance(said, str):
             self.why = said
         elif said is not None:
-            self.latest = Counted(100.0, (PortCount("b", 1, None, 1, UNSURE), PortCount("b", 2, said - 1, said - 1, None)))
+            self.latest = Counted(
+                100.0,
+                (PortCount("b", 1, None, 1, UNSURE), PortCount("b", 2, said - 1, said - 1, None)),
+            )
         return isinstance(said, int)
 
     def ask(self, *, is_last: bool = False) -> None:
@@ -153,7 +178,9 @@ class Counting(JointCounting):
 UNSURE = "heat model not plausible"
 
 
-def counted(monkeypatch: pytest.MonkeyPatch, *counts: int | str | None) -> tuple[Goals, Told, Counting]:
+def counted(
+    monkeypatch: pytest.MonkeyPatch, *counts: int | str | None
+) -> tuple[Goals, Told, Counting]:
     told, counting = Told(), Counting(*counts)
     goals = Goals([Goal("joints", 5)], told.tell, told.ends.append, None)
     monkeypatch.setattr("jbclog.live.joint_numbers.JointCounting", counting)
@@ -170,7 +197,9 @@ def test_a_run_ends_once_when_enough_joints_are_found(monkeypatch: pytest.Monkey
     assert goals.reached() == [Goal("joints", 5, 7, text)]
 
 
-def test_a_count_is_asked_for_when_the_missing_joints_can_have_come(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_count_is_asked_for_when_the_missing_joints_can_have_come(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     clock = {"now": 100.0}
     monkeypatch.setattr(goals_of_a_run.time, "monotonic", lambda: clock["now"])
     goals, _, counting = counted(monkeypatch, 3, *[None] * 5)
@@ -182,7 +211,9 @@ def test_a_count_is_asked_for_when_the_missing_joints_can_have_come(monkeypatch:
     assert asked == [0, 0, 1, 1, 1]  # once, `LEAST_PAUSE_S` after the count
 
 
-def test_what_cannot_be_counted_ends_no_run_and_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_counted_ends_no_run_and_is_told_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     goals, told, _ = counted(monkeypatch, 3, "no memory")
     for _ in range(4):
         goals.look()
@@ -192,7 +223,9 @@ def test_what_cannot_be_counted_ends_no_run_and_is_told_once(monkeypatch: pytest
     assert "is not known" in goal.text
 
 
-def test_joints_that_cannot_be_counted_at_the_end_are_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_joints_that_cannot_be_counted_at_the_end_are_not_known(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     goals, _, _ = counted(monkeypatch, "it took too long")
     (goal,) = goals.reached()
     assert (goal.reached, goal.is_met, "it took too long" in goal.text) == (None, False, True)
@@ -205,13 +238,16 @@ def test_who_counts_rests_longer_than_it_works_and_while_nothing_can_have_come()
     assert pause_s(missing=1, ports=0, took_s=20.0) == 180.0
 
 
-# -- what it comes to -----------------------------------------------------------------------------------------------------------
+# -- what it comes to ------------------------------------------------------------------------------
 
 
 def test_either_of_two_goals_is_enough() -> None:
     units, joints = Goal("units", 2, 2, "2 units."), Goal("joints", 50, 31, "31 joints.")
     assert findings([], verdict=None, record=None, cut_short=None, goals=[units, joints]) == []
-    assert exit_code(findings([], verdict=None, record=None, cut_short=None, goals=[joints])) is Exit.NOT_FINE
+    assert (
+        exit_code(findings([], verdict=None, record=None, cut_short=None, goals=[joints]))
+        is Exit.NOT_FINE
+    )
 
 
 OF_OMEGA = '\n[line]\nname = "o"\n[[station]]\nname = "o"\nurl = "o"\nfamily = "omega"\n'
@@ -225,7 +261,8 @@ def test_what_can_never_be_reached_is_said_before_a_byte_is_sent(tmp_path: Path)
     with pytest.raises(Problems, match="--until-units 3: serials must be read during the run"):
         make_plan(RunOptions(line, recipe, until_units=3, until_joints=5))
     make_plan(RunOptions(line, recipe, until_units=3, metadata=Metadata(reads_units=True)))
-    make_plan(RunOptions(line, recipe, until_units=3, metadata=None))  # a dry run: nobody was asked yet
+    # a dry run: nobody was asked yet
+    make_plan(RunOptions(line, recipe, until_units=3, metadata=None))
     line.write_text(OF_OMEGA)
     recipe.write_text(OMEGA)
     with pytest.raises(Problems, match="--until-joints 5: no station of this run has a tip"):

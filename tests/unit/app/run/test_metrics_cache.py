@@ -1,4 +1,6 @@
-"""The metrics that a recorder leaves beside its run: a cache that only trends read, and that may be lost, damaged or forged."""
+"""The metrics that a recorder leaves beside its run: a cache that only trends read, and that may be
+lost, damaged or forged.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,13 @@ from jbclog.analysis.metrics.definitions import METHODS
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import computed_metrics
 from jbclog.analysis.runs import Records, open_runs
-from jbclog.analysis.stored_tables import BY, METRICS_SCHEMA, MetricRow, cache_metrics, cached_metrics
+from jbclog.analysis.stored_tables import (
+    BY,
+    METRICS_SCHEMA,
+    MetricRow,
+    cache_metrics,
+    cached_metrics,
+)
 from jbclog.analysis.trend import trends
 from jbclog.app.run import metrics_cache
 from jbclog.app.run.metrics_cache import OFF, start_metrics
@@ -56,17 +64,23 @@ def known(run: Path) -> list[MetricRow] | None:
     return cached_metrics(run, manifest_sha256(run))
 
 
-def test_the_process_leaves_what_the_record_gives(made: tuple[Path, list[MetricRow]], tmp_path: Path) -> None:
+def test_the_process_leaves_what_the_record_gives(
+    made: tuple[Path, list[MetricRow]], tmp_path: Path
+) -> None:
     folder = Path(shutil.copytree(made[0], tmp_path / made[0].name))
     assert subprocess.run([*COMMAND, str(folder)], check=False, timeout=120).returncode == 0
     assert known(folder) == made[1]
-    assert {path.name for path in folder.iterdir()} - {path.name for path in made[0].iterdir()} == {METRICS_CACHE}
+    assert {path.name for path in folder.iterdir()} - {path.name for path in made[0].iterdir()} == {
+        METRICS_CACHE
+    }
     assert check(folder) == []
 
 
 def test_check_lists_it_as_a_cache(run: Path) -> None:
     assert check(run) == []
-    assert [(file, text.partition(":")[0]) for file, text in uncovered(run, None)] == [(METRICS_CACHE, "a cache, never the truth")]
+    assert [(file, text.partition(":")[0]) for file, text in uncovered(run, None)] == [
+        (METRICS_CACHE, "a cache, never the truth")
+    ]
     (run / METRICS_CACHE).rename(run / f".{METRICS_CACHE}.tmp")  # its writer was killed
     assert check(run) == []
     ended = CliRunner().invoke(app, ["check", str(run)])
@@ -74,12 +88,16 @@ def test_check_lists_it_as_a_cache(run: Path) -> None:
     assert f"not covered: .{METRICS_CACHE}.tmp: a cache" in ended.output
 
 
-def test_a_report_and_its_own_metrics_go_before_it(run: Path, made: tuple[Path, list[MetricRow]]) -> None:
+def test_a_report_and_its_own_metrics_go_before_it(
+    run: Path, made: tuple[Path, list[MetricRow]]
+) -> None:
     forged = [replace(row, value=1.0, why=None) for row in made[1]]
     cache_metrics(run, forged, manifest_sha256(run))
 
     def read(records: Records) -> list[MetricRow]:
-        return [row for _, rows in open_runs(run.parent).through(records).metric_rows() for row in rows]
+        return [
+            row for _, rows in open_runs(run.parent).through(records).metric_rows() for row in rows
+        ]
 
     assert read(Records(cache=True)) == forged  # whoever can write the folder can forge it
     assert read(Records()) == read(Records(stored=False)) == made[1]
@@ -91,7 +109,9 @@ def test_a_report_and_its_own_metrics_go_before_it(run: Path, made: tuple[Path, 
 
 def stored(table: pa.Table, **metadata: str) -> Callable[[Path], object]:
     made = {name.encode(): text.encode() for name, text in metadata.items()}
-    return lambda path: pq.write_table(table.replace_schema_metadata((table.schema.metadata or {}) | made), path)
+    return lambda path: pq.write_table(
+        table.replace_schema_metadata((table.schema.metadata or {}) | made), path
+    )
 
 
 def changes(path: Path) -> dict[str, Callable[[Path], object]]:
@@ -112,13 +132,19 @@ def changes(path: Path) -> dict[str, Callable[[Path], object]]:
         "without metadata": lambda path: pq.write_table(table.replace_schema_metadata(None), path),
         "with another column": stored(table.append_column("more", table["n"])),
         "without a column": stored(table.drop_columns(["why"])),
-        "with another type": stored(table.set_column(columns.index("n"), "n", table["n"].cast("int32"))),
-        "with no number": stored(table.set_column(3, METRICS_SCHEMA.field(3), pa.array([np.nan] * len(table)))),
+        "with another type": stored(
+            table.set_column(columns.index("n"), "n", table["n"].cast("int32"))
+        ),
+        "with no number": stored(
+            table.set_column(3, METRICS_SCHEMA.field(3), pa.array([np.nan] * len(table)))
+        ),
         "cut": lambda path: path.write_bytes(data[:-9]),
     }
 
 
-def test_another_file_changes_no_answer(run: Path, made: tuple[Path, list[MetricRow]], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_file_changes_no_answer(
+    run: Path, made: tuple[Path, list[MetricRow]], monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = run / METRICS_CACHE
     data = path.read_bytes()
     assert known(run) == made[1]
@@ -131,10 +157,19 @@ def test_another_file_changes_no_answer(run: Path, made: tuple[Path, list[Metric
     assert known(run) is None
 
 
-def test_rows_that_no_recorder_writes_are_none(run: Path, made: tuple[Path, list[MetricRow]]) -> None:
+def test_rows_that_no_recorder_writes_are_none(
+    run: Path, made: tuple[Path, list[MetricRow]]
+) -> None:
     rows = made[1]
     nothing = replace(rows[0], value=None, why=None)
-    for wrong in ([], rows[1:], [*rows, rows[0]], rows[::-1], [nothing, *rows[1:]], [replace(rows[0], metric="other"), *rows[1:]]):
+    for wrong in (
+        [],
+        rows[1:],
+        [*rows, rows[0]],
+        rows[::-1],
+        [nothing, *rows[1:]],
+        [replace(rows[0], metric="other"), *rows[1:]],
+    ):
         cache_metrics(run, wrong, manifest_sha256(run))  # with a check sum that fits
         assert known(run) is None
 
@@ -150,11 +185,15 @@ def test_damaged_bytes_change_no_answer(run: Path, made: tuple[Path, list[Metric
 def test_without_it_a_trend_computes_the_same(run: Path) -> None:
     with_it = [one.points for one in trends(open_runs(run.parent).through(Records(cache=True)))]
     (run / METRICS_CACHE).unlink()
-    assert [one.points for one in trends(open_runs(run.parent).through(Records(cache=True)))] == with_it
+    assert [
+        one.points for one in trends(open_runs(run.parent).through(Records(cache=True)))
+    ] == with_it
 
 
 @pytest.mark.parametrize("after_s", [0.1, 0.7])
-def test_killed_it_leaves_a_whole_run(made: tuple[Path, list[MetricRow]], tmp_path: Path, after_s: float) -> None:
+def test_killed_it_leaves_a_whole_run(
+    made: tuple[Path, list[MetricRow]], tmp_path: Path, after_s: float
+) -> None:
     folder = Path(shutil.copytree(made[0], tmp_path / made[0].name))
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     child = subprocess.Popen([*COMMAND, str(folder)])
@@ -167,17 +206,29 @@ def test_killed_it_leaves_a_whole_run(made: tuple[Path, list[MetricRow]], tmp_pa
 
 
 def test_a_run_that_was_moved_is_no_error(tmp_path: Path) -> None:
-    assert subprocess.run([*COMMAND, str(tmp_path / "gone")], capture_output=True, check=False, timeout=120).stderr == b""
+    assert (
+        subprocess.run(
+            [*COMMAND, str(tmp_path / "gone")], capture_output=True, check=False, timeout=120
+        ).stderr
+        == b""
+    )
 
 
-def test_only_a_sealed_run_with_samples_has_metrics(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_a_sealed_run_with_samples_has_metrics(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     begun: list[object] = []
     monkeypatch.setattr(subprocess, "Popen", lambda *words, **_: begun.append(words))
     manifest = read_manifest(run)
     start_metrics(run, manifest)  # OFF is set for all tests
     monkeypatch.delenv(OFF)
     start_metrics(run, replace(manifest, state=RunState.OPEN))
-    start_metrics(run, replace(manifest, stations=[replace(facts, first_tick=None) for facts in manifest.stations]))
+    start_metrics(
+        run,
+        replace(
+            manifest, stations=[replace(facts, first_tick=None) for facts in manifest.stations]
+        ),
+    )
     assert begun == []
     start_metrics(run, manifest)
     assert len(begun) == 1
@@ -221,7 +272,10 @@ def digest(rows: list[MetricRow]) -> str:
     """Of all rows, their values to six digits: libraries differ in the last ones."""
     texts = [
         f"{one.station} {one.port} {one.metric} {one.unit} {one.n} {one.why} "
-        + " ".join("-" if value is None else f"{value:.6g}" for value in (one.value, one.coverage, one.resolution))
+        + " ".join(
+            "-" if value is None else f"{value:.6g}"
+            for value in (one.value, one.coverage, one.resolution)
+        )
         for one in rows
     ]
     return sha256("\n".join(texts).encode()).hexdigest()[:16]

@@ -29,11 +29,15 @@ def recorded(tmp_path: Path, stated: Metadata) -> Path:
 
 @pytest.mark.parametrize("why", TOO_MUCH)
 def test_too_much_for_one_record_is_refused_at_the_start(tmp_path: Path, why: str) -> None:
-    with pytest.raises(RecordError, match=f"too much for one record: {why}.*No station was touched"):
+    with pytest.raises(
+        RecordError, match=f"too much for one record: {why}.*No station was touched"
+    ):
         recorded(tmp_path, TOO_MUCH[why])
 
 
 def test_as_much_as_is_allowed_is_recorded_and_read(tmp_path: Path) -> None:
     from jbclog import open_run
 
-    assert len(open_run(recorded(tmp_path, Metadata(tags=MOST_TAGS))).manifest.metadata.tags) == 1000
+    assert (
+        len(open_run(recorded(tmp_path, Metadata(tags=MOST_TAGS))).manifest.metadata.tags) == 1000
+    )

@@ -1,4 +1,6 @@
-"""From lines to units: what begins one, what ends one, and when nobody knows whose joints follow."""
+"""From lines to units: what begins one, what ends one, and when nobody knows whose joints
+follow.
+"""
 
 from __future__ import annotations
 
@@ -52,13 +54,19 @@ class Feeding:
 def feeding() -> Iterator[Feeding]:
     reading, writing = os.pipe()
     context = Desk(writing)
-    yield Feeding(context, UnitFeed(LineSource(reading, "stdin"), context.events.append, context.micros))
+    yield Feeding(
+        context, UnitFeed(LineSource(reading, "stdin"), context.events.append, context.micros)
+    )
     if context.writing >= 0:
         os.close(context.writing)
 
 
 def test_a_serial_begins_its_unit_and_ends_the_one_before(feeding: Feeding) -> None:
-    assert feeding.types(b"SN-1\n", b"SN-2\n") == [("begin", "SN-1"), ("end", "SN-1"), ("begin", "SN-2")]
+    assert feeding.types(b"SN-1\n", b"SN-2\n") == [
+        ("begin", "SN-1"),
+        ("end", "SN-1"),
+        ("begin", "SN-2"),
+    ]
     end, begin = feeding.context.events[-2:]
     assert end.time == begin.time
 
@@ -79,14 +87,24 @@ def test_a_unit_that_comes_back_begins_again_and_that_is_told(feeding: Feeding) 
         *(("begin", "SN-2"), ("end", "SN-2"), ("repeated", "SN-1"), ("begin", "SN-1"))
     ]
     event = feeding.context.events[-2]
-    assert event.text == "Serial SN-1 was read before, at 1970-01-01 00:00:02 UTC, and begins again; each serial counts once."
+    assert (
+        event.text
+        == "Serial SN-1 was read before, at 1970-01-01 00:00:02 UTC, and begins again; each serial"
+        " counts once."
+    )
     assert (event.severity, event.value) == ("warning", 2)
     assert EventFilter().passes(event)
     assert feeding.types(b"SN-2\nSN-1\n")[1] == ("repeated", "SN-2")
-    assert [one.value for one in feeding.context.events if one.kind == "unit.repeated" and one.raw == "SN-1"] == [2, 3]
+    assert [
+        one.value
+        for one in feeding.context.events
+        if one.kind == "unit.repeated" and one.raw == "SN-1"
+    ] == [2, 3]
 
 
-def test_a_unit_that_an_unreadable_line_took_from_the_bench_continues_and_is_no_repeat(feeding: Feeding) -> None:
+def test_a_unit_that_an_unreadable_line_took_from_the_bench_continues_and_is_no_repeat(
+    feeding: Feeding,
+) -> None:
     assert feeding.types(b"SN-1\n", b"X" * 250 + b"\n", b"SN-1\n")[-1] == ("begin", "SN-1")
     assert "repeated" not in [kind for kind, _ in feeding.context.told()]
     assert feeding.context.events[-1].text == "Unit SN-1 continues."
@@ -94,7 +112,9 @@ def test_a_unit_that_an_unreadable_line_took_from_the_bench_continues_and_is_no_
     assert feeding.types(b"SN-1\n")[1] == ("repeated", "SN-1")  # another one was read between them
 
 
-def test_a_line_that_is_no_serial_ends_the_unit_for_nobody_knows_whose_joints_follow(feeding: Feeding) -> None:
+def test_a_line_that_is_no_serial_ends_the_unit_for_nobody_knows_whose_joints_follow(
+    feeding: Feeding,
+) -> None:
     feeding.types(b"SN-1\n")
     assert feeding.types(b"X" * 250, b"\n") == [("refused", "X" * 200), ("end", "SN-1")]
     assert feeding.feed.unit is None
@@ -119,7 +139,9 @@ def test_a_pipe_that_was_closed_leaves_the_last_unit_and_says_so(feeding: Feedin
 def test_a_reader_that_is_gone_leaves_no_unit() -> None:
     reading, writing = os.pipe()
     context = Desk(writing)
-    feed = UnitFeed(LineSource(reading, "/dev/ttyACM0", ends=False), context.events.append, context.micros)
+    feed = UnitFeed(
+        LineSource(reading, "/dev/ttyACM0", ends=False), context.events.append, context.micros
+    )
     Feeding(context, feed).types(b"SN-1\n")
     os.close(writing)
     feed.look()
@@ -131,24 +153,37 @@ def test_a_reader_that_is_gone_leaves_no_unit() -> None:
 def test_the_end_of_the_run_takes_in_what_has_come(feeding: Feeding) -> None:
     os.write(feeding.context.writing, b"SN-1\nSN-2\nSN")
     feeding.feed.finish()
-    assert feeding.context.told()[-4:] == [("end", "SN-1"), ("begin", "SN-2"), ("refused", "SN"), ("end", "SN-2")]
+    assert feeding.context.told()[-4:] == [
+        ("end", "SN-1"),
+        ("begin", "SN-2"),
+        ("refused", "SN"),
+        ("end", "SN-2"),
+    ]
     assert "without the end of its line" in feeding.context.events[-2].text
 
 
-# -- until so many are finished -----------------------------------------------------------------------------------------------
+# -- until so many are finished --------------------------------------------------------------------
 
 
 @pytest.fixture
 def until_two() -> Iterator[Feeding]:
     reading, writing = os.pipe()
     context = Desk(writing)
-    yield Feeding(context, UnitFeed(LineSource(reading, "stdin"), context.events.append, context.micros, wanted=2))
+    yield Feeding(
+        context,
+        UnitFeed(LineSource(reading, "stdin"), context.events.append, context.micros, wanted=2),
+    )
     if context.writing >= 0:
         os.close(context.writing)
 
 
-def test_a_unit_is_finished_when_another_serial_comes_and_what_comes_after_the_last_is_not_of_this_run(until_two: Feeding) -> None:
-    assert until_two.types(b"SN-1\n", b"SN-1\n", b"SN-2\n")[-2:] == [("end", "SN-1"), ("begin", "SN-2")]
+def test_a_unit_ends_when_another_serial_comes_and_what_follows_the_last_is_no_unit(
+    until_two: Feeding,
+) -> None:
+    assert until_two.types(b"SN-1\n", b"SN-1\n", b"SN-2\n")[-2:] == [
+        ("end", "SN-1"),
+        ("begin", "SN-2"),
+    ]
     assert (until_two.feed.finished, until_two.feed.is_done) == ({"SN-1"}, False)
     assert until_two.types(b"SN-3\nSN-4\n") == [("end", "SN-2"), ("next", "SN-3"), ("next", "SN-4")]
     assert until_two.feed.is_done
@@ -159,9 +194,19 @@ def test_a_unit_is_finished_when_another_serial_comes_and_what_comes_after_the_l
 
 def test_the_word_end_finishes_the_last_unit_begins_none_and_is_echoed(until_two: Feeding) -> None:
     assert until_two.types(b"END\n", b"SN-1\n", b"END\n", b"END\n") == [
-        *(("finish", None), ("begin", "SN-1"), ("end", "SN-1"), ("finish", "SN-1"), ("finish", None))
+        *(
+            ("finish", None),
+            ("begin", "SN-1"),
+            ("end", "SN-1"),
+            ("finish", "SN-1"),
+            ("finish", None),
+        )
     ]
-    assert until_two.types(b"SN-2\n", b"END\n") == [("begin", "SN-2"), ("end", "SN-2"), ("finish", "SN-2")]
+    assert until_two.types(b"SN-2\n", b"END\n") == [
+        ("begin", "SN-2"),
+        ("end", "SN-2"),
+        ("finish", "SN-2"),
+    ]
     assert until_two.feed.is_done
     assert [event.text for event in until_two.context.events if event.kind == "unit.finish"] == [
         "END was read, and no unit is on the bench. Units finished: 0, wanted: 2.",
@@ -169,13 +214,21 @@ def test_the_word_end_finishes_the_last_unit_begins_none_and_is_echoed(until_two
         "END was read, and no unit is on the bench. Units finished: 1, wanted: 2.",
         "END was read: unit SN-2 is finished. Units finished: 2, wanted: 2.",
     ]
-    assert all(EventFilter().passes(event) for event in until_two.context.events if event.kind == "unit.finish")
+    assert all(
+        EventFilter().passes(event)
+        for event in until_two.context.events
+        if event.kind == "unit.finish"
+    )
 
 
 def test_the_word_end_says_where_it_finishes_nothing(until_two: Feeding) -> None:
     until_two.types(b"SN-1\nEND\n", b"SN-2\n", b"X" * 250 + b"\n", b"END\n")
     said = [event.text for event in until_two.context.events if event.kind == "unit.finish"]
-    assert said == [f"END was read: unit SN-{n} ends and is not counted as finished. Units finished: 0, wanted: 2." for n in (1, 2)]
+    assert said == [
+        f"END was read: unit SN-{n} ends and is not counted as finished. Units finished: 0,"
+        " wanted: 2."
+        for n in (1, 2)
+    ]
 
 
 def test_where_no_number_is_wanted_end_is_a_serial_like_any_other(feeding: Feeding) -> None:
@@ -183,7 +236,7 @@ def test_where_no_number_is_wanted_end_is_a_serial_like_any_other(feeding: Feedi
     assert not feeding.feed.is_done
 
 
-# -- where the recipe refuses repeats ---------------------------------------------------------------------------------------------
+# -- where the recipe refuses repeats --------------------------------------------------------------
 
 
 @pytest.fixture
@@ -191,20 +244,34 @@ def refusing() -> Iterator[Feeding]:
     reading, writing = os.pipe()
     context = Desk(writing)
     yield Feeding(
-        context, UnitFeed(LineSource(reading, "stdin"), context.events.append, context.micros, wanted=3, refuses_repeats=True)
+        context,
+        UnitFeed(
+            LineSource(reading, "stdin"),
+            context.events.append,
+            context.micros,
+            wanted=3,
+            refuses_repeats=True,
+        ),
     )
     if context.writing >= 0:
         os.close(context.writing)
 
 
-def test_a_refused_serial_begins_no_unit_and_what_follows_belongs_to_none(refusing: Feeding) -> None:
-    assert refusing.types(b"SN-1\n", b"SN-2\n", b"SN-1\n")[-2:] == [("end", "SN-2"), ("repeated", "SN-1")]
+def test_a_refused_serial_begins_no_unit_and_what_follows_belongs_to_none(
+    refusing: Feeding,
+) -> None:
+    assert refusing.types(b"SN-1\n", b"SN-2\n", b"SN-1\n")[-2:] == [
+        ("end", "SN-2"),
+        ("repeated", "SN-1"),
+    ]
     assert refusing.feed.unit is None
     event = refusing.context.events[-1]
     assert (event.severity, event.value) == ("error", 2)
-    assert event.text == (
-        "Serial SN-1 was read before, at 1970-01-01 00:00:02 UTC, and is refused, as the recipe says: what follows belongs to no "
-        "unit until another serial is read; SN-2 read again continues that one."
+    assert (
+        event.text
+        == "Serial SN-1 was read before, at 1970-01-01 00:00:02 UTC, and is refused, as the recipe"
+        " says: what follows belongs to no unit until another serial is read; SN-2 read again"
+        " continues that one."
     )
     assert refusing.feed.finished == {"SN-1"}
     assert refusing.types(b"SN-3\n") == [("begin", "SN-3")]
@@ -216,7 +283,11 @@ def test_the_unit_on_the_bench_continues_where_the_wrong_label_was_read(refusing
     assert refusing.types(b"SN-2\n") == [("begin", "SN-2")]
     assert refusing.context.events[-1].text == "Unit SN-2 continues."
     assert refusing.feed.finished == {"SN-1"}
-    assert refusing.types(b"SN-1\n", b"END\n") == [("end", "SN-2"), ("repeated", "SN-1"), ("finish", "SN-2")]
+    assert refusing.types(b"SN-1\n", b"END\n") == [
+        ("end", "SN-2"),
+        ("repeated", "SN-1"),
+        ("finish", "SN-2"),
+    ]
     assert refusing.feed.finished == {"SN-1", "SN-2"}
     assert refusing.types(b"SN-2\n") == [("repeated", "SN-2")]  # now it is one
 
@@ -224,7 +295,10 @@ def test_the_unit_on_the_bench_continues_where_the_wrong_label_was_read(refusing
 def test_a_refused_serial_that_is_read_again_and_again_is_told_once(refusing: Feeding) -> None:
     refusing.types(b"SN-1\n", b"SN-2\n", b"SN-1\n")
     assert refusing.types(b"SN-1\nSN-1\n") == [("again", "SN-1")]
-    assert refusing.context.events[-1].text == "Serial SN-1, which is refused, came again; nothing changes."
+    assert (
+        refusing.context.events[-1].text
+        == "Serial SN-1, which is refused, came again; nothing changes."
+    )
 
 
 def test_a_repeat_that_ends_the_last_unit_is_of_the_next_run(until_two: Feeding) -> None:
@@ -238,8 +312,12 @@ def test_a_unit_that_comes_back_counts_once(until_two: Feeding) -> None:
     assert until_two.feed.finished == {"SN-1", "SN-2"}
 
 
-@pytest.mark.parametrize("typed", [(b"SN-1\nSN-2\nSN-3\n",), (b"SN-1\n", b"X" * 250 + b"\n", b"Y" * 250 + b"\n")])
-def test_a_list_pasted_at_once_or_a_line_that_is_no_serial_finishes_nothing(until_two: Feeding, typed: tuple[bytes, ...]) -> None:
+@pytest.mark.parametrize(
+    "typed", [(b"SN-1\nSN-2\nSN-3\n",), (b"SN-1\n", b"X" * 250 + b"\n", b"Y" * 250 + b"\n")]
+)
+def test_a_list_pasted_at_once_or_a_line_that_is_no_serial_finishes_nothing(
+    until_two: Feeding, typed: tuple[bytes, ...]
+) -> None:
     until_two.types(*typed)
     assert until_two.feed.finished == set()
 
@@ -248,6 +326,8 @@ def test_the_unit_on_the_bench_when_the_run_ends_is_not_finished(until_two: Feed
     until_two.types(b"SN-1\n", b"SN-2\n")
     until_two.hangs_up()
     until_two.feed.look()
-    assert until_two.context.events[-1].text.endswith("The wanted number of units cannot be reached any more.")
+    assert until_two.context.events[-1].text.endswith(
+        "The wanted number of units cannot be reached any more."
+    )
     until_two.feed.finish()
     assert (until_two.feed.finished, until_two.feed.on_bench_at_end) == ({"SN-1"}, "SN-2")

@@ -1,4 +1,6 @@
-"""The queue of a batch as whoever watches sees it: only while the batch runs, and without touching it."""
+"""The queue of a batch as whoever watches sees it: only while the batch runs, and without touching
+it.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ UTC_S = 1_790_000_000.0
 
 @pytest.fixture
 def journal(tmp_path: Path) -> Iterator[Journal]:
-    """A batch of three jobs that is held as `jbclog batch` holds it: one has ended, one runs, one waits."""
+    """A batch of three jobs that is held as `jbclog batch` holds it: one has ended, one runs, one
+    waits.
+    """
     home = tmp_path / "night.batch"
     home.mkdir()
     held = os.open(home / LOCK, os.O_RDWR | os.O_CREAT)
@@ -33,9 +37,13 @@ def journal(tmp_path: Path) -> Iterator[Journal]:
         made.note(Entry("", EntryKind.JOB, "", name, asked=json.dumps(asked), on_failure="skip"))
     made.note(Entry("", EntryKind.EXECUTION, ""))
     made.note(Entry("", EntryKind.START, "", "one", 1))
-    made.note(Entry("", EntryKind.END, "ACCEPT", "one", 1, state="done", exit_code=0, verdict="ACCEPT"))
+    made.note(
+        Entry("", EntryKind.END, "ACCEPT", "one", 1, state="done", exit_code=0, verdict="ACCEPT")
+    )
     made.note(Entry("", EntryKind.START, "", "two", 1))
-    JobDir(made.folder / "jobs" / "two-1", made.store).set_progress(JobProgress(42.0, "recording", alarms=1, away=["dde-2"]))
+    JobDir(made.folder / "jobs" / "two-1", made.store).set_progress(
+        JobProgress(42.0, "recording", alarms=1, away=["dde-2"])
+    )
     yield made
     made.store.close()
     os.close(held)
@@ -66,14 +74,23 @@ def test_a_batch_that_nobody_carries_out_is_not_shown(journal: Journal, tmp_path
 
 def test_a_batch_that_was_stopped_says_so(journal: Journal, tmp_path: Path) -> None:
     journal.note(Entry("", EntryKind.SIGNAL, "Ctrl-C"))
-    assert QueueFollower(tmp_path).poll()[0].text == "batch night: 1 of 3 jobs have ended; no more jobs start: Ctrl-C"
+    assert (
+        QueueFollower(tmp_path).poll()[0].text
+        == "batch night: 1 of 3 jobs have ended; no more jobs start: Ctrl-C"
+    )
 
 
 def test_reading_leaves_the_store_as_it_is(journal: Journal, tmp_path: Path) -> None:
-    """Its owner has it open; a reader by SQLite would write into the log's index, and this one opens it for reading only."""
-    before = {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in journal.folder.iterdir()}
+    """Its owner has it open; a reader by SQLite would write into the log's index, and this one
+    opens it for reading only.
+    """
+    before = {
+        path: (path.stat().st_mtime_ns, path.stat().st_size) for path in journal.folder.iterdir()
+    }
     QueueFollower(tmp_path).poll()
-    assert {path: (path.stat().st_mtime_ns, path.stat().st_size) for path in journal.folder.iterdir()} == before
+    assert {
+        path: (path.stat().st_mtime_ns, path.stat().st_size) for path in journal.folder.iterdir()
+    } == before
 
 
 def test_a_store_that_is_none_is_named(journal: Journal, tmp_path: Path) -> None:

@@ -1,4 +1,6 @@
-"""The live view's page in Chromium: what it shows, by mouse, keys and fingers, and what it shows when nothing comes any more."""
+"""The live view's page in Chromium: what it shows, by mouse, keys and fingers, and what it shows
+when nothing comes any more.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ def browser() -> Iterator[Chromium]:
         yield found
 
 
-def seen(browser: Chromium, served: Served, width: int = 1280, height: int = 900, *, phone: bool = False) -> Page:
+def seen(
+    browser: Chromium, served: Served, width: int = 1280, height: int = 900, *, phone: bool = False
+) -> Page:
     """The page when it has its first message; it notes each request."""
     opened = browser.page(width, height, phone)
     opened.visit(served.address)
@@ -54,8 +58,14 @@ def tile(opened: Page, number: int, what: str) -> str:
 def test_tiles_show_the_run(browser: Chromium) -> None:
     with page(live_states.run()) as served:
         opened = seen(browser, served)
-        assert text(opened, "#run") == "20261123T060000Z-bench-3-k7qd · RECORDING · order 88123 · unit SN-0012"
-        assert text(opened, "#status") == "1 alarm, 1 stale, 1 not known, 1 attention, 1 normal, 1 ended"
+        assert (
+            text(opened, "#run")
+            == "20261123T060000Z-bench-3-k7qd · RECORDING · order 88123 · unit SN-0012"
+        )
+        assert (
+            text(opened, "#status")
+            == "1 alarm, 1 stale, 1 not known, 1 attention, 1 normal, 1 ended"
+        )
         assert [tile(opened, number, ".condition") for number in range(6)] == [
             *("normal", "alarm", "not known", "stale", "attention", "ended")
         ]
@@ -65,7 +75,10 @@ def test_tiles_show_the_run(browser: Chromium) -> None:
         assert opened.js("document.title") == "ALARM – jbclog watch"
         assert {one.removeprefix(served.address) for one in opened.requests} <= LOADED
         canvas = f"{TILE.format(0)}.querySelector('canvas')"
-        pixels = f"Array.from({canvas}.getContext('2d').getImageData(0, 0, 200, 40).data).some(one => one)"
+        pixels = (
+            f"Array.from({canvas}.getContext('2d').getImageData(0, 0, 200, 40).data).some(one =>"
+            " one)"
+        )
         opened.until(pixels)
         assert opened.said == []
         opened.close()
@@ -87,11 +100,14 @@ def test_events_by_severity(browser: Chromium) -> None:
         assert opened.js("document.querySelectorAll('#events li').length") == 4
         for severity, count in (("warning", 3), ("critical", 1), ("info", 4)):
             opened.js(
-                f"(() => {{ const one = document.getElementById('severity'); one.value = '{severity}';"
-                " one.dispatchEvent(new Event('change')); })()"
+                "(() => { const one = document.getElementById('severity'); one.value ="
+                f" '{severity}'; one.dispatchEvent(new Event('change')); }})()"
             )
             assert opened.js("document.querySelectorAll('#events li').length") == count
-        more = replace(live_states.run(), events=(NumberedEvent(9, EventRow(1, "x", Severity.ERROR, "a new one")),))
+        more = replace(
+            live_states.run(),
+            events=(NumberedEvent(9, EventRow(1, "x", Severity.ERROR, "a new one")),),
+        )
         served.answer = more
         opened.until("document.getElementById('events').textContent.includes('a new one')")
         opened.close()
@@ -101,7 +117,10 @@ def test_a_port_in_detail(browser: Chromium) -> None:
     with page(live_states.run()) as served:
         opened = seen(browser, served)
         opened.click("article button")
-        opened.until("document.getElementById('detail').open && document.querySelector('#plot').dataset.points === '601'")
+        opened.until(
+            "document.getElementById('detail').open &&"
+            " document.querySelector('#plot').dataset.points === '601'"
+        )
         assert "temperature_select_c" in text(opened, "#settings")
         assert "123.5" in text(opened, "#counters")
         left, top, width, height = opened.place("#plot .u-over")
@@ -110,7 +129,10 @@ def test_a_port_in_detail(browser: Chromium) -> None:
         assert text(opened, "#cursor").endswith(", 10 %")
         opened.until("document.querySelector('#plot').dataset.window !== undefined")
         opened.drag((left + width * 0.25, top + height / 2), (left + width * 0.5, top + height / 2))
-        opened.until("(() => { const [a, b] = document.querySelector('#plot').dataset.window.split(' '); return b - a < 20; })()")
+        opened.until(
+            "(() => { const [a, b] = document.querySelector('#plot').dataset.window.split(' ');"
+            " return b - a < 20; })()"
+        )
         opened.js("document.getElementById('plot').focus()")
         opened.key("ArrowLeft")
         opened.key("ArrowLeft")
@@ -127,10 +149,12 @@ def test_the_last_hour_of_a_port(browser: Chromium) -> None:
         opened = seen(browser, served)
         opened.click("article button")
         choose = (
-            "(() => {{ const one = document.getElementById('span'); one.value = '{}'; one.dispatchEvent(new Event('change')); }})()"
+            "(() => {{ const one = document.getElementById('span'); one.value = '{}';"
+            " one.dispatchEvent(new Event('change')); }})()"
         )
         opened.js(choose.format("hour"))
-        opened.until("document.querySelector('#plot').dataset.points === '1309'")  # 708 means, then the minute as it was read
+        # 708 means, then the minute as it was read
+        opened.until("document.querySelector('#plot').dataset.points === '1309'")
         opened.js("document.getElementById('plot').focus()")
         opened.key("ArrowLeft")
         opened.key("ArrowLeft")
@@ -147,7 +171,9 @@ def test_the_last_hour_of_a_port(browser: Chromium) -> None:
 
 
 def going_on(began: float, lasted_s: float = 60.0) -> Callable[[], RunState]:
-    """A run whose first port gains ten rows a second; each temperature is its row's own number of tenths of a second."""
+    """A run whose first port gains ten rows a second; each temperature is its row's own number of
+    tenths of a second.
+    """
     run = live_states.run()
 
     def now() -> RunState:
@@ -155,7 +181,10 @@ def going_on(began: float, lasted_s: float = 60.0) -> Callable[[], RunState]:
         first = max(rows - 600, 0)
         numbers = range(first, rows + 1)
         seconds = tuple(number / 10 for number in numbers)
-        hour = Trace(*[tuple(2.5 + 5 * one for one in range(max(rows // 50 - 1, 0)))] * 2, (10.0,) * max(rows // 50 - 1, 0))
+        hour = Trace(
+            *[tuple(2.5 + 5 * one for one in range(max(rows // 50 - 1, 0)))] * 2,
+            (10.0,) * max(rows // 50 - 1, 0),
+        )
         one = replace(run.ports[0], trace=Trace(seconds, seconds, (100,) * len(numbers)), hour=hour)
         return replace(run, stations=(replace(run.stations[0], ports=(one,)),))
 
@@ -165,18 +194,25 @@ def going_on(began: float, lasted_s: float = 60.0) -> Callable[[], RunState]:
 WHERE = """(() => {
   const x = (one) => new DOMMatrix(getComputedStyle(one).transform).e;
   const over = document.querySelector('#plot .u-over');
-  return [x(over.querySelector('.u-cursor-x')), x(over.querySelector('.u-cursor-pt')), over.clientWidth,
-    ...document.getElementById('plot').dataset.window.split(' ').map(Number), document.getElementById('cursor').textContent];
+  return [x(over.querySelector('.u-cursor-x')), x(over.querySelector('.u-cursor-pt')),
+    over.clientWidth,
+    ...document.getElementById('plot').dataset.window.split(' ').map(Number),
+    document.getElementById('cursor').textContent];
 })()"""
 
 
 def drawn_second(opened: Page) -> float:
-    """The second at which the cursor stands; marker, readout and what is drawn there are of the same second."""
+    """The second at which the cursor stands; marker, readout and what is drawn there are of the
+    same second.
+    """
     line, marker, width, least, most, said = opened.js(WHERE)
     assert 0 <= line <= width
     assert marker == pytest.approx(line, abs=1)
     second = least + line / width * (most - least)
-    assert float(said.split(": ")[1].split(" ")[0]) == pytest.approx(second, abs=2 * (most - least) / width)  # a pixel
+    # a pixel
+    assert float(said.split(": ")[1].split(" ")[0]) == pytest.approx(
+        second, abs=2 * (most - least) / width
+    )
     return second
 
 
@@ -205,7 +241,8 @@ def test_cursor_marker_and_text_are_of_one_drawn_point(browser: Chromium) -> Non
         for key, by in (("ArrowLeft", -0.1), ("ArrowLeft", -0.1), ("ArrowRight", 0.1)):
             before = drawn_second(opened)
             opened.key(key)
-            assert drawn_second(opened) - before == pytest.approx(by, abs=0.03)  # a pixel at each end
+            # a pixel at each end
+            assert drawn_second(opened) - before == pytest.approx(by, abs=0.03)
         opened.key("Home")
         chosen = drawn_second(opened)
         seconds_of_page(opened, 1.5)
@@ -245,7 +282,9 @@ def test_a_trace_by_fingers(browser: Chromium) -> None:
         assert "Drag to zoom" not in opened.js("document.getElementById('detail').innerText")
         left, top, width, height = opened.place("#plot .u-over")
         x, y = left + width / 2, top + height / 2
-        opened.touch([(x - 10, y), (x + 10, y)], [(x - 30, y), (x + 30, y)], [(x - 60, y), (x + 60, y)])
+        opened.touch(
+            [(x - 10, y), (x + 10, y)], [(x - 30, y), (x + 30, y)], [(x - 60, y), (x + 60, y)]
+        )
         least, most = window(opened)
         assert 5 < most - least < 20
         opened.touch([(x, y)], [(x + 20, y)], [(x + 40, y)])
@@ -281,9 +320,12 @@ LABELS = """(() => { const made = []; const real = CanvasRenderingContext2D.prot
 
 
 @pytest.mark.parametrize(
-    ("lasted_s", "expected"), [(20, r"-\d+ s|now"), (90, r"-\d+ s|now"), (160, r"-\d+ (s|min)|now"), (3000, r"-\d+ min|now")]
+    ("lasted_s", "expected"),
+    [(20, r"-\d+ s|now"), (90, r"-\d+ s|now"), (160, r"-\d+ (s|min)|now"), (3000, r"-\d+ min|now")],
 )
-def test_labels_of_an_hour_are_distinct_and_it_ends_now(browser: Chromium, lasted_s: float, expected: str) -> None:
+def test_labels_of_an_hour_are_distinct_and_it_ends_now(
+    browser: Chromium, lasted_s: float, expected: str
+) -> None:
     with page(going_on(time.monotonic(), lasted_s)) as served:
         opened = seen(browser, served)
         opened.click("article button")
@@ -292,7 +334,11 @@ def test_labels_of_an_hour_are_distinct_and_it_ends_now(browser: Chromium, laste
         opened.until("labels.includes('now')")
         opened.js("labels.length = 0")
         opened.until("labels.includes('now')")
-        made = [one for one in opened.js("labels.slice(0, labels.indexOf('now') + 1)") if not one.endswith(("°C", "%"))]
+        made = [
+            one
+            for one in opened.js("labels.slice(0, labels.indexOf('now') + 1)")
+            if not one.endswith(("°C", "%"))
+        ]
         assert len(made) == len(set(made)) >= 3
         assert all(re.fullmatch(expected, one) for one in made), made
         newest = max(going_on(time.monotonic(), lasted_s)().ports[0].trace.seconds)
@@ -305,10 +351,16 @@ def test_settings_can_be_read_on_a_phone(browser: Chromium, width: int) -> None:
     with page(live_states.run()) as served:
         opened = seen(browser, served, width, 844, phone=True)
         opened.js("document.querySelector('article button').click()")
-        cells = "[...document.querySelectorAll('#settings tbody th, #settings tbody td')].filter(one => one.offsetHeight)"
+        cells = (
+            "[...document.querySelectorAll('#settings tbody th, #settings tbody td')].filter(one =>"
+            " one.offsetHeight)"
+        )
         right = opened.js(f"Math.max(...{cells}.map(one => one.getBoundingClientRect().right))")
         assert right <= opened.js("document.getElementById('detail').getBoundingClientRect().right")
-        assert opened.js("document.getElementById('detail').scrollWidth <= document.getElementById('detail').clientWidth")
+        assert opened.js(
+            "document.getElementById('detail').scrollWidth <="
+            " document.getElementById('detail').clientWidth"
+        )
         opened.close()
 
 
@@ -361,7 +413,8 @@ def test_a_trace_grows_and_old_points_leave(browser: Chromium) -> None:
         for last_s in (101.0, 130.0, 400.0, 20.0):
             served.answer = at(last_s)
             opened.until(
-                f"Number((document.querySelector('#plot').dataset.window || '').split(' ')[1]).toFixed(0) === '{last_s:.0f}'"
+                "Number((document.querySelector('#plot').dataset.window || '').split('"
+                f" ')[1]).toFixed(0) === '{last_s:.0f}'"
             )
             assert opened.js("document.querySelector('#plot').dataset.points") == "601"
         opened.close()
@@ -371,7 +424,9 @@ def test_without_messages_nothing_is_known(browser: Chromium) -> None:
     with page(live_states.run()) as served:
         opened = seen(browser, served)
     opened.until("document.title === 'NO CONNECTION – jbclog watch'")
-    assert {opened.js(f"{TILE.format(number)}.dataset.condition") for number in range(6)} == {"stale"}
+    assert {opened.js(f"{TILE.format(number)}.dataset.condition") for number in range(6)} == {
+        "stale"
+    }
     assert tile(opened, 0, ".now") == "unknown (no connection; last 349 °C)"
     opened.close()
 
@@ -413,12 +468,16 @@ def test_a_phone_shows_everything_without_scrolling_sideways(browser: Chromium, 
         served.queues = (live_states.QUEUE,)
         opened = seen(browser, served, width, 844, phone=True)
         assert opened.js("document.documentElement.scrollWidth") <= width
-        size = float(opened.js(f"getComputedStyle({TILE.format(0)}.querySelector('.now')).fontSize").removesuffix("px"))
+        size = float(
+            opened.js(
+                f"getComputedStyle({TILE.format(0)}.querySelector('.now')).fontSize"
+            ).removesuffix("px")
+        )
         assert size >= 32  # read at arm's length
         assert (
             opened.js(
-                "Math.min(...[...document.querySelectorAll('button, select')].filter(one => one.offsetHeight)"
-                ".map(one => one.offsetHeight))"
+                "Math.min(...[...document.querySelectorAll('button, select')].filter(one =>"
+                " one.offsetHeight).map(one => one.offsetHeight))"
             )
             >= 44
         )
@@ -429,9 +488,19 @@ def test_words_for_those_who_hear_the_page(browser: Chromium) -> None:
     with page(live_states.run()) as served:
         opened = seen(browser, served)
         tree = opened.ask("Accessibility.getFullAXTree")["nodes"]
-        names = {(one["role"]["value"], one.get("name", {}).get("value")) for one in tree if not one["ignored"]}
-        assert {("button", "Details of dde-1 port 1 T210"), ("region", "Ports"), ("heading", "dde-1 port 1 T210")} <= names
-        assert {role for role, name in names if role in ("button", "combobox") and not name} == set()
+        names = {
+            (one["role"]["value"], one.get("name", {}).get("value"))
+            for one in tree
+            if not one["ignored"]
+        }
+        assert {
+            ("button", "Details of dde-1 port 1 T210"),
+            ("region", "Ports"),
+            ("heading", "dde-1 port 1 T210"),
+        } <= names
+        assert {
+            role for role, name in names if role in ("button", "combobox") and not name
+        } == set()
         assert any(role == "status" for role, _ in names)
         opened.close()
 
@@ -448,7 +517,10 @@ def test_axe_finds_no_fault(browser: Chromium, scheme: str) -> None:
         for prepare in ("0", "document.querySelector('article button').click()"):
             opened.js(prepare)
             opened.settle()
-            found = "axe.run().then(found => found.violations.map(one => `${one.impact}: ${one.help}: ${one.nodes[0].html}`))"
+            found = (
+                "axe.run().then(found => found.violations.map(one => `${one.impact}: ${one.help}:"
+                " ${one.nodes[0].html}`))"
+            )
             assert opened.js(found) == []
         opened.close()
 
@@ -456,9 +528,11 @@ def test_axe_finds_no_fault(browser: Chromium, scheme: str) -> None:
 CONTRAST = """(() => {
   const numbers = (text) => text.match(/[\\d.]+/g).map(Number);
   const light = (text) => { const [r, g, b] = numbers(text)
-      .map(one => one / 255).map(one => one <= .04045 ? one / 12.92 : ((one + .055) / 1.055) ** 2.4);
+      .map(one => one / 255)
+      .map(one => one <= .04045 ? one / 12.92 : ((one + .055) / 1.055) ** 2.4);
     return .2126 * r + .7152 * g + .0722 * b; };
-  const ground = (one) => { for (; one; one = one.parentElement) { const back = getComputedStyle(one).backgroundColor;
+  const ground = (one) => { for (; one; one = one.parentElement) {
+    const back = getComputedStyle(one).backgroundColor;
     if (!/, 0\\)|transparent/.test(back)) return back; } return 'rgb(255, 255, 255)'; };
   const found = [];
   for (const one of document.querySelectorAll('h1, h2, p, span, li, button, select')) {
@@ -505,11 +579,15 @@ def many(tick: int, ports: int = 16) -> RunState:
 def sizes(opened: Page) -> tuple[int, int]:
     """Nodes of the document, and bytes of its scripts."""
     opened.ask("HeapProfiler.collectGarbage")
-    return opened.ask("Memory.getDOMCounters")["nodes"], opened.ask("Runtime.getHeapUsage")["usedSize"]
+    return (
+        opened.ask("Memory.getDOMCounters")["nodes"],
+        opened.ask("Runtime.getHeapUsage")["usedSize"],
+    )
 
 
 @pytest.mark.parametrize(
-    ("ports", "seconds"), [(16, 60), pytest.param(64, 300, marks=[pytest.mark.campaign, pytest.mark.timeout(900)])]
+    ("ports", "seconds"),
+    [(16, 60), pytest.param(64, 300, marks=[pytest.mark.campaign, pytest.mark.timeout(900)])],
 )
 def test_many_ports_for_long_without_growth(browser: Chromium, ports: int, seconds: int) -> None:
     ticks = iter(range(200, 1_000_000))
@@ -527,11 +605,14 @@ def test_many_ports_for_long_without_growth(browser: Chromium, ports: int, secon
         opened.close()
 
 
-# -- of a run that is recorded ---------------------------------------------------------------------------------------------
+# -- of a run that is recorded ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("most_s", [60.0, pytest.param(2.0, marks=pytest.mark.campaign)])  # 2 s: on an idle machine
-def test_an_alarm_is_visible_soon_after_its_commit(browser: Chromium, tmp_path: Path, most_s: float) -> None:
+# 2 s: on an idle machine
+@pytest.mark.parametrize("most_s", [60.0, pytest.param(2.0, marks=pytest.mark.campaign)])
+def test_an_alarm_is_visible_soon_after_its_commit(
+    browser: Chromium, tmp_path: Path, most_s: float
+) -> None:
     recording = Recording(tmp_path)
     recording.rows(20)
     recording.commit()
@@ -542,7 +623,13 @@ def test_an_alarm_is_visible_soon_after_its_commit(browser: Chromium, tmp_path: 
         recording.commit()
         opened.until(f"{TILE.format(0)}.dataset.condition === 'alarm'", most_s)
         assert tile(opened, 0, ".wrong") == "above 380 °C"
-        recording.rows(1, temperature_c=None, power_permille=None, quality="disconnected", reasons="temperature_c=disconnected")
+        recording.rows(
+            1,
+            temperature_c=None,
+            power_permille=None,
+            quality="disconnected",
+            reasons="temperature_c=disconnected",
+        )
         recording.commit()
         opened.until(f"{TILE.format(1)}.dataset.condition === 'not known'")
         opened.close()
@@ -550,7 +637,9 @@ def test_an_alarm_is_visible_soon_after_its_commit(browser: Chromium, tmp_path: 
 
 
 def test_a_killed_recorder_is_seen_as_such(browser: Chromium, tmp_path: Path) -> None:
-    process = subprocess.Popen(program("records.live_rows", tmp_path), stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        program("records.live_rows", tmp_path), stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout is not None
     process.stdout.readline()
     with Follower(tmp_path) as follower, page(follower.poll) as served:

@@ -31,7 +31,9 @@ def locked() -> Iterator[Served]:
         yield made
 
 
-def asked(served: Served, path: str = "/", method: str = "GET", **headers: str) -> http.client.HTTPResponse:
+def asked(
+    served: Served, path: str = "/", method: str = "GET", **headers: str
+) -> http.client.HTTPResponse:
     connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=60)
     connection.request(method, path, headers={"Host": f"127.0.0.1:{served.port}", **headers})
     answer = connection.getresponse()
@@ -74,7 +76,9 @@ def test_its_files_have_a_strict_policy(served: Served, path: str) -> None:
         assert "://" not in text
 
 
-@pytest.mark.parametrize("path", ["/watch", "/../pyproject.toml", "/static/watch.js", "/uplot.js/", "/%2e%2e/server.py"])
+@pytest.mark.parametrize(
+    "path", ["/watch", "/../pyproject.toml", "/static/watch.js", "/uplot.js/", "/%2e%2e/server.py"]
+)
 def test_nothing_else_is_served(served: Served, path: str) -> None:
     assert code(served, path) in (404, 307)
 
@@ -88,8 +92,20 @@ def test_it_only_reads(served: Served, method: str) -> None:
 @pytest.mark.parametrize(
     ("host", "expected"),
     [
-        *(("localhost", 200), ("localhost:1", 200), ("[::1]:8765", 200), ("127.0.0.1", 200), ("LOCALHOST:80", 200)),
-        *(("evil.example", 421), ("evil.example:8765", 421), ("127.0.0.1.evil.example", 421), ("192.168.1.5", 421), ("", 421)),
+        *(
+            ("localhost", 200),
+            ("localhost:1", 200),
+            ("[::1]:8765", 200),
+            ("127.0.0.1", 200),
+            ("LOCALHOST:80", 200),
+        ),
+        *(
+            ("evil.example", 421),
+            ("evil.example:8765", 421),
+            ("127.0.0.1.evil.example", 421),
+            ("192.168.1.5", 421),
+            ("", 421),
+        ),
     ],
 )
 def test_it_answers_to_its_own_names(served: Served, host: str, expected: int) -> None:
@@ -113,7 +129,10 @@ def test_other_origins_are_refused(served: Served, origin: str, expected: int) -
 def test_behind_a_proxy_with_tls_its_own_origin_is_that_of_the_proxy(served: Served) -> None:
     origin = f"https://127.0.0.1:{served.port}"
     assert code(served, "/", Origin=origin, **{"X-Forwarded-Proto": "https"}) == 200
-    assert code(served, "/", Origin=origin.replace("https", "http"), **{"X-Forwarded-Proto": "https"}) == 403
+    assert (
+        code(served, "/", Origin=origin.replace("https", "http"), **{"X-Forwarded-Proto": "https"})
+        == 403
+    )
 
 
 def test_another_address_needs_the_token(locked: Served) -> None:
@@ -136,7 +155,10 @@ def test_with_a_token_it_answers_to_its_addresses(locked: Served, host: str) -> 
 
 
 def test_addresses() -> None:
-    assert [is_loopback(one) for one in ("127.0.0.1", "127.9.9.9", "::1", "localhost", "0.0.0.0", "10.0.0.1", "line-pc")] == [
+    assert [
+        is_loopback(one)
+        for one in ("127.0.0.1", "127.9.9.9", "::1", "localhost", "0.0.0.0", "10.0.0.1", "line-pc")
+    ] == [
         *[True] * 4,
         *[False] * 3,
     ]
@@ -145,7 +167,10 @@ def test_addresses() -> None:
 
 
 def test_a_port_in_use() -> None:
-    with listening("127.0.0.1", 0) as opened, pytest.raises(UsageError, match="cannot be used: Address already in use"):
+    with (
+        listening("127.0.0.1", 0) as opened,
+        pytest.raises(UsageError, match="cannot be used: Address already in use"),
+    ):
         listening("127.0.0.1", opened.getsockname()[1])
 
 
@@ -154,7 +179,11 @@ def test_the_first_message_has_everything_and_later_ones_what_is_new(served: Ser
     assert first["whole"] is True
     assert second["whole"] is False
     (port, *_), (again, *_) = first["ports"], second["ports"]  # type: ignore[misc]  # lists
-    assert (port["name"], port["now"], port["condition"]) == ("dde-1 port 1 T210", "349 °C", "normal")
+    assert (port["name"], port["now"], port["condition"]) == (
+        "dde-1 port 1 T210",
+        "349 °C",
+        "normal",
+    )
     assert (len(port["trace"]["seconds"]), len(again["trace"]["seconds"])) == (601, 0)
     assert again["trace"]["begin"] is False
 
@@ -166,7 +195,10 @@ def test_hidden_characters_stay_away(served: Served) -> None:
 def test_no_run_and_trouble_are_messages() -> None:
     with page(None) as served:
         first = messages(served, 1)[0]
-        assert (first["run"], first["title"]) == ("no run in none yet; it is shown as soon as one begins", "NO RUN YET")
+        assert (first["run"], first["title"]) == (
+            "no run in none yet; it is shown as soon as one begins",
+            "NO RUN YET",
+        )
         served.answer = RecordError("the disk is away")
         assert messages(served, 3)[-1] == {"trouble": "the disk is away"}
         served.answer = ValueError("a mistake of ours")
@@ -194,7 +226,10 @@ def test_no_more_of_those_that_come_at_once() -> None:
     """Requests that wait together, before the first of them has its answer."""
     with page(live_states.run()) as served:
         request = f"GET /events HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\n\r\n".encode()
-        opened = [socket.create_connection(("127.0.0.1", served.port), 60) for _ in range(MOST_BROWSERS + 20)]
+        opened = [
+            socket.create_connection(("127.0.0.1", served.port), 60)
+            for _ in range(MOST_BROWSERS + 20)
+        ]
         for one in opened:
             one.sendall(request)
         codes = [one.recv(12).split()[1] for one in opened]
@@ -229,7 +264,13 @@ def test_runs_and_their_reports(tmp_path: Path) -> None:
             (policy,) = answer.headers.get_all("Content-Security-Policy")
             assert policy.startswith("sandbox allow-scripts")
             assert "allow-same-origin" not in policy
-            for name in (going.folder.name, "notes", "..", "%2e%2e", f"{ended.folder.name}/manifest.json"):
+            for name in (
+                going.folder.name,
+                "notes",
+                "..",
+                "%2e%2e",
+                f"{ended.folder.name}/manifest.json",
+            ):
                 assert code(served, f"/runs/{name}") in (404, 307)
     going.abandon()
 

@@ -38,7 +38,12 @@ def utc(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     time.tzset()
 
 
-def play(steps: Steps, source: Callable[[], RunState | None] = lambda: None, *, every_s: float | None = None) -> None:
+def play(
+    steps: Steps,
+    source: Callable[[], RunState | None] = lambda: None,
+    *,
+    every_s: float | None = None,
+) -> None:
     async def inside() -> None:
         app = WatchApp(source, every_s)
         async with app.run_test(size=(120, 40)) as pilot:
@@ -56,7 +61,9 @@ async def shown(app: WatchApp, pilot: Pilot[None], run: RunState) -> str:
 
 @pytest.mark.parametrize("name", SIZES)
 def test_it_looks_as_it_did(name: str) -> None:
-    """After a change that is meant: ``python tests/support readers.screen``, and look at the difference."""
+    """After a change that is meant: ``python tests/support readers.screen``, and look at the
+    difference.
+    """
     assert asyncio.run(picture(name)) == (PICTURES / f"{name}.txt").read_text(encoding="utf-8")
 
 
@@ -151,7 +158,11 @@ def test_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
         svg = app.export_screenshot()
         colours = {svg[at + 1 : at + 7] for at in range(len(svg)) if svg[at - 1 : at + 1] == '"#'}
         assert colours
-        assert [one for one in colours if one not in WINDOW and max(channels(one)) - min(channels(one)) > GREY] == []
+        assert [
+            one
+            for one in colours
+            if one not in WINDOW and max(channels(one)) - min(channels(one)) > GREY
+        ] == []
 
     play(steps)
 
@@ -161,7 +172,8 @@ def channels(colour: str) -> tuple[int, int, int]:
 
 
 GREY = 4
-WINDOW = ("ff5f57", "febc2e", "28c840", "0178d4")  # buttons that the picture draws around the terminal
+# buttons that the picture draws around the terminal
+WINDOW = ("ff5f57", "febc2e", "28c840", "0178d4")
 
 
 def test_what_was_read_while_the_app_ends_is_not_shown() -> None:
@@ -200,7 +212,14 @@ def test_arrows_and_tab_choose_a_tile_and_the_footer_says_so() -> None:
         tiles = list(app.query(Tile))
         a_line = sum(tile.region.y == tiles[0].region.y for tile in tiles)
         assert 1 < a_line < len(tiles)
-        for key, place in (("right", 1), ("left", 0), ("left", 0), ("down", a_line), ("up", 0), ("tab", 1)):
+        for key, place in (
+            ("right", 1),
+            ("left", 0),
+            ("left", 0),
+            ("down", a_line),
+            ("up", 0),
+            ("tab", 1),
+        ):
             await pilot.press(key)
             assert app.focused is tiles[place]
 
@@ -231,8 +250,13 @@ def test_no_run_is_said_only_when_it_is_known() -> None:
     play(steps)
 
 
-@pytest.mark.parametrize(("size", "has_events"), [((80, 10), False), ((40, 15), False), ((80, 17), True), ((80, 24), True)])
-def test_on_a_low_terminal_tiles_come_before_events(size: tuple[int, int], has_events: bool) -> None:
+@pytest.mark.parametrize(
+    ("size", "has_events"),
+    [((80, 10), False), ((40, 15), False), ((80, 17), True), ((80, 24), True)],
+)
+def test_on_a_low_terminal_tiles_come_before_events(
+    size: tuple[int, int], has_events: bool
+) -> None:
     async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
         await shown(app, pilot, live_states.run())
         app.show_queues((live_states.QUEUE,) if size[1] < 17 else ())
@@ -250,7 +274,9 @@ def test_on_a_low_terminal_tiles_come_before_events(size: tuple[int, int], has_e
 def test_the_exit_code_of_the_command(tmp_path: Path, key: bytes, code: int) -> None:
     command = [sys.executable, "-c", "from jbclog.cli import main; main()", "watch", str(tmp_path)]
     ours, theirs = pty.openpty()
-    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True) as process:
+    with subprocess.Popen(
+        command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True
+    ) as process:
         os.close(theirs)
         shown = b""
         while b"no run" not in shown:

@@ -31,7 +31,15 @@ def test_a_reading(reading: Reading, text: str) -> None:
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(None, "unknown age"), (0.04, "0.0 s"), (9.9, "9.9 s"), (10, "10 s"), (119, "119 s"), (120, "2 min"), (7200, "2 h")],
+    [
+        (None, "unknown age"),
+        (0.04, "0.0 s"),
+        (9.9, "9.9 s"),
+        (10, "10 s"),
+        (119, "119 s"),
+        (120, "2 min"),
+        (7200, "2 h"),
+    ],
 )
 def test_an_age(seconds: float | None, text: str) -> None:
     assert words.age_text(seconds) == text
@@ -42,7 +50,8 @@ def test_an_age(seconds: float | None, text: str) -> None:
     [
         (Coverage(), "coverage unknown"),
         (Coverage(1000, 1000, is_whole=True), "coverage 100.0 % of 1000"),
-        (Coverage(100_000, 99_999, is_whole=True), "coverage 99.9 % of 100000"),  # never rounded up to all of them
+        # never rounded up to all of them
+        (Coverage(100_000, 99_999, is_whole=True), "coverage 99.9 % of 100000"),
         (Coverage(100, 50), "coverage 50.0 % of 100, still counting"),
     ],
 )
@@ -91,25 +100,40 @@ def heated(lasted_s: int) -> PortState:
 
 
 def test_an_hour_ends_with_what_is_now() -> None:
-    assert words.hour_plot(heated(20), 68, 8) == ["too short yet for an hour's plot; `h` shows the last minute"]
+    assert words.hour_plot(heated(20), 68, 8) == [
+        "too short yet for an hour's plot; `h` shows the last minute"
+    ]
     lines = words.hour_plot(heated(150), 68, 8)
     assert (lines[0][:8], lines[0][-1]) == (" 350 °C ", "█")
     assert lines[8].strip().startswith("-60 min")
-    cooled = replace(heated(150), trace=replace(heated(150).trace, temperature_c=(*heated(150).trace.temperature_c[:-1], 200.0)))
+    cooled = replace(
+        heated(150),
+        trace=replace(
+            heated(150).trace, temperature_c=(*heated(150).trace.temperature_c[:-1], 200.0)
+        ),
+    )
     lines = words.hour_plot(cooled, 68, 8)
     assert (lines[7][:8], lines[7][-1]) == (" 200 °C ", "▁")
 
 
 def test_foreign_text_is_one_plain_line() -> None:
     run = live_states.run()
-    assert all("\x1b" not in line and "\n" not in line for line in words.queue_lines((live_states.QUEUE,)))
-    assert all("\x1b" not in line and "\n" not in line for line in map(words.event_line, run.events))
+    assert all(
+        "\x1b" not in line and "\n" not in line for line in words.queue_lines((live_states.QUEUE,))
+    )
+    assert all(
+        "\x1b" not in line and "\n" not in line for line in map(words.event_line, run.events)
+    )
     assert "\x1b" not in "".join(line for port in run.ports for line in words.port_lines(port, 30))
 
 
 def test_an_event_names_its_port_once() -> None:
-    event = EventRow(0, "alarm.low", Severity.WARNING, "dde-2: Port 2: low-temperature alarm.", "dde-2", 2)
-    assert words.event_line(NumberedEvent(1, event)).endswith("  dde-2 port 2: low-temperature alarm.")
+    event = EventRow(
+        0, "alarm.low", Severity.WARNING, "dde-2: Port 2: low-temperature alarm.", "dde-2", 2
+    )
+    assert words.event_line(NumberedEvent(1, event)).endswith(
+        "  dde-2 port 2: low-temperature alarm."
+    )
     of_station = EventRow(0, "link.lost", Severity.WARNING, "dde-2: Port 2: all are lost.", "dde-2")
     assert words.event_line(NumberedEvent(1, of_station)).endswith("  dde-2: Port 2: all are lost.")
 
@@ -127,7 +151,12 @@ def test_joints_before_the_first_count_are_a_dash() -> None:
 
 @pytest.mark.parametrize(
     ("phase", "expected"),
-    [(Phase.RECORDING, "ALARM"), (Phase.CRASHED, "CRASHED"), (Phase.DELAYED, "DELAYED"), (Phase.FINALIZED, "ALARM")],
+    [
+        (Phase.RECORDING, "ALARM"),
+        (Phase.CRASHED, "CRASHED"),
+        (Phase.DELAYED, "DELAYED"),
+        (Phase.FINALIZED, "ALARM"),
+    ],
 )
 def test_a_title_says_when_nothing_is_known(phase: Phase, expected: str) -> None:
     assert words.title(live_states.run(phase=phase)) == expected

@@ -1,4 +1,6 @@
-"""Counter totals on histories made by hand: every kind of difference, and the rule that decides it."""
+"""Counter totals on histories made by hand: every kind of difference, and the rule that decides
+it.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,11 @@ def test_whole_hours_are_one_hour_wide_over_however_many_looks() -> None:
     trace = series(DAY, plugged_h=range(5000, 5240, 8), work_h=range(3000, 3120, 4))["work_h"]
     assert trace.counter_total.total == Interval(115, 117)
     assert trace.between(0, 1) == Interval(3, 5)
-    assert (trace.counter_total.is_known, trace.counter_total.marks, trace.counter_total.first) == (True, (), 3000)
+    assert (trace.counter_total.is_known, trace.counter_total.marks, trace.counter_total.first) == (
+        True,
+        (),
+        3000,
+    )
 
 
 def test_counts_are_exact() -> None:
@@ -31,13 +37,19 @@ def test_counts_are_exact() -> None:
 
 def test_two_audits_within_a_minute_differ_in_nothing() -> None:
     traces = series(1 / 60, plugged_h=[5000, 5000], work_h=[3000, 3001], sleep_cycles=[700, 700])
-    assert [one.differences[0].kind for one in traces.values()] == [DifferenceKind.ZERO, DifferenceKind.NORMAL, DifferenceKind.ZERO]
+    assert [one.differences[0].kind for one in traces.values()] == [
+        DifferenceKind.ZERO,
+        DifferenceKind.NORMAL,
+        DifferenceKind.ZERO,
+    ]
     assert traces["plugged_h"].counter_total.total == Interval(0, 1)
     assert all(one.counter_total.is_known for one in traces.values())
 
 
 def test_one_that_falls_alone_from_near_its_top_rolled_over() -> None:
-    trace = series(DAY, plugged_h=[5000, 5008, 5016], work_h=[3000, 3006, 3012], sleep_cycles=[99_990, 12, 30])["sleep_cycles"]
+    trace = series(
+        DAY, plugged_h=[5000, 5008, 5016], work_h=[3000, 3006, 3012], sleep_cycles=[99_990, 12, 30]
+    )["sleep_cycles"]
     assert rules(trace) == ["fell_from_near_its_top", "went_on"]
     assert trace.counter_total.total == Interval(40, 40)
     assert trace.counter_total.is_known
@@ -51,70 +63,120 @@ def test_hours_roll_over_after_99999() -> None:
 
 def test_a_length_rolls_over_after_five_hexadecimal_digits() -> None:
     shown = [104_000.0, 6_000.0, 14_000.0]
-    trace = series(DAY, plugged_h=[5000, 5008, 5016], work_h=[3000, 3006, 3012], dispensed_mm=shown)["dispensed_mm"]
+    trace = series(
+        DAY, plugged_h=[5000, 5008, 5016], work_h=[3000, 3006, 3012], dispensed_mm=shown
+    )["dispensed_mm"]
     assert trace.counter_total.total.middle == pytest.approx(104_857.6 - 104_000 + 14_000)
     assert trace.counter_total.is_known
 
 
 def test_a_length_wider_than_five_digits_rolls_over_later() -> None:
-    trace = series(DAY, plugged_h=[5000, 5008], work_h=[3000, 3006], dispensed_mm=[104_000.0, 112_000.0])["dispensed_mm"]
+    trace = series(
+        DAY, plugged_h=[5000, 5008], work_h=[3000, 3006], dispensed_mm=[104_000.0, 112_000.0]
+    )["dispensed_mm"]
     assert (last(trace).kind, last(trace).is_known) == (DifferenceKind.NORMAL, True)
 
 
 def test_several_that_fall_together_were_reset_or_are_a_hardly_used_unit() -> None:
     """A unit that had worked 15 h elsewhere shows the same: so what it shows is no lower bound."""
-    traces = series(WEEK, plugged_h=[5000, 5040, 30], work_h=[3000, 3020, 20], sleep_cycles=[700, 800, 9])
+    traces = series(
+        WEEK, plugged_h=[5000, 5040, 30], work_h=[3000, 3020, 20], sleep_cycles=[700, 800, 9]
+    )
     assert {last(one).kind for one in traces.values()} == {DifferenceKind.RESET}
     work = last(traces["work_h"])
-    assert (work.rule, work.is_known, work.delta) == ("reset_or_other_unit", False, Interval(0, WEEK * 1.01))
+    assert (work.rule, work.is_known, work.delta) == (
+        "reset_or_other_unit",
+        False,
+        Interval(0, WEEK * 1.01),
+    )
     assert last(traces["sleep_cycles"]).delta == Interval(0, WEEK * 1.01 * 60)
     assert traces["work_h"].counter_total.total.low == 20 - 1
     assert "reset" in work.text
 
 
 def test_what_is_lost_by_a_stated_reset_is_bounded() -> None:
-    traces = series(WEEK, told(WEEK + 1, RESET), plugged_h=[5000, 5040, 30], work_h=[3000, 3020, 20], sleep_cycles=[2, 2, 40])
-    assert (last(traces["work_h"]).rule, last(traces["work_h"]).delta) == ("stated_reset", Interval(20, pytest.approx(21 + 1.01)))
+    traces = series(
+        WEEK,
+        told(WEEK + 1, RESET),
+        plugged_h=[5000, 5040, 30],
+        work_h=[3000, 3020, 20],
+        sleep_cycles=[2, 2, 40],
+    )
+    assert (last(traces["work_h"]).rule, last(traces["work_h"]).delta) == (
+        "stated_reset",
+        Interval(20, pytest.approx(21 + 1.01)),
+    )
     assert last(traces["sleep_cycles"]).delta.low == 40
 
 
 def test_a_port_is_reset_for_certain_where_its_neighbour_shows_the_same_unit() -> None:
     looks = [
-        seen(0, {"plugged_h": 5000, "work_h": 3000, "sleep_cycles": 2, "2.plugged_h": 9000, "2.work_h": 8000}),
-        seen(WEEK, {"plugged_h": 30, "work_h": 20, "sleep_cycles": 40, "2.plugged_h": 9040, "2.work_h": 8020}),
+        seen(
+            0,
+            {
+                "plugged_h": 5000,
+                "work_h": 3000,
+                "sleep_cycles": 2,
+                "2.plugged_h": 9000,
+                "2.work_h": 8000,
+            },
+        ),
+        seen(
+            WEEK,
+            {
+                "plugged_h": 30,
+                "work_h": 20,
+                "sleep_cycles": 40,
+                "2.plugged_h": 9040,
+                "2.work_h": 8020,
+            },
+        ),
     ]
     now = traced(looks).now
     assert (last(now[1, "work_h"]).rule, last(now[1, "work_h"]).delta) == (
         "fell_since",
         Interval(20, pytest.approx(21 + WEEK * 1.01 - 30)),
     )
-    assert (last(now[1, "sleep_cycles"]).rule, last(now[1, "sleep_cycles"]).delta.low) == ("reset_with_its_port", 40)
+    assert (last(now[1, "sleep_cycles"]).rule, last(now[1, "sleep_cycles"]).delta.low) == (
+        "reset_with_its_port",
+        40,
+    )
     assert last(now[2, "work_h"]).is_known
 
 
 def test_one_that_falls_alone_while_others_rule_a_reset_out_is_suspect() -> None:
     traces = series(WEEK, plugged_h=[5000, 5040], work_h=[3000, 20])
-    assert (last(traces["work_h"]).kind, last(traces["work_h"]).rule) == (DifferenceKind.SUSPECT, "fell_alone")
+    assert (last(traces["work_h"]).kind, last(traces["work_h"]).rule) == (
+        DifferenceKind.SUSPECT,
+        "fell_alone",
+    )
     assert last(traces["plugged_h"]).rule == "beside_what_cannot_be"  # it may be another unit's
 
 
 def test_cycles_that_fall_alone_may_be_another_units_whose_hours_happen_to_fit() -> None:
     traces = series(WEEK, plugged_h=[5000, 5040], sleep_cycles=[3000, 20])
-    assert (last(traces["sleep_cycles"]).rule, last(traces["plugged_h"]).is_known) == ("fell_alone", False)
+    assert (last(traces["sleep_cycles"]).rule, last(traces["plugged_h"]).is_known) == (
+        "fell_alone",
+        False,
+    )
     assert last(traces["plugged_h"]).delta == Interval(0, WEEK * 1.01)
 
 
 @pytest.mark.parametrize("unread", [False, True])
 def test_an_uncertain_roll_over_beside_hours_that_cannot_be_is_no_lower_bound(unread: bool) -> None:
-    """A feeder's box was exchanged without a record: the hours fell to what cannot be, the feeds to what a roll-over could be."""
+    """A feeder's box was exchanged without a record: the hours fell to what cannot be, the feeds to
+    what a roll-over could be.
+    """
     cycles = [60_000.0, None if unread else 16_105.0, 16_300.0]
-    trace = series(WEEK, plugged_h=[9000, 6000, 6040], work_h=[3000, 3050, 3090], dispensed_cycles=cycles)["dispensed_cycles"]
+    trace = series(
+        WEEK, plugged_h=[9000, 6000, 6040], work_h=[3000, 3050, 3090], dispensed_cycles=cycles
+    )["dispensed_cycles"]
     found = trace.differences[0]
     assert (found.rule, found.is_known, found.delta.low) == ("beside_what_cannot_be", False, 0)
     assert found.delta.high == pytest.approx((2 if unread else 1) * WEEK * 1.01 * 2000)
 
 
-def test_an_exchange_that_a_later_look_shows_casts_doubt_on_the_looks_since_the_hours_were_read() -> None:
+def test_an_exchange_seen_later_casts_doubt_on_the_looks_since_the_hours_were_read() -> None:
     """At the second look the hours that tell were not read, and the cycles happen to fit."""
     trace = series(WEEK, plugged_h=[9000, None, 6040], sleep_cycles=[700, 900, 950])["sleep_cycles"]
     assert [one.delta.low for one in trace.differences] == [0, 0]
@@ -122,9 +184,15 @@ def test_an_exchange_that_a_later_look_shows_casts_doubt_on_the_looks_since_the_
 
 
 def test_another_unit_that_answers_for_once_may_have_worked() -> None:
-    """On loan for a week: the unit that comes back went on, but not all that was worked here is on it."""
-    traces = series(WEEK, plugged_h=[5000, 9000, 5040], work_h=[3000, 7000, 3020], sleep_cycles=[700, 750, 800])
-    assert [one.delta for one in traces["work_h"].differences] == [Interval(0, pytest.approx(2 * WEEK * 1.01))]
+    """On loan for a week: the unit that comes back went on, but not all that was worked here is on
+    it.
+    """
+    traces = series(
+        WEEK, plugged_h=[5000, 9000, 5040], work_h=[3000, 7000, 3020], sleep_cycles=[700, 750, 800]
+    )
+    assert [one.delta for one in traces["work_h"].differences] == [
+        Interval(0, pytest.approx(2 * WEEK * 1.01))
+    ]
     assert [one.is_known for one in traces["sleep_cycles"].differences] == [False, False]
 
 
@@ -134,24 +202,35 @@ def test_a_port_is_reset_and_its_neighbour_is_not() -> None:
         seen(WEEK, {"1.plugged_h": 30, "1.work_h": 20, "2.plugged_h": 9040, "2.work_h": 8020}),
     ]
     now = traced(looks).now
-    assert {key[0]: last(trace).kind for key, trace in now.items()} == {1: DifferenceKind.RESET, 2: DifferenceKind.NORMAL}
+    assert {key[0]: last(trace).kind for key, trace in now.items()} == {
+        1: DifferenceKind.RESET,
+        2: DifferenceKind.NORMAL,
+    }
 
 
 def test_a_reset_that_nothing_shows_is_not_ruled_out_and_bounds_both() -> None:
     """Nobody looked for half a year: all that is shown can have been counted since a reset."""
     trace = series(4380, plugged_h=[100, 900], work_h=[50, 450])["work_h"]
-    assert (last(trace).kind, last(trace).rule, last(trace).is_known) == (DifferenceKind.NORMAL, "can_hide_reset", False)
+    assert (last(trace).kind, last(trace).rule, last(trace).is_known) == (
+        DifferenceKind.NORMAL,
+        "can_hide_reset",
+        False,
+    )
     assert last(trace).delta.low == 399
     assert last(trace).delta.high > 450
 
 
 def test_half_a_year_unseen_is_known_where_hours_rule_a_reset_out() -> None:
-    trace = series(4380, plugged_h=[9000, 9800], work_h=[5000, 5400], sleep_cycles=[2000, 6000])["sleep_cycles"]
+    trace = series(4380, plugged_h=[9000, 9800], work_h=[5000, 5400], sleep_cycles=[2000, 6000])[
+        "sleep_cycles"
+    ]
     assert (last(trace).is_known, last(trace).delta) == (True, Interval(4000, 4000))
 
 
 def test_unknown_roll_overs_between_audits_are_bounded() -> None:
-    trace = series(4380, plugged_h=[9000, 12_000], work_h=[5000, 7400], dispensed_mm=[100_000.0, 20_000.0])["dispensed_mm"]
+    trace = series(
+        4380, plugged_h=[9000, 12_000], work_h=[5000, 7400], dispensed_mm=[100_000.0, 20_000.0]
+    )["dispensed_mm"]
     assert (last(trace).kind, last(trace).rule, last(trace).is_known) == (
         DifferenceKind.ROLL_OVER,
         "rolled_over_unknown_times",
@@ -166,16 +245,31 @@ def test_what_goes_with_it_tells_how_often_it_rolled_over() -> None:
     cycles = [1000, 3000, 5000, 7000, 9000, 11_000, 13_000, 23_000]
     mm = [((one - 1000) * 5.0) % 104_857.6 for one in cycles]
     looks = [
-        seen(hour, {"plugged_h": 5000 + hour // 3, "work_h": 3000 + hour // 4, "dispensed_cycles": one, "dispensed_mm": length})
+        seen(
+            hour,
+            {
+                "plugged_h": 5000 + hour // 3,
+                "work_h": 3000 + hour // 4,
+                "dispensed_cycles": one,
+                "dispensed_mm": length,
+            },
+        )
         for hour, one, length in zip([0, 24, 48, 72, 96, 120, 144, 336], cycles, mm, strict=True)
     ]
     found = last(traced(looks).now[1, "dispensed_mm"])
-    assert (found.rule, found.delta.middle, found.is_known) == ("fits_its_companion", pytest.approx(50_000.0), True)
+    assert (found.rule, found.delta.middle, found.is_known) == (
+        "fits_its_companion",
+        pytest.approx(50_000.0),
+        True,
+    )
 
 
 def test_hours_that_are_more_than_time_are_impossible() -> None:
     traces = series(DAY, plugged_h=[5000, 5026], work_h=[3000, 3008])
-    assert (last(traces["plugged_h"]).kind, last(traces["plugged_h"]).rule) == (DifferenceKind.IMPOSSIBLE, "faster_than_time")
+    assert (last(traces["plugged_h"]).kind, last(traces["plugged_h"]).rule) == (
+        DifferenceKind.IMPOSSIBLE,
+        "faster_than_time",
+    )
     assert last(traces["plugged_h"]).delta.low == 0
     assert last(traces["work_h"]).rule == "beside_what_cannot_be"
 
@@ -185,46 +279,67 @@ def test_one_hour_more_than_time_is_what_whole_hours_allow() -> None:
 
 
 def test_at_its_last_number_it_may_have_stopped() -> None:
-    trace = series(DAY, plugged_h=[5000, 5008, 5016], work_h=[3000, 3006, 3012], sleep_cycles=[99_990, 99_999, 99_999])[
-        "sleep_cycles"
-    ]
+    trace = series(
+        DAY,
+        plugged_h=[5000, 5008, 5016],
+        work_h=[3000, 3006, 3012],
+        sleep_cycles=[99_990, 99_999, 99_999],
+    )["sleep_cycles"]
     assert rules(trace) == ["stands_at_top", "stands_at_top"]
     assert {one.kind for one in trace.differences} == {DifferenceKind.SUSPECT}
 
 
 def test_a_moving_counter_is_an_interval_and_the_next_reading_ends_it() -> None:
-    trace = series(DAY, plugged_h=[5000, 5008, 5016], sleep_cycles=[700, (731, 732, 733), 760])["sleep_cycles"]
+    trace = series(DAY, plugged_h=[5000, 5008, 5016], sleep_cycles=[700, (731, 732, 733), 760])[
+        "sleep_cycles"
+    ]
     assert trace.between(0, 1) == Interval(31, 33)
     assert (trace.counter_total.total, trace.counter_total.is_known) == (Interval(60, 60), True)
 
 
 def test_an_unread_counter_is_skipped() -> None:
     trace = series(DAY, plugged_h=[5000, 5008, 5016], work_h=[3000, None, 3012])["work_h"]
-    assert (len(trace.points), trace.counter_total.total, trace.counter_total.is_known) == (2, Interval(11, 13), True)
+    assert (len(trace.points), trace.counter_total.total, trace.counter_total.is_known) == (
+        2,
+        Interval(11, 13),
+        True,
+    )
 
 
 def test_a_reset_while_a_counter_was_not_read_is_not_missed() -> None:
     shown = {"plugged_h": [5000, 30, 60], "work_h": [3000, 20, 40], "sleep_cycles": [3, None, 90]}
     traces = series(WEEK, **shown)
-    assert (last(traces["sleep_cycles"]).kind, last(traces["sleep_cycles"]).delta.low) == (DifferenceKind.RESET, 0)
+    assert (last(traces["sleep_cycles"]).kind, last(traces["sleep_cycles"]).delta.low) == (
+        DifferenceKind.RESET,
+        0,
+    )
     traces = series(WEEK, told(2, RESET), **shown)
-    assert (last(traces["sleep_cycles"]).kind, last(traces["sleep_cycles"]).delta.low) == (DifferenceKind.RESET, 90)
+    assert (last(traces["sleep_cycles"]).kind, last(traces["sleep_cycles"]).delta.low) == (
+        DifferenceKind.RESET,
+        90,
+    )
 
 
 def test_a_reading_that_fits_neither_side_is_left_out_and_told() -> None:
-    trace = series(DAY, plugged_h=[5000, 5008, 5016, 5024], work_h=[3000, 3006, 3900, 3018])["work_h"]
+    trace = series(DAY, plugged_h=[5000, 5008, 5016, 5024], work_h=[3000, 3006, 3900, 3018])[
+        "work_h"
+    ]
     assert (trace.counter_total.total, trace.counter_total.is_known) == (Interval(17, 19), True)
-    assert [(one.kind, one.rule) for one in trace.counter_total.marks] == [(DifferenceKind.SUSPECT, "left_out")]
+    assert [(one.kind, one.rule) for one in trace.counter_total.marks] == [
+        (DifferenceKind.SUSPECT, "left_out")
+    ]
 
 
 def test_a_wrong_digit_soon_after_a_reset_is_left_out() -> None:
     shown = {"plugged_h": [5000, 10, 18, 26], "work_h": [3000, 8, 9014, 20]}
     trace = series(DAY, told(20, RESET), **shown)["work_h"]
-    assert [one.rule for one in trace.counter_total.marks if one.kind is DifferenceKind.SUSPECT] == ["left_out"]
+    assert [
+        one.rule for one in trace.counter_total.marks if one.kind is DifferenceKind.SUSPECT
+    ] == ["left_out"]
     assert last(trace).delta.low == 11
 
 
-# -- another station --------------------------------------------------------------------------------------------------------------
+# -- another station -------------------------------------------------------------------------------
 
 ONE = {"plugged_h": 5000, "work_h": 3000}
 OTHER = {"plugged_h": 4100, "work_h": 2500}
@@ -242,12 +357,20 @@ LATER = {"plugged_h": 5008, "work_h": 3006}
         (replace(WHO, software=None), LATER, None),
     ],
 )
-def test_another_station_begins_anew(who: object, shown: dict[str, float], rule: str | None) -> None:
-    looks = [seen(0, ONE), seen(DAY, shown, who), seen(2 * DAY, {name: value + 6 for name, value in shown.items()}, who)]  # type: ignore[arg-type]
+def test_another_station_begins_anew(
+    who: object, shown: dict[str, float], rule: str | None
+) -> None:
+    looks = [
+        seen(0, ONE),
+        seen(DAY, shown, who),
+        seen(2 * DAY, {name: value + 6 for name, value in shown.items()}, who),
+    ]  # type: ignore[arg-type]
     found = traced(looks)
     odometer = found.now[1, "work_h"].counter_total
     assert [one.rule for one in odometer.marks] == ([rule] if rule else [])
-    assert (odometer.since, odometer.first) == ((at(DAY), shown["work_h"]) if rule else (at(0), 3000))
+    assert (odometer.since, odometer.first) == (
+        (at(DAY), shown["work_h"]) if rule else (at(0), 3000)
+    )
     assert len(found.earlier) == (2 if rule else 0)
 
 
@@ -256,7 +379,7 @@ def test_a_number_of_its_own_tells_two_stations_apart() -> None:
     assert [one.rule for one in traced(looks).now[1, "work_h"].counter_total.marks] == ["other_uid"]
 
 
-# -- what people told -------------------------------------------------------------------------------------------------------------
+# -- what people told ------------------------------------------------------------------------------
 
 
 def test_a_stated_replacement_begins_anew() -> None:
@@ -266,7 +389,10 @@ def test_a_stated_replacement_begins_anew() -> None:
 
 def test_a_stated_reset_narrows_what_is_lost() -> None:
     traces = series(WEEK, told(2, RESET), plugged_h=[5000, 90], work_h=[3000, 50])
-    assert (last(traces["work_h"]).rule, last(traces["work_h"]).delta) == ("stated_reset", Interval(50, pytest.approx(53.02)))
+    assert (last(traces["work_h"]).rule, last(traces["work_h"]).delta) == (
+        "stated_reset",
+        Interval(50, pytest.approx(53.02)),
+    )
 
 
 def test_a_stated_reset_is_not_believed_against_the_counters() -> None:
@@ -274,13 +400,20 @@ def test_a_stated_reset_is_not_believed_against_the_counters() -> None:
     assert last(traces["work_h"]).is_known
 
 
-# -- clocks -----------------------------------------------------------------------------------------------------------------------
+# -- clocks ----------------------------------------------------------------------------------------
 
 
 def test_a_clock_that_was_set_back_is_in_doubt_until_a_later_audit() -> None:
-    looks = [seen(hour, {"plugged_h": shown, "work_h": 3000}) for hour, shown in ((0, 5000), (24, 5008), (-400, 5016))]
+    looks = [
+        seen(hour, {"plugged_h": shown, "work_h": 3000})
+        for hour, shown in ((0, 5000), (24, 5008), (-400, 5016))
+    ]
     last_one = last(traced(looks).now[1, "plugged_h"])
-    assert (last_one.kind, last_one.rule, last_one.delta.low) == (DifferenceKind.SUSPECT, "clock_ran_back", 0)
+    assert (last_one.kind, last_one.rule, last_one.delta.low) == (
+        DifferenceKind.SUSPECT,
+        "clock_ran_back",
+        0,
+    )
     looks.append(seen(72, {"plugged_h": 5024, "work_h": 3000}))
     trace = traced(looks).now[1, "plugged_h"]
     assert (trace.counter_total.total, trace.counter_total.is_known) == (Interval(23, 25), True)
@@ -289,7 +422,11 @@ def test_a_clock_that_was_set_back_is_in_doubt_until_a_later_audit() -> None:
 def test_looks_whose_clock_was_wrong_are_bounded_by_those_beside() -> None:
     elapsed = Elapsed([0.0, 3600.0, 900_000.0, 7200.0, 10_800.0])
     assert [elapsed.is_right(look) for look in range(5)] == [True, True, False, True, True]
-    assert (elapsed.at_most_h(1, 2), elapsed.at_most_h(2, 3), elapsed.at_most_h(0, 4)) == (1.0, 1.0, 3.0)
+    assert (elapsed.at_most_h(1, 2), elapsed.at_most_h(2, 3), elapsed.at_most_h(0, 4)) == (
+        1.0,
+        1.0,
+        3.0,
+    )
 
 
 def test_every_rule_has_a_sentence_that_is_no_longer_than_a_line() -> None:

@@ -1,4 +1,6 @@
-"""Counter totals against a naive reference: every thing that can have happened between two looks is tried, one after the other."""
+"""Counter totals against a naive reference: every thing that can have happened between two looks is
+tried, one after the other.
+"""
 
 from __future__ import annotations
 
@@ -21,22 +23,43 @@ TOP = 99_999
 
 @dataclass(frozen=True)
 class Happened:
-    """One explanation: what each counter did, at least and at most; of a reset, what was lost is not known."""
+    """One explanation: what each counter did, at least and at most; of a reset, what was lost is
+    not known.
+    """
 
     reset: bool
     worked: tuple[tuple[float, float], ...]
 
 
 def explanations(before: list[int], after: list[int], hours: float) -> list[Happened]:
-    """All that the manuals and time allow, tried one by one: no reset with 0 to 3 roll-overs of each, or a reset of all."""
+    """All that the manuals and time allow, tried one by one: no reset with 0 to 3 roll-overs of
+    each, or a reset of all.
+    """
     found = []
-    plugged = after[0] - before[0] if after[0] < TOP else -1  # at its last number it may stand still, and tells nothing
+    # at its last number it may stand still, and tells nothing
+    plugged = after[0] - before[0] if after[0] < TOP else -1
     for turns in product(range(4), repeat=len(before)):
-        grown = [new - old + 100_000 * times for old, new, times in zip(before, after, turns, strict=True)]
-        if all(0 <= one <= _most(name, hours, plugged) for one, name in zip(grown, FASTEST, strict=True)):
+        grown = [
+            new - old + 100_000 * times
+            for old, new, times in zip(before, after, turns, strict=True)
+        ]
+        if all(
+            0 <= one <= _most(name, hours, plugged)
+            for one, name in zip(grown, FASTEST, strict=True)
+        ):
             steps = [0 if rate else 1 for rate in FASTEST.values()]
-            found.append(Happened(False, tuple((max(0, one - step), one + step) for one, step in zip(grown, steps, strict=True))))
-    if all(new <= hours * (rate or 1.01) for new, rate in zip(after, FASTEST.values(), strict=True)):
+            found.append(
+                Happened(
+                    False,
+                    tuple(
+                        (max(0, one - step), one + step)
+                        for one, step in zip(grown, steps, strict=True)
+                    ),
+                )
+            )
+    if all(
+        new <= hours * (rate or 1.01) for new, rate in zip(after, FASTEST.values(), strict=True)
+    ):
         found.append(Happened(True, tuple((new, new) for new in after)))
     return found
 
@@ -50,12 +73,20 @@ def _most(name: str, hours: float, plugged: int) -> float:
 
 @settings(max_examples=100)
 @given(
-    st.tuples(HOURS, HOURS, COUNTS), st.tuples(HOURS, HOURS, COUNTS), st.tuples(*[st.integers(0, 60)] * 3), GAPS, st.integers(0, 2)
+    st.tuples(HOURS, HOURS, COUNTS),
+    st.tuples(HOURS, HOURS, COUNTS),
+    st.tuples(*[st.integers(0, 60)] * 3),
+    GAPS,
+    st.integers(0, 2),
 )
 def test_known_is_what_only_one_thing_explains(
     before: tuple[int, ...], other: tuple[int, ...], grown: tuple[int, ...], gap: float, how: int
 ) -> None:
-    after = [list(other), [(old + more) % 100_000 for old, more in zip(before, grown, strict=True)], list(grown)][how]
+    after = [
+        list(other),
+        [(old + more) % 100_000 for old, more in zip(before, grown, strict=True)],
+        list(grown),
+    ][how]
     found = _traces(list(before), after, gap)
     if found is None:
         return
@@ -69,20 +100,34 @@ def test_known_is_what_only_one_thing_explains(
             continue
         ranges = {(happened.reset, happened.worked[place]) for happened in possible}
         assert one.is_known == (len(ranges) == 1 and not next(iter(ranges))[0]), (one, ranges)
-        assert all(one.delta.low <= low and high <= one.delta.high + 1e-6 for _, (low, high) in ranges), (one, ranges)
+        assert all(
+            one.delta.low <= low and high <= one.delta.high + 1e-6 for _, (low, high) in ranges
+        ), (one, ranges)
 
 
 def _traces(before: list[int], after: list[int], gap: float) -> list[Trace] | None:
     """None where the counters are rather another station's."""
-    looks = [seen(place * gap, dict(zip(FASTEST, shown, strict=True))) for place, shown in enumerate((before, after))]
-    traces = [trace for _, trace in sorted(traced(looks).now.items(), key=lambda one: list(FASTEST).index(one[0][1]))]
+    looks = [
+        seen(place * gap, dict(zip(FASTEST, shown, strict=True)))
+        for place, shown in enumerate((before, after))
+    ]
+    traces = [
+        trace
+        for _, trace in sorted(
+            traced(looks).now.items(), key=lambda one: list(FASTEST).index(one[0][1])
+        )
+    ]
     return traces if all(trace.differences for trace in traces) else None
 
 
-# -- whole histories ---------------------------------------------------------------------------------------------------------------
+# -- whole histories -------------------------------------------------------------------------------
 
 Steps = list[tuple[float, float, bool]]
-WORKED = st.lists(st.tuples(st.sampled_from([1.0, 24.0, 168.0, 2000.0]), st.floats(0, 1), st.booleans()), min_size=1, max_size=25)
+WORKED = st.lists(
+    st.tuples(st.sampled_from([1.0, 24.0, 168.0, 2000.0]), st.floats(0, 1), st.booleans()),
+    min_size=1,
+    max_size=25,
+)
 
 
 @settings(max_examples=100)
@@ -104,9 +149,21 @@ def test_sums_hold_what_was_worked(plugged: float, cycles: float, steps: Steps) 
         odometer = now[1, name].counter_total
         if not now[1, name].differences or odometer.since != looks[0].time:
             continue
-        assert odometer.total.low - 1e-6 <= real <= odometer.total.high + 1e-6, (name, real, odometer, rules(now[1, name]))
+        assert odometer.total.low - 1e-6 <= real <= odometer.total.high + 1e-6, (
+            name,
+            real,
+            odometer,
+            rules(now[1, name]),
+        )
         assert not odometer.is_known or odometer.total.width <= 2 * step
 
 
 def _look(clock: float, on: float, work: float, events: int) -> Observation:
-    return seen(clock, {"plugged_h": int(on) % 100_000, "work_h": int(work) % 100_000, "sleep_cycles": events % 100_000})
+    return seen(
+        clock,
+        {
+            "plugged_h": int(on) % 100_000,
+            "work_h": int(work) % 100_000,
+            "sleep_cycles": events % 100_000,
+        },
+    )

@@ -1,4 +1,6 @@
-"""Each read of a station, both ways: by `ask`, and by `request` and `value`, as a session samples."""
+"""Each read of a station, both ways: by `ask`, and by `request` and `value`, as a session
+samples.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.command import Command
 
 
-def read_in_short(station: Station, command: Command, port: int | None = None, tool: int | None = None) -> Steps[Value]:
+def read_in_short(
+    station: Station, command: Command, port: int | None = None, tool: int | None = None
+) -> Steps[Value]:
     question = station.question(command, port, tool)
     request = station.request(question)
     if request is None:

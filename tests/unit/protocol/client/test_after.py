@@ -1,4 +1,6 @@
-"""After an order to restart: a station that goes down only a moment later, and one that does not come back."""
+"""After an order to restart: a station that goes down only a moment later, and one that does not
+come back.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ def restarted(station: Station) -> Steps[float]:
     return restart(station, ORDER)
 
 
-def talk_with(is_up: Callable[[int], bool], acknowledged: str = "ARST") -> tuple[Talk, Counter[str]]:
+def talk_with(
+    is_up: Callable[[int], bool], acknowledged: str = "ARST"
+) -> tuple[Talk, Counter[str]]:
     """One that answers the n-th read (from 1) where `is_up` says so."""
     heard: Counter[str] = Counter()
 

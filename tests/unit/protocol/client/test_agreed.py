@@ -30,26 +30,47 @@ def talk(*answers: str, question: str = "RHA1", code: str = "AHA1") -> Talk:
         (("00000", "99999"), OFF, 0),  # two wire forms of the same
     ],
 )
-def test_two_answers_that_say_the_same_are_believed(answers: tuple[str, ...], value: Value, doubts: int) -> None:
+def test_two_answers_that_say_the_same_are_believed(
+    answers: tuple[str, ...], value: Value, doubts: int
+) -> None:
     doubted: Counter[str] = Counter()
-    assert talk(*answers).do(lambda station: read_confirmed(station, LIMIT, 1, doubted=doubted)) == value
+    assert (
+        talk(*answers).do(lambda station: read_confirmed(station, LIMIT, 1, doubted=doubted))
+        == value
+    )
     assert doubted["alarm_high_limit"] == doubts
 
 
 def test_answers_that_never_agree_are_no_value() -> None:
-    with pytest.raises(ImplausibleAnswer, match="alarm high limit of port 1: 240 °C, 350 °C, 380 °C, 365 °C when asked 4 times"):
-        talk("00240", "00350", "00380", "00365").do(lambda station: read_confirmed(station, LIMIT, 1))
+    with pytest.raises(
+        ImplausibleAnswer,
+        match="alarm high limit of port 1: 240 °C, 350 °C, 380 °C, 365 °C when asked 4 times",
+    ):
+        talk("00240", "00350", "00380", "00365").do(
+            lambda station: read_confirmed(station, LIMIT, 1)
+        )
     assert ANSWERS == 4
 
 
 def test_what_was_known_before_wants_one_answer_only() -> None:
     assert talk("00380").do(lambda station: read_confirmed(station, LIMIT, 1, known=380)) == 380
-    assert talk("00385", "00385").do(lambda station: read_confirmed(station, LIMIT, 1, known=380)) == 385
-    assert talk("00240", "00380").do(lambda station: read_confirmed(station, LIMIT, 1, known=380)) == 380
+    assert (
+        talk("00385", "00385").do(lambda station: read_confirmed(station, LIMIT, 1, known=380))
+        == 385
+    )
+    assert (
+        talk("00240", "00380").do(lambda station: read_confirmed(station, LIMIT, 1, known=380))
+        == 380
+    )
 
 
 def test_a_delay_that_is_off_counts_as_known() -> None:
-    assert talk("99999", question="RHD1", code="AHD1").do(lambda station: read_confirmed(station, DELAY, 1, known=OFF)) is OFF
+    assert (
+        talk("99999", question="RHD1", code="AHD1").do(
+            lambda station: read_confirmed(station, DELAY, 1, known=OFF)
+        )
+        is OFF
+    )
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,20 @@ import pytest
 from jbclog.core.errors import LinkError, LinkFlooded
 from jbclog.core.io_requests import IoResult, Steps, Wait
 from jbclog.core.serial_line import LineFormat
-from jbclog.protocol.client.interface import LEAST_DUE, MOST_TIMES, QUIET_S, SUSPECT, FloodDetector, expect_quiet
+from jbclog.protocol.client.interface import (
+    LEAST_DUE,
+    MOST_TIMES,
+    QUIET_S,
+    SUSPECT,
+    FloodDetector,
+    expect_quiet,
+)
 from jbclog.protocol.client.robot import Station
 
 
-def fed(bytes_per_s: float, due_per_s: float, seconds: float = 3.0, every_s: float = 0.1) -> FloodDetector:
+def fed(
+    bytes_per_s: float, due_per_s: float, seconds: float = 3.0, every_s: float = 0.1
+) -> FloodDetector:
     """A flow that was told of so much, at even distances."""
     flow = FloodDetector()
     for step in range(round(seconds / every_s) + 1):
@@ -22,16 +31,23 @@ def fed(bytes_per_s: float, due_per_s: float, seconds: float = 3.0, every_s: flo
 
 
 @pytest.mark.parametrize("due_per_s", [100, 1000, 20_000])
-@pytest.mark.parametrize(("times", "is_flood"), [(1.0, False), (9.5, False), (10.5, True), (1000.0, True)])
-def test_more_than_ten_times_what_is_due_is_a_flood(due_per_s: float, times: float, is_flood: bool) -> None:
+@pytest.mark.parametrize(
+    ("times", "is_flood"), [(1.0, False), (9.5, False), (10.5, True), (1000.0, True)]
+)
+def test_more_than_ten_times_what_is_due_is_a_flood(
+    due_per_s: float, times: float, is_flood: bool
+) -> None:
     flow = fed(times * due_per_s, due_per_s)
     assert (flow.found is not None, flow.is_flooded) == (is_flood, is_flood)
 
 
 @pytest.mark.parametrize(
-    ("baudrate", "due_per_s", "is_flood"), [(1200, 0, False), (2400, 0, True), (19200, 160, True), (19200, 200, False)]
+    ("baudrate", "due_per_s", "is_flood"),
+    [(1200, 0, False), (2400, 0, True), (19200, 160, True), (19200, 200, False)],
 )
-def test_a_slow_link_that_is_never_silent_is_one_where_little_is_asked(baudrate: int, due_per_s: float, is_flood: bool) -> None:
+def test_a_slow_link_that_is_never_silent_is_one_where_little_is_asked(
+    baudrate: int, due_per_s: float, is_flood: bool
+) -> None:
     flow = fed(baudrate / 10, due_per_s)
     assert flow.is_flooded is is_flood
 
@@ -42,7 +58,10 @@ def test_the_error_says_how_much_came_and_how_much_was_due() -> None:
     assert isinstance(error, LinkError)
     assert error.reason == "disconnected"
     assert (error.came, error.limit, error.seconds) == (5500, 550, pytest.approx(1.0))
-    assert "at least 5500 bytes came in 1.0 s, answers of 55 bytes were due (limit: 550 bytes)" in str(error)
+    assert (
+        "at least 5500 bytes came in 1.0 s, answers of 55 bytes were due (limit: 550 bytes)"
+        in str(error)
+    )
 
 
 def test_it_is_taken_once_and_another_second_has_to_pass_for_the_next() -> None:
@@ -77,7 +96,9 @@ def test_a_quiet_second_ends_it() -> None:
 
 
 def test_a_long_wait_is_reckoned_by_its_length() -> None:
-    """Nothing is told while a session waits: a hundred bytes a second for a minute are none, a thousand are."""
+    """Nothing is told while a session waits: a hundred bytes a second for a minute are none, a
+    thousand are.
+    """
     for bytes_per_s, is_flood in ((100, False), (1000, True)):
         flow = FloodDetector()
         flow.came(0.0, 0)
@@ -92,8 +113,12 @@ def test_no_answer_is_believed_among_more_than_half_a_kilobyte_that_was_not_due(
     assert not flow.came(0.2, 0, SUSPECT // MOST_TIMES)
 
 
-@pytest.mark.parametrize(("came", "is_flooded"), [(round(MOST_TIMES * LEAST_DUE * QUIET_S), False), (100, True)])
-def test_a_link_that_was_flooded_is_listened_to_before_anything_is_asked(came: int, is_flooded: bool) -> None:
+@pytest.mark.parametrize(
+    ("came", "is_flooded"), [(round(MOST_TIMES * LEAST_DUE * QUIET_S), False), (100, True)]
+)
+def test_a_link_that_was_flooded_is_listened_to_before_anything_is_asked(
+    came: int, is_flooded: bool
+) -> None:
     client = Station(LineFormat())
     client.now = 50.0
     client.flow.is_flooded = True

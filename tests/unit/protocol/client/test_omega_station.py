@@ -4,7 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.core.errors import AnswerCorrupt, AnswerFormat, AnswerTimeout, Ignored, NotSupported, StationError, StationSilent
+from jbclog.core.errors import (
+    AnswerCorrupt,
+    AnswerFormat,
+    AnswerTimeout,
+    Ignored,
+    NotSupported,
+    StationError,
+    StationSilent,
+)
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.serial_line import LineFormat
@@ -15,8 +23,15 @@ from jbclog.protocol.commands.omega import WITHOUT_DIGIT, ConditionRecord
 from support.clients.omega_talk import PROMPT_S, OmegaTalk, Turn, framed
 
 COMMANDS = FAMILIES["omega"].commands
-A, B, F, G = (COMMANDS[name] for name in ("information", "temperature_control", "set_temperature_state", "mode"))
-C101, D, H = COMMANDS["condition"].numbered(101), COMMANDS["store_condition"], COMMANDS["run_condition"]
+A, B, F, G = (
+    COMMANDS[name]
+    for name in ("information", "temperature_control", "set_temperature_state", "mode")
+)
+C101, D, H = (
+    COMMANDS["condition"].numbered(101),
+    COMMANDS["store_condition"],
+    COMMANDS["run_condition"],
+)
 RECORD = ConditionRecord(101, 0, 3.5, *[0.0] * 14)
 ON_WIRE = "00650" + "023" + "000" * 14
 
@@ -54,7 +69,7 @@ def test_it_is_the_client_of_its_family() -> None:
     assert isinstance(client_for(FAMILIES["omega"], LineFormat(9600), None), OmegaStation)
 
 
-# -- answers -----------------------------------------------------------------------------------------------------------
+# -- answers ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -81,7 +96,9 @@ def test_an_answer_is_read(command: object, question: str, answer: str, value: o
 
 def test_an_answer_in_pieces_among_garbage_is_found() -> None:
     frame = framed("a2")
-    talk = OmegaTalk(("A", (0.02, b"\xff\x02A"), (0.05, frame[:1]), (0.1, frame[1:4]), (0.2, frame[4:])))
+    talk = OmegaTalk(
+        ("A", (0.02, b"\xff\x02A"), (0.05, frame[:1]), (0.1, frame[1:4]), (0.2, frame[4:]))
+    )
     assert talk.do(ask_a) == "solder clogged"
     assert talk.station.garbage_bytes == 3
 
@@ -101,7 +118,9 @@ def test_an_answer_of_another_condition_is_none() -> None:
 
 @pytest.mark.parametrize("answer", ["a00", "a4", "ax"])
 def test_what_no_answer_can_be_is_not_believed(answer: str) -> None:
-    """Its length is wrong, or its digit means nothing. Where it is not sure what it answered, another letter is asked between."""
+    """Its length is wrong, or its digit means nothing. Where it is not sure what it answered,
+    another letter is asked between.
+    """
     between = [] if answer in ("a4", "ax") else [("B", "b0")]
     talk = OmegaTalk(*[turn for _ in range(3) for turn in (("A", answer), *between)])
     talk.station._answered.add("b")  # it has answered before
@@ -114,7 +133,7 @@ def test_an_echo_answers_nothing() -> None:
     assert talk.station.strays == {"echo": 1}
 
 
-# -- silence -----------------------------------------------------------------------------------------------------------
+# -- silence ---------------------------------------------------------------------------------------
 
 
 def test_a_lost_answer_is_asked_for_again_behind_another_question() -> None:
@@ -130,7 +149,9 @@ def test_an_answer_that_is_torn_by_the_time_out_is_none() -> None:
 
 
 def test_what_is_ignored_while_the_next_question_is_answered_was_refused() -> None:
-    """docs/reference/protocol.md, OMEGA: an unknown number is ignored; A tells that from a line that is dead."""
+    """docs/reference/protocol.md, OMEGA: an unknown number is ignored; A tells that from a line
+    that is dead.
+    """
     turn = [("C0065",), ("A", "a0")]
     talk = OmegaTalk(*turn * 3)
     error = failure(talk, lambda station: station.read(C101))
@@ -146,7 +167,9 @@ def test_what_is_silent_together_with_the_next_questions_is_gone() -> None:
 
 
 def test_where_only_a_is_known_its_own_silence_is_waited_out() -> None:
-    """A controller that knows no other letter cannot be asked anything else: nothing is asked before its answer cannot come."""
+    """A controller that knows no other letter cannot be asked anything else: nothing is asked
+    before its answer cannot come.
+    """
     talk = OmegaTalk(("A", "a0"), ("A",), ("A", "a1"))
     assert talk.each(ask_a, ask_a) == ["normal", "solder shortage"]
     lost, again = talk.end.moments[1:]
@@ -190,10 +213,15 @@ def test_what_was_answered_once_although_badly_was_not_refused(place: int) -> No
 
 
 def test_a_controller_that_answers_nothing_else_is_waited_for_and_then_gone() -> None:
-    """003 prints A only. Nothing else was ever answered, so nothing else can prove the line: its silence is no refusal."""
+    """003 prints A only. Nothing else was ever answered, so nothing else can prove the line: its
+    silence is no refusal.
+    """
     talk = OmegaTalk(("A", "a0"), ("A",), ("A",), ("A", (0.1, "a1")))
     assert talk.each(ask_a, ask_a) == ["normal", "solder shortage"]
-    waits = [later - earlier for earlier, later in zip(talk.end.moments[1:], talk.end.moments[2:], strict=False)]
+    waits = [
+        later - earlier
+        for earlier, later in zip(talk.end.moments[1:], talk.end.moments[2:], strict=False)
+    ]
     assert min(waits) >= GONE_S
     talk = OmegaTalk(("A", "a0"), ("A",), ("A",), ("A",))
     error = failure(talk, ask_a, ask_a)
@@ -207,7 +235,7 @@ def test_where_a_digit_comes_after_all_it_is_read() -> None:
     assert talk.station.without_digit == {"a"}
 
 
-# -- what is written ---------------------------------------------------------------------------------------------------
+# -- what is written -------------------------------------------------------------------------------
 
 
 def test_a_condition_is_written_once_and_acknowledged() -> None:
@@ -230,12 +258,14 @@ def test_an_acknowledgement_that_is_no_plain_d_is_none() -> None:
     assert isinstance(failure(talk, write), AnswerFormat)
 
 
-# -- execution ---------------------------------------------------------------------------------------------------------
+# -- execution -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("letter", ["h", "i"])
 def test_an_execution_is_over_when_the_controller_says_so(letter: str) -> None:
-    """h when a point is done, i after the first stage of a slide; long after the 250 ms of other answers."""
+    """h when a point is done, i after the first stage of a slide; long after the 250 ms of other
+    answers.
+    """
     talk = OmegaTalk(("H0065", (3.3, letter)), ("A", "a0"), ("A", "a0"), ("A", "a0"))
     talk.do(run)
     assert [said.letter for said in talk.station.completions] == [letter]
@@ -254,7 +284,8 @@ def test_an_execution_that_is_never_told_of_is_not_known() -> None:
     with pytest.raises(AnswerTimeout, match="run condition 101: neither h nor i within 120 s"):
         talk.do(run)
     assert talk.end.heard.count("H0065") == 1
-    assert talk.end.heard.count("A") > COMPLETION_S / 2  # whether it is there was looked at all the time
+    # whether it is there was looked at all the time
+    assert talk.end.heard.count("A") > COMPLETION_S / 2
     assert talk.clock.monotonic() - begin == pytest.approx(COMPLETION_S, abs=2)
 
 

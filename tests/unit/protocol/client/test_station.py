@@ -23,7 +23,12 @@ from jbclog.protocol.commands.family import FAMILIES
 from support.clients.talk import Answer, Talk, framed
 
 ALE = FAMILIES["ale"].commands
-TIP, STATUS, FLAGS, SELECT = ALE["tip_temperature"], ALE["status"], ALE["alarm_flags"], ALE["selected_temperature"]
+TIP, STATUS, FLAGS, SELECT = (
+    ALE["tip_temperature"],
+    ALE["status"],
+    ALE["alarm_flags"],
+    ALE["selected_temperature"],
+)
 GOOD = ("RTT1", "ATT100183")
 PROBE = ("RSMN", "ASMN  ALE")
 
@@ -41,7 +46,7 @@ def flipped(frame: bytes) -> bytes:
     return frame[:8] + bytes([frame[8] ^ 4]) + frame[9:]
 
 
-# -- addresses -----------------------------------------------------------------------------------------------------
+# -- addresses -------------------------------------------------------------------------------------
 
 
 def test_an_answer_names_the_station_as_its_source() -> None:
@@ -75,19 +80,22 @@ def test_a_line_without_addresses_takes_answers_without_addresses_only() -> None
     ("frame", "address", "said"),
     [
         (framed("ATT100999", 5, 0), 1, "ATT100999 from address 05, not 01"),
-        (framed("ATT100999", 0, 20), 1, "ATT100999 from address 20, not 01"),  # either order of addresses
+        # either order of addresses
+        (framed("ATT100999", 0, 20), 1, "ATT100999 from address 20, not 01"),
         (framed("ATT100999", 99, 0), None, "ATT100999 from address 99, though no address is used"),
         (framed("ATT100999", None, None), 1, "ATT100999 without an address, not from address 01"),
         (framed("APP100999", 1, 0), 1, "APP100999, which is no answer to it"),
     ],
 )
-def test_what_came_in_place_of_an_answer_is_named_with_its_address(frame: bytes, address: int | None, said: str) -> None:
+def test_what_came_in_place_of_an_answer_is_named_with_its_address(
+    frame: bytes, address: int | None, said: str
+) -> None:
     talk = Talk(replies=lambda text: [frame if text == "RTT1" else PROBE[1]], address=address)
     with pytest.raises(AnswerFormat, match=f"answered by {said}$"):
         talk.do(read_tip)
 
 
-# -- header, code, length, digits ----------------------------------------------------------------------------------
+# -- header, code, length, digits ------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -101,14 +109,18 @@ def test_what_came_in_place_of_an_answer_is_named_with_its_address(frame: bytes,
         (framed("NPP100003"), "code"),  # a refusal of something else
     ],
 )
-def test_what_answers_nothing_is_counted_and_the_answer_still_waited_for(stray: bytes, kind: str) -> None:
+def test_what_answers_nothing_is_counted_and_the_answer_still_waited_for(
+    stray: bytes, kind: str
+) -> None:
     talk = Talk(("RTT1", stray, (0.03, "ATT100183")))
     assert talk.do(read_tip) == 183
     assert talk.station.strays == {kind: 1}
 
 
 def test_a_port_s_temperature_is_not_the_transformer_s() -> None:
-    """RTT has two letters: ATT1ddddd begins as its answer does (docs/reference/contradictions.md, B-10)."""
+    """RTT has two letters: ATT1ddddd begins as its answer does (docs/reference/contradictions.md,
+    B-10).
+    """
     talk = Talk(("RTT", "ATT100183", (0.03, "ATT00045")))
     assert talk.do(lambda station: station.read(ALE["transformer_temperature"])) == 45
 
@@ -119,7 +131,9 @@ def test_a_value_does_not_acknowledge_a_write() -> None:
     assert talk.station.strays == {"code": 1}
 
 
-@pytest.mark.parametrize("data", [b"0183", b"000183", b"0018x", b"00 83", b"1e100", b"+0183", b"0_183", b"-----"])
+@pytest.mark.parametrize(
+    "data", [b"0183", b"000183", b"0018x", b"00 83", b"1e100", b"+0183", b"0_183", b"-----"]
+)
 def test_data_that_is_not_five_digits_is_no_value(data: bytes) -> None:
     covered = b"\x020100ATT1" + data + b"\x03"
     wrong = covered + bytes([_xor(covered)])
@@ -136,12 +150,17 @@ def _xor(covered: bytes) -> int:
     return check
 
 
-@pytest.mark.parametrize(("data", "value"), [("00011", (0, 0, 0, 1, 1)), ("00000", (0, 0, 0, 0, 0))])
+@pytest.mark.parametrize(
+    ("data", "value"), [("00011", (0, 0, 0, 1, 1)), ("00000", (0, 0, 0, 0, 0))]
+)
 def test_alarm_flags_are_digits(data: str, value: tuple[int, ...]) -> None:
     assert Talk(("RTA1", f"ATA1{data}")).do(lambda station: station.read(FLAGS, 1)) == value
 
 
-@pytest.mark.parametrize(("data", "value"), [("00002", (0, 0, 0, 0, 1)), ("00070", (0, 0, 0, 1, 0)), ("00095", (0, 0, 0, 1, 1))])
+@pytest.mark.parametrize(
+    ("data", "value"),
+    [("00002", (0, 0, 0, 0, 1)), ("00070", (0, 0, 0, 1, 0)), ("00095", (0, 0, 0, 1, 1))],
+)
 def test_a_flag_that_is_neither_0_nor_1_is_set(data: str, value: tuple[int, ...]) -> None:
     talk = Talk(("RTA1", f"ATA1{data}"))
     assert talk.do(lambda station: station.read(FLAGS, 1)) == value
@@ -155,7 +174,9 @@ def test_flags_that_no_manual_has_are_a_format_error_and_not_asked_again(data: s
         talk.do(lambda station: station.read(FLAGS, 1))
 
 
-@pytest.mark.parametrize(("text", "value"), [("ADL1003E8", 100.0), ("ADL10x000000003E8", 100.0), ("ADL101000", 409.6)])
+@pytest.mark.parametrize(
+    ("text", "value"), [("ADL1003E8", 100.0), ("ADL10x000000003E8", 100.0), ("ADL101000", 409.6)]
+)
 def test_the_dispensed_length_has_any_width_and_is_hexadecimal(text: str, value: float) -> None:
     talk = Talk(("RDL1", text))
     assert talk.do(lambda station: station.read(ALE["dispensed_length"], 1)) == value
@@ -173,7 +194,7 @@ def test_the_identification_s_check_byte_is_stx() -> None:
     Talk(("WA12-0050", "AA12")).do(lambda station: station.write(ALE["adjust"], -50, 1, 2))
 
 
-# -- pieces --------------------------------------------------------------------------------------------------------
+# -- pieces ----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("cut", range(1, 16))
@@ -185,7 +206,16 @@ def test_an_answer_may_come_in_pieces(cut: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "noise", [b"\x00\xff", b"\x02", b"\x03", b"\x020100ATT", b"\x02\x02\x02", bytes(range(128, 256)), b"U" * 300]
+    "noise",
+    [
+        b"\x00\xff",
+        b"\x02",
+        b"\x03",
+        b"\x020100ATT",
+        b"\x02\x02\x02",
+        bytes(range(128, 256)),
+        b"U" * 300,
+    ],
 )
 def test_garbage_before_an_answer_is_counted_and_dropped(noise: bytes) -> None:
     talk = Talk(("RTT1", noise + framed("ATT100183")))
@@ -217,7 +247,7 @@ def test_a_duplicate_is_dropped() -> None:
     assert talk.station.strays == {"code": 1}
 
 
-# -- refusals ------------------------------------------------------------------------------------------------------
+# -- refusals --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -230,8 +260,11 @@ def test_a_duplicate_is_dropped() -> None:
         (7, Refusal, "nak7"),
     ],
 )
-@pytest.mark.parametrize("code", ["TT1", ""])  # no manual says whether N repeats the code (docs/reference/contradictions.md, B-11)
-def test_a_refusal_is_a_named_error_and_not_asked_again(code: str, number: int, error: type[Refusal], reason: str) -> None:
+# no manual says whether N repeats the code (docs/reference/contradictions.md, B-11)
+@pytest.mark.parametrize("code", ["TT1", ""])
+def test_a_refusal_is_a_named_error_and_not_asked_again(
+    code: str, number: int, error: type[Refusal], reason: str
+) -> None:
     talk = Talk(("RTT1", f"N{code}{number:05d}"))
     with pytest.raises(error, match="tip temperature of port 1") as caught:
         talk.do(read_tip)
@@ -250,7 +283,7 @@ def test_a_refusal_without_a_number_is_a_format_error() -> None:
         talk.do(read_tip)
 
 
-# -- what is asked again, and what is not --------------------------------------------------------------------------
+# -- what is asked again, and what is not ----------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -263,30 +296,45 @@ def test_a_refusal_without_a_number_is_a_format_error() -> None:
         ("APP100999", AnswerFormat),
     ],
 )
-def test_a_read_goes_out_three_times_at_most(answer: Answer | None, error: type[StationError]) -> None:
-    talk = Talk(replies=lambda text: ["ASMN  ALE"] if text == "RSMN" else [] if answer is None else [answer])
+def test_a_read_goes_out_three_times_at_most(
+    answer: Answer | None, error: type[StationError]
+) -> None:
+    talk = Talk(
+        replies=lambda text: ["ASMN  ALE"] if text == "RSMN" else [] if answer is None else [answer]
+    )
     with pytest.raises(error):
         talk.do(read_tip)
     assert talk.end.heard.count("RTT1") == 3
 
 
-@pytest.mark.parametrize("answer", [None, flipped(framed("ATA100001")), "NTA100001", "NTA199999", "ATA100102", "APP100999"])
+@pytest.mark.parametrize(
+    "answer",
+    [None, flipped(framed("ATA100001")), "NTA100001", "NTA199999", "ATA100102", "APP100999"],
+)
 def test_alarm_flags_go_out_once_whatever_comes(answer: Answer | None) -> None:
-    talk = Talk(replies=lambda text: ["ASMN  ALE"] if text == "RSMN" else [] if answer is None else [answer])
+    talk = Talk(
+        replies=lambda text: ["ASMN  ALE"] if text == "RSMN" else [] if answer is None else [answer]
+    )
     with pytest.raises(StationError):
         talk.do(lambda station: station.read(FLAGS, 1))
     assert talk.end.heard.count("RTA1") == 1
 
 
-@pytest.mark.parametrize("answer", [None, flipped(framed("APS1")), "NPS100003", "NPS199999", "APS100000", "APP1"])
+@pytest.mark.parametrize(
+    "answer", [None, flipped(framed("APS1")), "NPS100003", "NPS199999", "APS100000", "APP1"]
+)
 def test_a_write_goes_out_once_whatever_comes(answer: Answer | None) -> None:
-    talk = Talk(replies=lambda text: ["ASMN  ALE"] if text == "RSMN" else [] if answer is None else [answer])
+    talk = Talk(
+        replies=lambda text: ["ASMN  ALE"] if text == "RSMN" else [] if answer is None else [answer]
+    )
     with pytest.raises(StationError):
         talk.do(lambda station: station.write(STATUS, (0, 0, 0, 0, 1), 1))
     assert talk.end.heard.count("WPS100001") == 1
 
 
-@pytest.mark.parametrize("order", ["start_feeding", "stop_feeding", "restart", "factory_reset", "store"])
+@pytest.mark.parametrize(
+    "order", ["start_feeding", "stop_feeding", "restart", "factory_reset", "store"]
+)
 def test_orders_go_out_once_even_without_any_answer(order: str) -> None:
     talk = Talk(replies=lambda text: [])
     with pytest.raises(AnswerTimeout):
@@ -296,14 +344,18 @@ def test_orders_go_out_once_even_without_any_answer(order: str) -> None:
 
 def test_a_refused_write_names_command_and_port() -> None:
     talk = Talk(("WST100350", "NST100003"))
-    with pytest.raises(OutOfRange, match="selected temperature of port 1: refused with N 00003, value out of range"):
+    with pytest.raises(
+        OutOfRange, match="selected temperature of port 1: refused with N 00003, value out of range"
+    ):
         talk.do(lambda station: station.write(SELECT, 350, 1))
 
 
-# -- what comes although nothing was asked ---------------------------------------------------------------------------
+# -- what comes although nothing was asked ---------------------------------------------------------
 
 
-@pytest.mark.parametrize("said", [framed("ATT100350"), framed("ATT100350")[:9]], ids=["whole", "begun"])
+@pytest.mark.parametrize(
+    "said", [framed("ATT100350"), framed("ATT100350")[:9]], ids=["whole", "begun"]
+)
 def test_what_comes_unasked_is_counted_and_answers_nothing(said: bytes) -> None:
     talk = Talk(GOOD)
     talk.station.unasked(IoResult(0.0, said, 0.0))

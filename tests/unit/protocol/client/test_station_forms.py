@@ -1,10 +1,19 @@
-"""What the client takes beside the recommended forms, how it counts that, and what it does not take."""
+"""What the client takes beside the recommended forms, how it counts that, and what it does not
+take.
+"""
 
 from __future__ import annotations
 
 import pytest
 
-from jbclog.core.errors import AnswerFormat, NotReceived, NotSupported, Refusal, StationError, StationSilent
+from jbclog.core.errors import (
+    AnswerFormat,
+    NotReceived,
+    NotSupported,
+    Refusal,
+    StationError,
+    StationSilent,
+)
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import OFF, Value
 from jbclog.protocol.client.dialogue import LEAST_S, MOST_S, QUIET_S
@@ -21,7 +30,9 @@ def read(name: str) -> object:
     """A step that reads a command of ALE: of port 1 and tool 2 where it wants them."""
     command = ALE[name]
     scope = command.scope.value
-    return lambda station: station.read(command, None if scope == "station" else 1, 2 if scope == "tool" else None)
+    return lambda station: station.read(
+        command, None if scope == "station" else 1, 2 if scope == "tool" else None
+    )
 
 
 def outcome(talk: Talk, step: object) -> object:
@@ -32,7 +43,7 @@ def outcome(talk: Talk, step: object) -> object:
         return type(error)
 
 
-# -- data fields -------------------------------------------------------------------------------------------------------
+# -- data fields -----------------------------------------------------------------------------------
 
 ODD = [
     ("adjust", "RA12", ".0050", -50, 3),
@@ -72,7 +83,9 @@ PLAIN = [
 
 
 @pytest.mark.parametrize(("name", "question", "data", "value", "row"), ODD)
-def test_an_odd_form_is_read_counted_and_told_once(name: str, question: str, data: str, value: Value, row: int) -> None:
+def test_an_odd_form_is_read_counted_and_told_once(
+    name: str, question: str, data: str, value: Value, row: int
+) -> None:
     talk = Talk((question, f"A{question[1:]}{data}"), (question, f"A{question[1:]}{data}"))
     assert talk.each(read(name), read(name)) == [value, value]  # type: ignore[arg-type]
     assert talk.station.data == data
@@ -83,7 +96,9 @@ def test_an_odd_form_is_read_counted_and_told_once(name: str, question: str, dat
 
 
 @pytest.mark.parametrize(("name", "question", "data", "value"), PLAIN)
-def test_the_recommended_form_is_no_anomaly(name: str, question: str, data: str, value: Value) -> None:
+def test_the_recommended_form_is_no_anomaly(
+    name: str, question: str, data: str, value: Value
+) -> None:
     talk = Talk((question, f"A{question[1:]}{data}"))
     assert talk.do(read(name)) == value  # type: ignore[arg-type]
     assert talk.station.anomalies.counts == {}
@@ -113,20 +128,26 @@ def test_a_refusal_may_leave_out_what_it_refuses(text: str, count: dict[int, int
     assert talk.station.anomalies.counts == count
 
 
-# -- R-TT --------------------------------------------------------------------------------------------------------------
+# -- R-TT ------------------------------------------------------------------------------------------
 
 TRANSFORMER = read("transformer_temperature")
 
 
-@pytest.mark.parametrize(("answer", "count"), [("ATT00045", {}), ("ATT 00045", {10: 1}), ("ATT000045", {10: 1})])
+@pytest.mark.parametrize(
+    ("answer", "count"), [("ATT00045", {}), ("ATT 00045", {10: 1}), ("ATT000045", {10: 1})]
+)
 def test_the_transformer_s_answer_may_be_padded(answer: str, count: dict[int, int]) -> None:
     talk = Talk(("RTT", answer))
     assert talk.do(TRANSFORMER) == 45  # type: ignore[arg-type]
     assert talk.station.anomalies.counts == count
 
 
-@pytest.mark.parametrize(("refusal", "bare"), [("NTT 00004", 1), ("NTT00004", 1), ("N00002", 3), ("NTT00002", 3)])
-def test_the_transformer_is_asked_with_a_blank_once_it_was_refused_bare(refusal: str, bare: int) -> None:
+@pytest.mark.parametrize(
+    ("refusal", "bare"), [("NTT 00004", 1), ("NTT00004", 1), ("N00002", 3), ("NTT00002", 3)]
+)
+def test_the_transformer_is_asked_with_a_blank_once_it_was_refused_bare(
+    refusal: str, bare: int
+) -> None:
     talk = Talk(replies=lambda text: [refusal if text == "RTT" else "ATT 00045"])
     assert talk.each(TRANSFORMER, TRANSFORMER) == [45, 45]  # type: ignore[arg-type]
     assert talk.end.heard == ["RTT"] * bare + ["RTT "] * 2
@@ -134,7 +155,9 @@ def test_the_transformer_is_asked_with_a_blank_once_it_was_refused_bare(refusal:
 
 
 @pytest.mark.parametrize("answers", [["NTT00004"], ["NTT00002"], []])
-def test_a_transformer_that_is_understood_in_neither_form_is_not_supported(answers: list[Answer]) -> None:
+def test_a_transformer_that_is_understood_in_neither_form_is_not_supported(
+    answers: list[Answer],
+) -> None:
     talk = Talk(replies=lambda text: ["ASMN  ALE"] if text == "RSMN" else answers)
     assert outcome(talk, TRANSFORMER) is NotSupported
     assert talk.end.heard.count("RTT ") == 1
@@ -149,7 +172,7 @@ def test_a_transformer_that_was_answered_bare_is_never_asked_with_a_blank() -> N
     assert "RTT " not in talk.end.heard
 
 
-# -- R-DC that is answered as R-CD is (B-36) -----------------------------------------------------------------------------
+# -- R-DC that is answered as R-CD is (B-36) -------------------------------------------------------
 
 
 def read_dispensed(station: Station) -> Steps[Value]:
@@ -179,10 +202,18 @@ def test_a_repeated_answer_to_the_question_before_is_no_count_of_dispensed_cycle
 
 
 def test_a_late_answer_to_the_question_before_is_no_count_of_dispensed_cycles() -> None:
-    """The attack: the answers to R-CD come after everybody has given them up, whatever is asked meanwhile."""
+    """The attack: the answers to R-CD come after everybody has given them up, whatever is asked
+    meanwhile.
+    """
     for step in range(120):
         late_s = 0.05 + 0.021 * step
-        said = {"RCD1": "ACD100777", "RDC1": "ADC100042", "RSMN": "ASMN  ALE", "RSER": "ASER00000", "RMAT": "AMAT00500"}
+        said = {
+            "RCD1": "ACD100777",
+            "RDC1": "ADC100042",
+            "RSMN": "ASMN  ALE",
+            "RSER": "ASER00000",
+            "RMAT": "AMAT00500",
+        }
 
         def replies(text: str, late_s: float = late_s, said: dict[str, str] = said) -> list[Answer]:
             return [(late_s, said[text])] if text == "RCD1" else [said[text]]
@@ -198,7 +229,9 @@ def test_a_late_answer_to_the_question_before_is_no_count_of_dispensed_cycles() 
                     found.append(type(error))
 
         talk.do(steps)
-        assert set(found[1:]) <= {42} | {one for one in found if isinstance(one, type)}, f"{late_s:.3f} s late: {found}"
+        assert set(found[1:]) <= {42} | {one for one in found if isinstance(one, type)}, (
+            f"{late_s:.3f} s late: {found}"
+        )
         assert 36 not in talk.station.anomalies.counts
 
 
@@ -206,8 +239,14 @@ def test_a_late_answer_to_the_question_before_is_no_count_of_dispensed_cycles() 
 def test_a_copy_that_comes_behind_another_question_is_not_believed_either(late_s: float) -> None:
     """It is taken for a first answer, asked again behind a drained line, and contradicted."""
     tip: tuple[str, Answer, Answer] = ("RTT1", "ATT100350", (late_s, "ACD100777"))
-    talk = Talk(("RCD1", "ACD100777"), tip, ("RDC1", (0.03, "ADC100042")), PROBE, ("RDC1", "ADC100042"))
-    assert talk.each(read_desoldered, lambda station: station.read(TIP, 1), read_dispensed) == [777, 350, 42]
+    talk = Talk(
+        ("RCD1", "ACD100777"), tip, ("RDC1", (0.03, "ADC100042")), PROBE, ("RDC1", "ADC100042")
+    )
+    assert talk.each(read_desoldered, lambda station: station.read(TIP, 1), read_dispensed) == [
+        777,
+        350,
+        42,
+    ]
     assert talk.station.anomalies.counts == {}
 
 
@@ -221,7 +260,11 @@ def test_a_station_that_has_answered_under_its_own_letters_is_not_believed_under
         PROBE,
         ("RDC1", "ADC100043"),
     )
-    assert talk.each(read_dispensed, lambda station: station.read(TIP, 1), read_dispensed) == [42, 350, 43]
+    assert talk.each(read_dispensed, lambda station: station.read(TIP, 1), read_dispensed) == [
+        42,
+        350,
+        43,
+    ]
     assert talk.station.anomalies.counts == {}
 
 
@@ -236,7 +279,7 @@ def test_another_port_s_count_is_never_taken() -> None:
     assert outcome(talk, read_dispensed) is AnswerFormat
 
 
-# -- acknowledgements ----------------------------------------------------------------------------------------------------
+# -- acknowledgements ------------------------------------------------------------------------------
 
 
 def write_delay(name: str) -> object:
@@ -262,7 +305,9 @@ def test_the_lower_delay_is_not_acknowledged_as_the_upper_one() -> None:
 
 
 @pytest.mark.parametrize("lower", [[], ["ALD1", (0.02, "ALD1")]], ids=["lost", "repeated"])
-def test_a_late_acknowledgement_of_the_lower_delay_is_none_of_the_upper_one(lower: list[Answer]) -> None:
+def test_a_late_acknowledgement_of_the_lower_delay_is_none_of_the_upper_one(
+    lower: list[Answer],
+) -> None:
     """The attack: W-LD is out, or was answered twice, when the upper delay is written."""
     talk = Talk(("WLD101.60", *lower), ("WHD101.60", (0.01, "ALD1")))
     for name in ("alarm_low_delay", "alarm_high_delay"):
@@ -278,7 +323,9 @@ def outcome_of_step(talk: Talk, name: str) -> object:
     return found
 
 
-@pytest.mark.parametrize(("answer", "taken"), [("APS100001", True), ("APS100000", False), ("APS1", True)])
+@pytest.mark.parametrize(
+    ("answer", "taken"), [("APS100001", True), ("APS100000", False), ("APS1", True)]
+)
 def test_a_status_may_be_acknowledged_with_its_own_value(answer: str, taken: bool) -> None:
     talk = Talk(("WPS100001", answer))
     found = outcome(talk, lambda station: station.write(ALE["status"], (0, 0, 0, 0, 1), 1))
@@ -287,14 +334,19 @@ def test_a_status_may_be_acknowledged_with_its_own_value(answer: str, taken: boo
 
 
 def test_a_reading_that_comes_late_does_not_acknowledge_the_status_that_is_written() -> None:
-    """The attack: a reading of the same state is under way when the state is ordered, and looks like the order's answer."""
+    """The attack: a reading of the same state is under way when the state is ordered, and looks
+    like the order's answer.
+    """
     talk = Talk(replies=lambda text: ["APS100001"] if text[0] == "W" else [])
     assert outcome(talk, read("status")) is StationSilent
-    assert outcome(talk, lambda station: station.write(ALE["status"], (0, 0, 0, 0, 1), 1)) is AnswerFormat
+    assert (
+        outcome(talk, lambda station: station.write(ALE["status"], (0, 0, 0, 0, 1), 1))
+        is AnswerFormat
+    )
     assert talk.station.anomalies.counts == {}
 
 
-# -- what is sent again ----------------------------------------------------------------------------------------------------
+# -- what is sent again ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("refusal", ["NST100001", "N00001", "NST100002"])
@@ -305,11 +357,16 @@ def test_a_setting_that_was_not_understood_is_sent_again(refusal: str) -> None:
 
 def test_a_setting_goes_out_three_times_at_most() -> None:
     talk = Talk(replies=lambda text: ["NST100001"])
-    assert outcome(talk, lambda station: station.write(ALE["selected_temperature"], 350, 1)) is NotReceived
+    assert (
+        outcome(talk, lambda station: station.write(ALE["selected_temperature"], 350, 1))
+        is NotReceived
+    )
     assert talk.end.heard == ["WST100350"] * 3
 
 
-@pytest.mark.parametrize("order", ["start_feeding", "restart", "factory_reset", "store", "stop_feeding"])
+@pytest.mark.parametrize(
+    "order", ["start_feeding", "restart", "factory_reset", "store", "stop_feeding"]
+)
 @pytest.mark.parametrize("number", [1, 3, 4, 99999])
 def test_an_order_that_was_refused_is_not_sent_again(order: str, number: int) -> None:
     letters = ALE[order].letters
@@ -324,9 +381,17 @@ def test_what_acts_or_erases_is_never_tried_in_another_form(order: str) -> None:
     assert outcome(talk, lambda station: station.write(ALE[order], 0)) is NotReceived
 
 
-@pytest.mark.parametrize(("command", "letters"), [(ALE["stop_feeding"], "STP"), (UCR["ignore_fuse_error"], "IFE")])
-def test_other_orders_are_sent_without_data_once_that_was_badly_formed(command: object, letters: str) -> None:
-    talk = Talk((f"W{letters}00000", f"N{letters}00002"), (f"W{letters}", f"A{letters}"), (f"W{letters}", f"A{letters}"))
+@pytest.mark.parametrize(
+    ("command", "letters"), [(ALE["stop_feeding"], "STP"), (UCR["ignore_fuse_error"], "IFE")]
+)
+def test_other_orders_are_sent_without_data_once_that_was_badly_formed(
+    command: object, letters: str
+) -> None:
+    talk = Talk(
+        (f"W{letters}00000", f"N{letters}00002"),
+        (f"W{letters}", f"A{letters}"),
+        (f"W{letters}", f"A{letters}"),
+    )
     steps = [lambda station: station.write(command, 0)] * 2
     talk.each(*steps)
     assert talk.station.anomalies.counts == {37: 2}
@@ -339,14 +404,16 @@ def test_a_read_that_is_refused_for_no_reason_is_asked_once_more() -> None:
     assert outcome(talk, lambda station: station.read(TIP, 1)) is Refusal
 
 
-# -- bad frames, and how long is waited --------------------------------------------------------------------------------------
+# -- bad frames, and how long is waited ------------------------------------------------------------
 
 GOOD = framed("ATT100183")
 BAD = GOOD[:8] + bytes([GOOD[8] ^ 4]) + GOOD[9:]
 SHORT_BAD = b"\x02NOISE\x03\x55"
 
 
-@pytest.mark.parametrize("bad", [BAD, SHORT_BAD, BAD + BAD], ids=["as long as the answer", "short", "two"])
+@pytest.mark.parametrize(
+    "bad", [BAD, SHORT_BAD, BAD + BAD], ids=["as long as the answer", "short", "two"]
+)
 @pytest.mark.parametrize("later_s", [0.0, 0.005, 0.02])
 def test_a_good_answer_behind_a_bad_frame_is_taken(bad: bytes, later_s: float) -> None:
     answers: list[Answer] = [bad + GOOD] if later_s == 0 else [bad, (0.016 + later_s, GOOD)]
@@ -355,7 +422,9 @@ def test_a_good_answer_behind_a_bad_frame_is_taken(bad: bytes, later_s: float) -
 
 
 def test_after_a_bad_answer_nobody_waits_for_another() -> None:
-    """A tick has no time for that; the probe of another code sees to an answer that comes all the same."""
+    """A tick has no time for that; the probe of another code sees to an answer that comes all the
+    same.
+    """
     talk = Talk(("RTT1", BAD), PROBE, ("RTT1", "ATT100183"))
     assert talk.do(lambda station: station.read(TIP, 1)) == 183
     asked, probed, _ = talk.end.moments

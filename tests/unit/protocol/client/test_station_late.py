@@ -1,7 +1,8 @@
-"""Late answers: they look like fresh ones, so after any doubt another code is answered first (docs/reference/faults.md, F-5).
+"""Late answers: they look like fresh ones, so after any doubt another code is answered first
+(docs/reference/faults.md, F-5).
 
-The plant of these tests changes with each question: its n-th temperature is n. So a value is fresh only where it is the
-number of times that the temperature has been asked.
+The plant of these tests changes with each question: its n-th temperature is n. So a value is fresh
+only where it is the number of times that the temperature has been asked.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from support.clients.talk import PROMPT_S, Answer, Talk, framed
 DDE = FAMILIES["dde"].commands
 TIP, MODEL, SELECTED = DDE["tip_temperature"], DDE["model"], DDE["selected_temperature"]
 OTHERS = {"RSMN": "ASMN  DDE", "RSER": "ASER00000", "RMAT": "AMAT00500"}
-NOT_ONE_BIT = bytes([0x02, *b"0100ATT100001", 0x03, 0x55])  # framed like the answer, wrong check byte
+# framed like the answer, wrong check byte
+NOT_ONE_BIT = bytes([0x02, *b"0100ATT100001", 0x03, 0x55])
 BEFORE: dict[str, list[Answer]] = {
     "nothing": [],
     "echo": [(0.006, framed("RTT1", 0, 1))],
@@ -33,7 +35,9 @@ LATENESS_S = [PROMPT_S, 0.05, *(0.1 + 0.013 * step for step in range(80))]
 
 
 class Plant:
-    """Answers the temperature with how often it was asked, as late as `lateness` says for that question."""
+    """Answers the temperature with how often it was asked, as late as `lateness` says for that
+    question.
+    """
 
     def __init__(self, lateness: Callable[[int], float], before: list[Answer]) -> None:
         self.asked: Counter[str] = Counter()
@@ -49,7 +53,9 @@ class Plant:
 
 
 def stale_values(plant: Plant, reads: int = 8) -> list[tuple[object, int]]:
-    """Read the temperature again and again, as a run would; each value that was not the last question's."""
+    """Read the temperature again and again, as a run would; each value that was not the last
+    question's.
+    """
     stale = []
 
     def all_reads(station: Station) -> Steps[None]:
@@ -80,7 +86,9 @@ def _sought(station: Station) -> Steps[None]:
 
 @pytest.mark.parametrize("before", BEFORE)
 @pytest.mark.parametrize(
-    "late", [lambda n: n == 1, lambda n: n in (3, 4, 5), lambda n: n % 2 == 0], ids=["first", "series", "each second"]
+    "late",
+    [lambda n: n == 1, lambda n: n in (3, 4, 5), lambda n: n % 2 == 0],
+    ids=["first", "series", "each second"],
 )
 def test_no_value_is_ever_a_late_answer(before: str, late: Callable[[int], bool]) -> None:
     for by_s in LATENESS_S:
@@ -95,7 +103,9 @@ def test_another_code_is_answered_before_the_same_code_is_asked_again(lost: str)
     def replies(text: str) -> list[Answer]:
         heard.append(text)
         first = heard.count(text) == 1 and text == lost
-        return [] if first else [{"RTT1": "ATT100183", "RSMN": "ASMN  DDE", "RSER": "ASER00000"}[text]]
+        return (
+            [] if first else [{"RTT1": "ATT100183", "RSMN": "ASMN  DDE", "RSER": "ASER00000"}[text]]
+        )
 
     command = next(command for command in DDE.values() if command.letters == lost[1:4].rstrip("1"))
     Talk(replies=replies).do(lambda station: station.read(command, 1 if lost == "RTT1" else None))
@@ -120,14 +130,18 @@ def test_nothing_is_asked_before_the_line_is_quiet_again() -> None:
 
 
 def test_a_late_answer_to_an_earlier_probe_proves_nothing() -> None:
-    """The probe that settles a doubt may itself have been asked before: what answers it then may be that one's answer."""
+    """The probe that settles a doubt may itself have been asked before: what answers it then may be
+    that one's answer.
+    """
     asked: Counter[str] = Counter()
 
     def replies(text: str) -> list[Answer]:
         asked[text] += 1
         said = f"ASER{asked[text]:05d}" if text == "RSER" else OTHERS.get(text, "ATT100183")
         late = {("RSMN", 1): 0.80, ("RSER", 1): 0.60}.get((text, asked[text]), PROMPT_S)
-        echo: list[Answer] = [(0.006, framed(text, 0, 1))] if (text, asked[text]) == ("RSER", 1) else []
+        echo: list[Answer] = (
+            [(0.006, framed(text, 0, 1))] if (text, asked[text]) == ("RSER", 1) else []
+        )
         return [] if (text, asked[text]) == ("RTT1", 1) else [*echo, (late, said)]
 
     talk = Talk(replies=replies)
@@ -157,7 +171,7 @@ def test_an_echo_is_no_proof_that_a_station_is_there() -> None:
     assert talk.end.heard.count("RTT1") == 1  # the probes were echoed too, and answered by nobody
 
 
-# -- how long is waited --------------------------------------------------------------------------------------------
+# -- how long is waited ----------------------------------------------------------------------------
 
 
 def waited_s(line: LineFormat, seen_s: float | None) -> float:
@@ -191,22 +205,34 @@ def test_a_write_is_allowed_longer_and_teaches_nothing_of_reads() -> None:
     assert talk.end.heard == ["RTT1", "WST100360", "RTT1"]
 
 
-@pytest.mark.parametrize(("command", "at_least_s"), [("selected_temperature", 1.0), ("status", 1.0), ("restart", 2.0)])
+@pytest.mark.parametrize(
+    ("command", "at_least_s"), [("selected_temperature", 1.0), ("status", 1.0), ("restart", 2.0)]
+)
 def test_what_is_stored_for_good_is_waited_for_longest(command: str, at_least_s: float) -> None:
     assert least_s(FAMILIES["dde"].commands[command]) == at_least_s
 
 
 def test_the_turnaround_is_learnt_from_answers() -> None:
-    talk = Talk(("RTT1", (0.0140625 + 0.060, "ATT100183")), ("RTT1", (0.0140625 + 0.002, "ATT100184")))
+    talk = Talk(
+        ("RTT1", (0.0140625 + 0.060, "ATT100183")), ("RTT1", (0.0140625 + 0.002, "ATT100184"))
+    )
     talk.each(lambda station: station.read(TIP, 1), lambda station: station.read(TIP, 1))
     assert talk.station.turnaround_s == pytest.approx(0.060, rel=0.01)
 
 
-@pytest.mark.parametrize(("every_s", "size", "error"), [(0.005, 50, LinkFlooded), (0.015, 2, StationError)])
-def test_a_line_that_never_falls_silent_ends_the_waiting(every_s: float, size: int, error: type[Exception]) -> None:
-    """A babbling device: bounded time, bounded memory. Ten times an answer in a second is a flood."""
+@pytest.mark.parametrize(
+    ("every_s", "size", "error"), [(0.005, 50, LinkFlooded), (0.015, 2, StationError)]
+)
+def test_a_line_that_never_falls_silent_ends_the_waiting(
+    every_s: float, size: int, error: type[Exception]
+) -> None:
+    """A babbling device: bounded time, bounded memory. Ten times an answer in a second is a
+    flood.
+    """
     babble = [(every_s * step, b"\xaa" * size) for step in range(4000)]
-    talk = Talk(replies=lambda text: babble if text == "RTT1" and talk.end.heard == ["RTT1"] else [])
+    talk = Talk(
+        replies=lambda text: babble if text == "RTT1" and talk.end.heard == ["RTT1"] else []
+    )
     before = talk.clock.monotonic()
     with pytest.raises(error):
         talk.do(lambda station: station.read(TIP, 1))

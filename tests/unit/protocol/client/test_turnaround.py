@@ -49,7 +49,9 @@ def test_the_shortest_comes_first_and_the_longest_last() -> None:
 
 
 def test_a_line_that_is_too_bad_is_not_asked_on() -> None:
-    """Once six of twelve can no more be answered; each question that is not costs a time-out and some probes."""
+    """Once six of twelve can no more be answered; each question that is not costs a time-out and
+    some probes.
+    """
     talk = talk_with([None])
     assert talk.do(measure) == (None, 0)
     silent = len(talk.end.heard)
@@ -67,7 +69,11 @@ def test_on_a_link_that_is_faster_than_its_stated_rate_it_is_zero() -> None:
     assert (found.median, found.longest) == (0.0, 0.0)
     assert found.whole == pytest.approx(20_000, abs=1)
     said = found.faster_text(LineFormat(9600))
-    assert said == "the link is faster than its stated 9600 8N1: a question and its answer take 20.00 ms, 28.12 ms at that rate"
+    assert (
+        said
+        == "the link is faster than its stated 9600 8N1: a question and its answer take 20.00 ms,"
+        " 28.12 ms at that rate"
+    )
 
 
 def test_a_link_within_the_tolerance_of_two_clocks_is_not_called_faster() -> None:

@@ -1,4 +1,5 @@
-"""The tables beside the manuals, line by line: typed here from the manuals a second time, apart from the product's tables.
+"""The tables beside the manuals, line by line: typed here from the manuals a second time, apart
+from the product's tables.
 
 A row is ``code  access  unit  limits``; x stands for the port, y for the tool, ``-`` for none.
 """
@@ -44,7 +45,7 @@ CHx r   h    -
 CWx r   h    -
 CCx r   count -
 CDx r   count -
-"""
+"""  # noqa: E501
 """The commands of manual 000, 4.7 "List of commands", as manuals 002 and 004 print them."""
 
 LESS_IN_000 = {
@@ -58,7 +59,9 @@ LESS_IN_000 = {
 }
 """Where manual 000 prints no range and no step, and 002 does."""
 COMMON_000 = "\n".join(
-    " ".join([*line.split()[:3], LESS_IN_000.get(line.split()[0], line.split()[3])]) for line in COMMON_002.splitlines() if line
+    " ".join([*line.split()[:3], LESS_IN_000.get(line.split()[0], line.split()[3])])
+    for line in COMMON_002.splitlines()
+    if line
 )
 
 STORE = 'NVS w   -    0..0                       002 W-NVS "must contains 00000"\n'
@@ -139,7 +142,12 @@ EXPECTED = {
 
 
 def _row(command: Command) -> tuple[str, str, str, str]:
-    code = command.letters + {Scope.STATION: "", Scope.PORT: "x", Scope.TOOL: "xy", Scope.CONDITION: "n"}[command.scope]
+    code = (
+        command.letters
+        + {Scope.STATION: "", Scope.PORT: "x", Scope.TOOL: "xy", Scope.CONDITION: "n"}[
+            command.scope
+        ]
+    )
     return code, "/".join(command.access), command.unit or "-", _limits(command)
 
 
@@ -149,7 +157,8 @@ def _limits(command: Command) -> str:
         return ("unprinted,off" if limits.off else "unprinted") if command.writable else "-"
     parts = []
     if limits.low is not None or limits.high is not None:
-        parts.append(f"{'' if limits.low is None else f'{limits.low:g}'}..{'' if limits.high is None else f'{limits.high:g}'}")
+        low, high = ("" if one is None else f"{one:g}" for one in (limits.low, limits.high))
+        parts.append(f"{low}..{high}")
     if limits.step is not None:
         parts.append(f"step={limits.step:g}")
     if limits.off:
@@ -178,7 +187,9 @@ def test_the_commands_of_a_family(name: str) -> None:
     ],
 )
 def test_the_ports(name: str, ports: tuple[int, ...] | None) -> None:
-    """ "2-Tool", "4-Tool Control Unit" (manual 002); "1 Port 1" (manual 004, Ports); the line file's defaults else."""
+    """ "2-Tool", "4-Tool Control Unit" (manual 002); "1 Port 1" (manual 004, Ports); the line
+    file's defaults else.
+    """
     assert FAMILIES[name].ports == ports
 
 
@@ -201,7 +212,17 @@ TOOLS_OF_THE_BENCH = {
     [
         (
             ["soldering"],  # manual 000, 4.1
-            {0: "none", 1: "T210", 2: "T245/T470", 3: "PA", 4: "HT", 5: "DS", 6: "DR", 7: "NT105", 8: "NP105"},
+            {
+                0: "none",
+                1: "T210",
+                2: "T245/T470",
+                3: "PA",
+                4: "HT",
+                5: "DS",
+                6: "DR",
+                7: "NT105",
+                8: "NP105",
+            },
         ),
         (["dde", "nae", "dme", "hde", "ale"], TOOLS_OF_THE_BENCH),  # manual 002, "Tools"
         (["ucr"], {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}),  # manual 004, "Tools"
@@ -219,7 +240,9 @@ SOLDERING = [name for name in FAMILIES if name not in ("jtse", "omega")]
 
 @pytest.mark.parametrize("name", SOLDERING)
 def test_the_errors(name: str) -> None:
-    """Manual 000, 4.3 and 4.4; "Port Errors", "Station Errors" (manual 002), "Device errors" (manual 004)."""
+    """Manual 000, 4.3 and 4.4; "Port Errors", "Station Errors" (manual 002), "Device errors"
+    (manual 004).
+    """
     words = {
         0: "ok",
         1: "short circuit",
@@ -247,7 +270,8 @@ def test_the_errors(name: str) -> None:
 
 
 def test_the_errors_of_hot_air() -> None:
-    """Manual 001, 4.3 and 4.4: the same numbers say other things, and station error 7 is not printed.
+    """Manual 001, 4.3 and 4.4: the same numbers say other things, and station error 7 is not
+    printed.
 
     docs/reference/contradictions.md, B-30 and B-45.
     """
@@ -287,11 +311,37 @@ def _agree(table: Mapping[int, str], words: dict[int, str]) -> None:
 @pytest.mark.parametrize("name", FAMILIES)
 def test_reading_clears_nothing_but_the_alarm_flags(name: str) -> None:
     """ "Once you have read the flag this is deleted" (manual 000, 4.8.27)."""
-    cleared = [command.name for command in FAMILIES[name].commands.values() if command.readable and command.sent_once]
+    cleared = [
+        command.name
+        for command in FAMILIES[name].commands.values()
+        if command.readable and command.sent_once
+    ]
     assert cleared == (["alarm_flags"] if name in SOLDERING else [])
 
 
 def test_what_is_never_sent_without_being_asked_for() -> None:
-    """docs/reference/faults.md, S-5: RST, RSP, SAD, NVS, IFE, MAT, MIT, STR; hot air's own of that kind, and OMEGA's D and H."""
-    dangerous = {command.letters for family in FAMILIES.values() for command in family.commands.values() if command.dangerous}
-    assert dangerous == {"RST", "RSP", "SAD", "NVS", "IFE", "MAT", "MIT", "STR", "MAF", "MIF", "MAE", "MIE", "D", "H"}
+    """docs/reference/faults.md, S-5: RST, RSP, SAD, NVS, IFE, MAT, MIT, STR; hot air's own of that
+    kind, and OMEGA's D and H.
+    """
+    dangerous = {
+        command.letters
+        for family in FAMILIES.values()
+        for command in family.commands.values()
+        if command.dangerous
+    }
+    assert dangerous == {
+        "RST",
+        "RSP",
+        "SAD",
+        "NVS",
+        "IFE",
+        "MAT",
+        "MIT",
+        "STR",
+        "MAF",
+        "MIF",
+        "MAE",
+        "MIE",
+        "D",
+        "H",
+    }

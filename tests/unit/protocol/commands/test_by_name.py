@@ -1,4 +1,5 @@
-"""Every command of every family is reached by its name through what `read` and `write` do. No list of exceptions.
+"""Every command of every family is reached by its name through what `read` and `write` do. No list
+of exceptions.
 
 A family that joins `FAMILIES` is walked like the others, against its own virtual station.
 """
@@ -27,13 +28,19 @@ EVERY = [(family, command) for family in FAMILIES.values() for command in family
 
 def _walk(*chosen: tuple[Family, Command]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(
-        ("family", "command"), [pytest.param(family, command, id=f"{family.name}-{command.name}") for family, command in chosen]
+        ("family", "command"),
+        [
+            pytest.param(family, command, id=f"{family.name}-{command.name}")
+            for family, command in chosen
+        ],
     )
 
 
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, family: Family) -> Bench:
-    """A station of the family on a wire without time, its tools cold; it has been on for a while."""
+    """A station of the family on a wire without time, its tools cold; it has been on for a
+    while.
+    """
     made = Bench(tmp_path, station_text("it", family.name, sim="wire = false"))
     monkeypatch.setattr(connection, "run_that_holds", lambda url: None)
     return made
@@ -43,55 +50,79 @@ def place_of(command: Command) -> Place:
     return Place(condition=101) if command.scope is Scope.CONDITION else WHOLE_STATION
 
 
-def readings(bench: Bench, name: str, place: Place = WHOLE_STATION) -> list[tuple[Contact, ReadResult]]:
+def readings(
+    bench: Bench, name: str, place: Place = WHOLE_STATION
+) -> list[tuple[Contact, ReadResult]]:
     found: list[tuple[Contact, ReadResult]] = []
     target = bench.target("it")
-    connection.ask(target, read_value(target, name, place, lambda contact, reading: found.append((contact, reading))), bench.access)
+    connection.ask(
+        target,
+        read_value(target, name, place, lambda contact, reading: found.append((contact, reading))),
+        bench.access,
+    )
     return found
 
 
 @_walk(*((family, command) for family, command in EVERY if command.readable))
 def test_it_is_read_by_name_at_every_place(bench: Bench, family: Family, command: Command) -> None:
     found = readings(bench, command.name, place_of(command))
-    station = bench.wires["it"]
-    ports = len(getattr(station.station, "device").face.ports) if command.scope in (Scope.PORT, Scope.TOOL) else 1  # noqa: B009
+    device = getattr(bench.wires["it"].station, "device")  # noqa: B009
+    ports = len(device.face.ports) if command.scope in (Scope.PORT, Scope.TOOL) else 1
     assert len(found) == ports
     for contact, reading in found:
         assert reading.value is not None, reading.problem
         assert reading.data
         text = shown(reading.value, command, contact.family)
         assert text.strip() == text != ""
-        assert not command.unit or command.unit in (*text.split(), "count") or text == "off" or "not " in text
-    assert station.writes == []
+        assert (
+            not command.unit
+            or command.unit in (*text.split(), "count")
+            or text == "off"
+            or "not " in text
+        )
+    assert bench.wires["it"].writes == []
 
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
 def test_all_of_it_is_read_at_once_but_what_that_would_clear(bench: Bench, family: Family) -> None:
     found: list[ReadResult] = []
     target = bench.target("it")
-    connection.ask(target, read_all(target, lambda contact, reading: found.append(reading)), bench.access)
+    connection.ask(
+        target, read_all(target, lambda contact, reading: found.append(reading)), bench.access
+    )
     assert [reading.problem for reading in found if reading.value is None] == []
     left_out = {command.name for command in only_by_name(family)}
-    assert {reading.command.name for reading in found} | left_out == {c.name for c in family.commands.values() if c.readable}
+    assert {reading.command.name for reading in found} | left_out == {
+        c.name for c in family.commands.values() if c.readable
+    }
     assert not [text for text in bench.wires["it"].texts if text.startswith("RTA")]  # alarm flags
     assert bench.wires["it"].writes == []
 
 
 @_walk(*((family, command) for family, command in EVERY if command.writable))
-def test_it_is_written_by_name_once_and_read_back(bench: Bench, family: Family, command: Command) -> None:
+def test_it_is_written_by_name_once_and_read_back(
+    bench: Bench, family: Family, command: Command
+) -> None:
     text = new_value(bench, family, command)
     port = None if command.scope is Scope.STATION else 1
     kept: list[Snapshot] = []
     target, written = bench.target("it"), WriteResult()
     before = len(bench.wires["it"].writes)
     change = WriteRequest(command.name, text, Place(port))
-    connection.ask(target, write_value(target, change, kept.append, written), bench.access, may_write=True)
+    connection.ask(
+        target, write_value(target, change, kept.append, written), bench.access, may_write=True
+    )
     assert written.outcome in (WriteOutcome.CONFIRMED, WriteOutcome.SENT), written.problem
     sent = bench.wires["it"].writes[before:]
     assert len(sent) == 1
     assert sent[0].removeprefix("W" if family.models else "").startswith(command.letters)
     assert bool(kept) == command.dangerous
-    if written.outcome == WriteOutcome.CONFIRMED and written.readback is not None and command.readable and command.name != "status":
+    if (
+        written.outcome == WriteOutcome.CONFIRMED
+        and written.readback is not None
+        and command.readable
+        and command.name != "status"
+    ):
         assert written.readback == written.value != written.before
 
 
@@ -101,7 +132,7 @@ def new_value(bench: Bench, family: Family, command: Command) -> str | None:
         return None
     if command.scope is Scope.STATION and not command.readable:
         return _for_its_own_kind(bench, command)
-    ((_, reading), *_) = readings(bench, command.name)
+    (_, reading), *_ = readings(bench, command.name)
     words = [word for word, value in words_for(command, family).items() if value != reading.value]
     if words:
         return words[0]
@@ -118,7 +149,7 @@ def _for_its_own_kind(bench: Bench, command: Command) -> str:
     return "101" if command.name == "run_condition" else "7"
 
 
-# -- names ------------------------------------------------------------------------------------------------------------------
+# -- names -----------------------------------------------------------------------------------------
 
 
 @_walk(*EVERY)
@@ -127,7 +158,12 @@ def test_its_name_is_found_and_its_values_are_told(family: Family, command: Comm
         if kind(command):
             assert find(command.name, family, kind) is command
             assert find(command.name.replace("_", " ").upper(), family, kind) is command
-            assert command.name in [name for families, names in shared(kind) if family.name in families for name in names]
+            assert command.name in [
+                name
+                for families, names in shared(kind)
+                if family.name in families
+                for name in names
+            ]
     if command.writable:
         assert values_text(command, family)
         for word in words_for(command, family):
@@ -144,16 +180,32 @@ def test_what_is_dangerous_says_what_it_does(family: Family, command: Command) -
 def test_what_cannot_be_taken_back_is_dangerous_everywhere() -> None:
     # docs/reference/faults.md, S-5, and the limits of manual 001
     letters = {"RST", "RSP", "SAD", "NVS", "IFE", "MAT", "MIT", "STR", "MAF", "MIF", "MAE", "MIE"}
-    found = {(family.name, command.letters) for family, command in EVERY if command.writable and command.letters in letters}
-    assert found == {(family.name, command.letters) for family, command in EVERY if command.dangerous and len(command.letters) == 3}
-    assert {command.letters for command in FAMILIES["omega"].commands.values() if command.dangerous} == {"D", "H"}
+    found = {
+        (family.name, command.letters)
+        for family, command in EVERY
+        if command.writable and command.letters in letters
+    }
+    assert found == {
+        (family.name, command.letters)
+        for family, command in EVERY
+        if command.dangerous and len(command.letters) == 3
+    }
+    assert {
+        command.letters for command in FAMILIES["omega"].commands.values() if command.dangerous
+    } == {"D", "H"}
 
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
 def test_nothing_dangerous_is_reached_from_a_recipe(family: Family) -> None:
-    """Settings by the table of keys, tools by their status, the feeder to be stopped: a recipe and a run write nothing else."""
+    """Settings by the table of keys, tools by their status, the feeder to be stopped: a recipe and
+    a run write nothing else.
+    """
     reached = {*COMMAND_OF.values(), "status", "stop_feeding"}
-    assert [command.name for command in family.commands.values() if command.name in reached and command.dangerous] == []
+    assert [
+        command.name
+        for command in family.commands.values()
+        if command.name in reached and command.dangerous
+    ] == []
 
 
 def test_what_is_called_a_restart_resets_the_settings_of_hot_air() -> None:

@@ -1,4 +1,6 @@
-"""Every contradiction of the manuals is decided, and what shows on the wire can be played and is reported."""
+"""Every contradiction of the manuals is decided, and what shows on the wire can be played and is
+reported.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +17,12 @@ from jbclog.sim.quirks import QUIRKS
 ROWS = 52
 MISPRINTS = 53  # B.4, which has no number of its own
 UNDECIDED = {20, 33, 35, 51}  # what no evidence can decide: the raw value is kept, and marked
-ONLY_SOUGHT = {14}  # what only who seeks a station meets, and nobody can tell from another's refusal
+# what only who seeks a station meets, and nobody can tell from another's refusal
+ONLY_SOUGHT = {14}
 
-decisions = pytest.mark.parametrize("decision", DECISIONS.values(), ids=lambda one: f"B-{one.number}")
+decisions = pytest.mark.parametrize(
+    "decision", DECISIONS.values(), ids=lambda one: f"B-{one.number}"
+)
 
 
 def test_every_row_has_a_decision() -> None:
@@ -28,7 +33,9 @@ def test_every_row_has_a_decision() -> None:
 def test_a_decision_says_what_is_done_and_why(decision: Decision) -> None:
     assert min(len(decision.title), len(decision.reason)) > 10
     assert decision.reading
-    told = decision.number in UNDECIDED or (bool(decision.quirks) and decision.number not in ONLY_SOUGHT)
+    told = decision.number in UNDECIDED or (
+        bool(decision.quirks) and decision.number not in ONLY_SOUGHT
+    )
     assert bool(decision.met) == told
     assert decision.doubtful or decision.number not in UNDECIDED
     assert decision.met == "" or decision.met.endswith(".")
@@ -41,7 +48,10 @@ def test_every_quirk_belongs_to_the_row_that_names_it() -> None:
 
 def test_what_is_taken_beside_the_recommended_form_is_told() -> None:
     taken = {form.number for form in ranges.ODD_FORMS.values()}
-    taken |= {number for number, _ in (*ranges.READ_ANSWERED_AS.values(), *ranges.WRITE_ANSWERED_AS.values())}
+    taken |= {
+        number
+        for number, _ in (*ranges.READ_ANSWERED_AS.values(), *ranges.WRITE_ANSWERED_AS.values())
+    }
     taken |= {*ranges.ACKNOWLEDGED_WITH_VALUE.values(), *ranges.WITHOUT_DATA.values()}
     assert all(DECISIONS[number].met for number in taken)
 

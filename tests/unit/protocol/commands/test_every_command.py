@@ -1,7 +1,9 @@
-"""Every command of every family. No list of exceptions: a family that joins `FAMILIES` is walked like the others.
+"""Every command of every family. No list of exceptions: a family that joins `FAMILIES` is walked
+like the others.
 
-What a command must say of itself, that no other is meant by its code, that its values go there and back, that a virtual
-station answers it to the client that a run uses, and that the page of commands lists it.
+What a command must say of itself, that no other is meant by its code, that its values go there and
+back, that a virtual station answers it to the client that a run uses, and that the page of commands
+lists it.
 """
 
 from __future__ import annotations
@@ -16,7 +18,17 @@ import pytest
 
 from jbclog.core.errors import OutOfRange
 from jbclog.core.io_requests import Steps
-from jbclog.core.quantities import OFF, AlarmDelay, Choice, Delay, DigitWord, Number, Quantity, Text, Value
+from jbclog.core.quantities import (
+    OFF,
+    AlarmDelay,
+    Choice,
+    Delay,
+    DigitWord,
+    Number,
+    Quantity,
+    Text,
+    Value,
+)
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.client.timing import change_address, restart
@@ -33,8 +45,12 @@ from support.readers.texts import ROOT
 EVERY = [(family, command) for family in FAMILIES.values() for command in family.commands.values()]
 
 
-def _walk(*chosen: tuple[Family, Command]) -> Callable[[Callable[[Family, Command], None]], Callable[[], None]]:
-    return each_row((f"{family.name}-{command.name}", (family, command)) for family, command in chosen)
+def _walk(
+    *chosen: tuple[Family, Command],
+) -> Callable[[Callable[[Family, Command], None]], Callable[[], None]]:
+    return each_row(
+        (f"{family.name}-{command.name}", (family, command)) for family, command in chosen
+    )
 
 
 every_command = _walk(*EVERY)
@@ -42,7 +58,7 @@ every_reading = _walk(*((family, command) for family, command in EVERY if comman
 every_setting = _walk(*((family, command) for family, command in EVERY if command.access == "rw"))
 every_order = _walk(*((family, command) for family, command in EVERY if command.access == "w"))
 
-# -- what its row says -------------------------------------------------------------------------------------------------
+# -- what its row says -----------------------------------------------------------------------------
 
 UNITS = {"°C", "‰", "h", "count", "s", "min", "mm", "mm/s", "raw"}
 """``raw`` says that no manual prints the unit (docs/reference/contradictions.md, B-33)."""
@@ -63,14 +79,22 @@ def test_it_has_a_name_and_its_letters(family: Family, command: Command) -> None
 
 @every_command
 def test_it_has_a_unit_or_needs_none(family: Family, command: Command) -> None:
-    assert command.unit in UNITS if not isinstance(command.quantity, WITHOUT_UNIT) else command.unit == ""
+    assert (
+        command.unit in UNITS
+        if not isinstance(command.quantity, WITHOUT_UNIT)
+        else command.unit == ""
+    )
 
 
 @every_command
-def test_its_range_and_step_are_printed_or_marked_as_not_printed(family: Family, command: Command) -> None:
+def test_its_range_and_step_are_printed_or_marked_as_not_printed(
+    family: Family, command: Command
+) -> None:
     limits = command.limits
     if not limits.printed:
-        assert limits == Limits(printed=False, off=limits.off), "a range that is not printed has no border"
+        assert limits == Limits(printed=False, off=limits.off), (
+            "a range that is not printed has no border"
+        )
     elif not isinstance(command.quantity, WITHOUT_UNIT):
         assert limits != Limits(), "neither a border nor a step, and not marked as not printed"
     if limits.low is not None and limits.high is not None:
@@ -81,7 +105,9 @@ def test_its_range_and_step_are_printed_or_marked_as_not_printed(family: Family,
 def test_its_manual_and_section_are_named(family: Family, command: Command) -> None:
     citations = [CITATION.fullmatch(part.strip()) for part in command.manual.split(";")]
     assert all(citations), f"{command.manual!r} is not a manual's number and its section"
-    assert {found[1] for found in citations if found} & set(family.manual.split(", ")), "its family's own manual is cited"
+    assert {found[1] for found in citations if found} & set(family.manual.split(", ")), (
+        "its family's own manual is cited"
+    )
 
 
 @every_command
@@ -94,12 +120,14 @@ def test_what_acts_is_dangerous_and_sent_once(family: Family, command: Command) 
     assert command.sent_once == (command.effect in (Effect.MOVES, Effect.ERASES, Effect.CLEARS))
 
 
-# -- its code ----------------------------------------------------------------------------------------------------------
+# -- its code --------------------------------------------------------------------------------------
 
 
 @cache
 def _meanings(name: str) -> dict[str, set[str]]:
-    """Header and code, at every port with every tool -> the commands that they mean. Looked up whole, never by beginning."""
+    """Header and code, at every port with every tool -> the commands that they mean. Looked up
+    whole, never by beginning.
+    """
     family, found = FAMILIES[name], dict[str, set[str]]()
     for command in family.commands.values():
         for code in codes_of(command, family.ports or PORTS):
@@ -110,14 +138,19 @@ def _meanings(name: str) -> dict[str, set[str]]:
 
 @every_command
 def test_its_letters_leave_room_for_port_and_tool(family: Family, command: Command) -> None:
-    """A code of JBC has three characters (manual 002, "Data Link Layer"), but for RTT; OMEGA's has one letter.
+    """A code of JBC has three characters (manual 002, "Data Link Layer"), but for RTT; OMEGA's has
+    one letter.
 
     docs/reference/contradictions.md, B-10.
     """
     for code in codes_of(command):
         assert code.isascii()
         assert code.isalnum()
-        assert len(code) == 3 or command.name == "transformer_temperature" or family.protocol == "omega"
+        assert (
+            len(code) == 3
+            or command.name == "transformer_temperature"
+            or family.protocol == "omega"
+        )
 
 
 @every_command
@@ -141,22 +174,36 @@ def test_no_other_command_of_the_family_has_its_code(family: Family, command: Co
 
 @every_command
 def test_no_code_begins_with_its_own_but_that_of_a_tip(family: Family, command: Command) -> None:
-    """``TT`` is a beginning of ``TT1``: the answers differ in length (docs/reference/contradictions.md, B-10)."""
+    """``TT`` is a beginning of ``TT1``: the answers differ in length
+    (docs/reference/contradictions.md, B-10).
+    """
     for code in codes_of(command, family.ports or PORTS):
-        longer = {other[1:] for other in _meanings(family.name) if other[1:].startswith(code) and other[1:] != code}
-        assert longer == ({f"TT{port}" for port in family.ports or PORTS} if code == "TT" else set())
+        longer = {
+            other[1:]
+            for other in _meanings(family.name)
+            if other[1:].startswith(code) and other[1:] != code
+        }
+        assert longer == (
+            {f"TT{port}" for port in family.ports or PORTS} if code == "TT" else set()
+        )
 
 
-# -- the page lists it -------------------------------------------------------------------------------------------------
+# -- the page lists it -----------------------------------------------------------------------------
 
 STATION_COMMANDS = (ROOT / "docs" / "reference" / "station-commands.md").read_text(encoding="utf-8")
-"""As it stands in the repository; that it is made from the tables is held by tests/docs/test_pages.py."""
+"""As it stands in the repository; that it is made from the tables is held by
+tests/docs/test_pages.py.
+"""
 
 
 @every_command
 def test_the_page_of_commands_lists_it(family: Family, command: Command) -> None:
     begin = f"| `{command.name}` | `{printed_code(command)}` | "
-    (row,) = (line for line in STATION_COMMANDS.splitlines() if line.startswith(begin) and f"| {command.manual} |" in line)
+    (row,) = (
+        line
+        for line in STATION_COMMANDS.splitlines()
+        if line.startswith(begin) and f"| {command.manual} |" in line
+    )
     cells = [cell.strip() for cell in row.strip("|").split(" | ")]
     assert f"`{family.name}`" in cells[2] or cells[2] in ("all", "all soldering", "all of 002")
     assert cells[3].removesuffix(" *(inferred)*") == (command.unit or "–")
@@ -167,7 +214,7 @@ def test_the_page_of_commands_lists_it(family: Family, command: Command) -> None
     assert cells[9] == command.note
 
 
-# -- its values there and back -----------------------------------------------------------------------------------------
+# -- its values there and back ---------------------------------------------------------------------
 
 
 def _distinct() -> list[Quantity]:
@@ -179,7 +226,9 @@ def _written() -> list[Quantity]:
 
 
 def _read_back(quantity: Quantity, texts: Iterable[str]) -> int:
-    """How many texts mean something; each value must be written as the text that it was read from."""
+    """How many texts mean something; each value must be written as the text that it was read
+    from.
+    """
     count = 0
     for text in texts:
         value = meant(quantity, text)
@@ -194,7 +243,9 @@ def _read_back(quantity: Quantity, texts: Iterable[str]) -> int:
 
 
 def _is_telling(value: Value) -> bool:
-    """Whether it is a small number, or one beside a round one, or one of a few of the others (a multiple of 5, too)."""
+    """Whether it is a small number, or one beside a round one, or one of a few of the others (a
+    multiple of 5, too).
+    """
     if not isinstance(value, int | float) or abs(value) < 1_000:
         return True
     return round(value) % 35 == 0 or abs(value) % 1_000 <= 10 or abs(value) % 1_000 >= 990
@@ -202,8 +253,14 @@ def _is_telling(value: Value) -> bool:
 
 @cache
 def _telling_texts() -> list[str]:
-    """Small numbers, those beside round ones and some of the others; every word of small digits; whatever is no number."""
-    return [text for text in every_text() if not text.isdigit() or set(text) <= set("0123") or _is_telling(int(text))]
+    """Small numbers, those beside round ones and some of the others; every word of small digits;
+    whatever is no number.
+    """
+    return [
+        text
+        for text in every_text()
+        if not text.isdigit() or set(text) <= set("0123") or _is_telling(int(text))
+    ]
 
 
 @pytest.mark.parametrize("quantity", _distinct(), ids=repr)
@@ -213,12 +270,16 @@ def test_a_text_that_means_something_is_written_as_it_was_read(quantity: Quantit
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("quantity", _distinct(), ids=repr)
-def test_each_text_that_means_something_is_written_as_it_was_read(quantity: Quantity, counted: Callable[..., None]) -> None:
+def test_each_text_that_means_something_is_written_as_it_was_read(
+    quantity: Quantity, counted: Callable[..., None]
+) -> None:
     counted(texts_that_mean_something=_read_back(quantity, every_text()))
 
 
 @every_command
-def test_what_its_limits_allow_can_be_written_and_what_they_forbid_cannot(family: Family, command: Command) -> None:
+def test_what_its_limits_allow_can_be_written_and_what_they_forbid_cannot(
+    family: Family, command: Command
+) -> None:
     limits = command.limits
     for value in values_to_write(family, command):
         assert limits.problem(value) is None
@@ -263,7 +324,9 @@ def test_whatever_number_can_be_written_is_read_as_that_number(quantity: Quantit
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("quantity", _written(), ids=repr)
-def test_every_number_that_can_be_written_is_read_as_that_number(quantity: Quantity, counted: Callable[..., None]) -> None:
+def test_every_number_that_can_be_written_is_read_as_that_number(
+    quantity: Quantity, counted: Callable[..., None]
+) -> None:
     assert _wrong(quantity, _every_number()) == []
     counted(numbers=len(list(_every_number())))
 
@@ -271,13 +334,30 @@ def test_every_number_that_can_be_written_is_read_as_that_number(quantity: Quant
 @every_command
 def test_what_a_person_may_write_can_be_written(family: Family, command: Command) -> None:
     """What the ranges let through the wire carries, and nothing raises behind them."""
-    for value in (-99_995, -9_995, -5, 0, 5, 600, 605, 700, 3_800, 9_995, 99_995, 99_999, 100_000, 1_000_000):
+    for value in (
+        -99_995,
+        -9_995,
+        -5,
+        0,
+        5,
+        600,
+        605,
+        700,
+        3_800,
+        9_995,
+        99_995,
+        99_999,
+        100_000,
+        1_000_000,
+    ):
         if command.writable and range_problem(command, value) is None:
             assert command.quantity.decode(command.quantity.encode(value)) == value
 
 
 @every_command
-def test_off_is_99999_where_the_limits_say_so_and_nowhere_else(family: Family, command: Command) -> None:
+def test_off_is_99999_where_the_limits_say_so_and_nowhere_else(
+    family: Family, command: Command
+) -> None:
     if command.limits.off:
         assert command.writable
         assert isinstance(command.quantity, Delay | AlarmDelay)
@@ -310,22 +390,34 @@ def test_what_002_does_not_allow_is_refused_on_its_stations_and_what_000_does_no
     for family in FAMILIES.values():
         if "sleep_delay" in family.commands:
             command = family.commands[name]
-            is_printed = "002" in family.manual or (name.endswith("_delay") and name.startswith("alarm")) or value == -51
-            assert problem in (command.limits.problem(value) or "") if is_printed else command.limits.problem(value) is None
+            is_printed = (
+                "002" in family.manual
+                or (name.endswith("_delay") and name.startswith("alarm"))
+                or value == -51
+            )
+            assert (
+                problem in (command.limits.problem(value) or "")
+                if is_printed
+                else command.limits.problem(value) is None
+            )
             if not is_printed:
                 assert command.inferred is not None
                 assert problem in (command.inferred.limits.problem(value) or "")
 
 
 @pytest.mark.parametrize("value", [0, -5, 605, 3800, 99995])
-def test_an_alarm_limit_that_would_be_read_back_as_not_set_is_refused_everywhere(value: Value) -> None:
+def test_an_alarm_limit_that_would_be_read_back_as_not_set_is_refused_everywhere(
+    value: Value,
+) -> None:
     for family in FAMILIES.values():
         for name in ("alarm_high_limit", "alarm_low_limit"):
             if name in family.commands:
-                assert "would be read back as not set" in (range_problem(family.commands[name], value) or "")
+                assert "would be read back as not set" in (
+                    range_problem(family.commands[name], value) or ""
+                )
 
 
-# -- a virtual station answers it --------------------------------------------------------------------------------------
+# -- a virtual station answers it ------------------------------------------------------------------
 
 
 @every_reading
@@ -360,8 +452,14 @@ def _takes(pair: Pair, value: Value, command: Command, port: int | None, tool: i
 
 
 def _same_status(family: Family, found: Value, ordered: Value) -> bool:
-    """Whether a status word says that it was done: a tool that is cool already goes on by itself."""
-    return isinstance(found, tuple) and isinstance(ordered, tuple) and family.status.confirms(found, ordered)
+    """Whether a status word says that it was done: a tool that is cool already goes on by
+    itself.
+    """
+    return (
+        isinstance(found, tuple)
+        and isinstance(ordered, tuple)
+        and family.status.confirms(found, ordered)
+    )
 
 
 def _restart(client: Client, command: Command) -> Steps[object]:
@@ -373,7 +471,10 @@ def _move(client: Client, command: Command) -> Steps[object]:
     return change_address(client, command, 99)
 
 
-ITS_OWN_WAY: dict[str, Callable[[Client, Command], Steps[object]]] = {"restart": _restart, "address": _move}
+ITS_OWN_WAY: dict[str, Callable[[Client, Command], Steps[object]]] = {
+    "restart": _restart,
+    "address": _move,
+}
 """Orders after which the station is away for a while, or elsewhere."""
 
 
@@ -381,6 +482,10 @@ ITS_OWN_WAY: dict[str, Callable[[Client, Command], Steps[object]]] = {"restart":
 def test_a_virtual_station_does_it_once(family: Family, command: Command) -> None:
     pair = Pair(family.name)
     (value,) = values_to_write(family, command)[-1:]
-    pair.do(lambda client: ITS_OWN_WAY.get(command.name, lambda one, order: one.write(order, value))(client, command))
+    pair.do(
+        lambda client: ITS_OWN_WAY.get(command.name, lambda one, order: one.write(order, value))(
+            client, command
+        )
+    )
     assert [(one.name, one.value) for one in pair.station.log.writes] == [(command.name, value)]
     pair.read(family.commands[family.harmless[0]])  # and is there again

@@ -1,4 +1,6 @@
-"""What the manuals print (`tests/support/golden`), held against the command tables and against what the product writes."""
+"""What the manuals print (`tests/support/golden`), held against the command tables and against what
+the product writes.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,12 @@ FAMILIES_OF = {
 }
 
 every = each_row((f"{golden.where} {golden.text}", (golden,)) for golden in FRAMES)
-every_field = each_row((f"{field.where} {field.text.decode('ascii')}", (field,)) for field in FIELDS)
-every_listed = each_row((f"{listed.where} {listed.command} {listed.printed}", (listed,)) for listed in LISTED)
+every_field = each_row(
+    (f"{field.where} {field.text.decode('ascii')}", (field,)) for field in FIELDS
+)
+every_listed = each_row(
+    (f"{listed.where} {listed.command} {listed.printed}", (listed,)) for listed in LISTED
+)
 
 
 def _families(manual: str) -> list[Family]:
@@ -30,7 +36,11 @@ def _families(manual: str) -> list[Family]:
 
 
 def _commands(one: Golden | Listed) -> list[Command]:
-    found = [family.commands[one.command] for family in _families(one.where[:3]) if one.command in family.commands]
+    found = [
+        family.commands[one.command]
+        for family in _families(one.where[:3])
+        if one.command in family.commands
+    ]
     assert found, f"no family of manual {one.where[:3]} has {one.command}"
     return found
 
@@ -95,7 +105,9 @@ def test_a_listed_number_has_a_name(listed: Listed) -> None:
 
 
 def _names(listed: Listed) -> Iterator[str]:
-    """What the families of this manual call it; manual 002 lists tools that its UCR has not (manual 004)."""
+    """What the families of this manual call it; manual 002 lists tools that its UCR has not (manual
+    004).
+    """
     assert isinstance(listed.value, int | str | tuple)
     for family in _families(listed.where[:3]):
         if isinstance(listed.value, int) and listed.command == "tool":
@@ -110,7 +122,10 @@ def _names(listed: Listed) -> Iterator[str]:
 def test_every_field_that_is_printed_is_in_the_tables(field: Field) -> None:
     text = field.text.decode("ascii")
     found = [
-        command for family in _families(field.where[:3]) for command in family.commands.values() if text[1:] in _codes(command)
+        command
+        for family in _families(field.where[:3])
+        for command in family.commands.values()
+        if text[1:] in _codes(command)
     ]
     assert found
     assert all(_access(text[0], command) for command in found)
@@ -137,4 +152,6 @@ def _product_codes(family: Family) -> Iterator[tuple[str, str]]:
         elif command.scope is Scope.PORT:
             yield from ((command.code(port), access) for port in range(1, 5))
         else:
-            yield from ((command.code(port, tool), access) for port in range(1, 5) for tool in range(1, 10))
+            yield from (
+                (command.code(port, tool), access) for port in range(1, 5) for tool in range(1, 10)
+            )

@@ -2,7 +2,8 @@
 
 docs/reference/protocol.md, Check byte.
 
-The codes are those that `golden.letters` holds, typed by hand; the check bytes are worked out by `golden.with_check_byte`.
+The codes are those that `golden.letters` holds, typed by hand; the check bytes are worked out by
+`golden.with_check_byte`.
 """
 
 from __future__ import annotations
@@ -17,12 +18,15 @@ import pytest
 from jbclog.protocol.frame import Frame, FrameReader
 from support.golden import framed, letters, with_check_byte
 
-ALL_CODES = {code: access for family in letters.FAMILIES for code, access in letters.codes_of(family).items()}
+ALL_CODES = {
+    code: access for family in letters.FAMILIES for code, access in letters.codes_of(family).items()
+}
 CONTROL = [*range(0x20), 0x7F]
 
 WITHOUT_ADDRESSES = {
     0x02: "AA12 AA21 AA47 AD17 AD24 AD35 AD42 AH28 AH39 AMIF RS13 RS31 RS46",  # STX
-    0x03: "AA13 AA31 AA46 AD16 AD25 AD34 AD43 AH29 AH38 RMIT RS12 RS21 RS47 RSMN RWCD WRST WSTR",  # ETX
+    # ETX
+    0x03: "AA13 AA31 AA46 AD16 AD25 AD34 AD43 AH29 AH38 RMIT RS12 RS21 RS47 RSMN RWCD WRST WSTR",
     0x11: "ARSP AS13 AS31 AS46 RA12 RA21 RA47 RD17 RD24 RD35 RD42 RH28 RH39 RMIF",  # XON
     0x13: "AS11 AS22 AS33 AS44 RA23 RA32 RA45 RD15 RD26 RD37 RH19",  # XOFF
     0x00: "AA23 AA32 AA45 AD15 AD26 AD37 AH19 RS11 RS22 RS33 RS44",  # NUL
@@ -55,7 +59,9 @@ WITHOUT_ADDRESSES = {
     0x1F: "AS48 RA49 RD19 RDIA RH15 RH26 RH37",
     0x7F: "AHD3 ALA2 RWH3",
 }
-"""Questions (R), acknowledgements (A) and orders without data (W) whose check byte is a control character."""
+"""Questions (R), acknowledgements (A) and orders without data (W) whose check byte is a control
+character.
+"""
 WITH_ADDRESSES = {
     0x02: "AA13 AA31 AA46 AD16 AD25 AD34 AD43 AH29 AH38 RMIT RS12 RS21 RS47 RSMN RWCD WRST WSTR",
     0x03: "AA12 AA21 AA47 AD17 AD24 AD35 AD42 AH28 AH39 AMIF RS13 RS31 RS46",
@@ -90,7 +96,9 @@ def test_check_bytes_that_are_control_characters_without_addresses() -> None:
 
 
 def test_check_bytes_that_are_control_characters_with_addresses() -> None:
-    """The addresses 00 and 01 turn the lowest bit over, in either order; 00 and 10 do the same, 00 and 20 the next one."""
+    """The addresses 00 and 01 turn the lowest bit over, in either order; 00 and 10 do the same, 00
+    and 20 the next one.
+    """
     found = _on_control_characters("0001")
     assert {check: found[check] for check in WITH_ADDRESSES} == WITH_ADDRESSES
     assert found.keys() == set(CONTROL)
@@ -101,7 +109,10 @@ def test_check_bytes_that_are_control_characters_with_addresses() -> None:
     assert _on_control_characters("0100") == _on_control_characters("0010") == found
 
 
-@pytest.mark.parametrize(("pair", "addresses"), [("", (None, None)), ("0001", (0, 1)), ("0100", (1, 0)), ("0010", (0, 10))])
+@pytest.mark.parametrize(
+    ("pair", "addresses"),
+    [("", (None, None)), ("0001", (0, 1)), ("0100", (1, 0)), ("0010", (0, 10))],
+)
 def test_none_of_them_fools_the_reader(pair: str, addresses: tuple[int | None, int | None]) -> None:
     reader = FrameReader()
     for text in _bare_texts():
@@ -128,7 +139,9 @@ def _of_hexadecimal(digits: str, width: int) -> set[int]:
 
 
 def test_no_frame_with_five_digits_ends_in_a_control_character() -> None:
-    """Exhaustive: every value of every command, in every direction. So a value is never cut short by its check byte."""
+    """Exhaustive: every value of every command, in every direction. So a value is never cut short
+    by its check byte.
+    """
     of_data = {reduce(xor, data.encode("ascii")) for data in FIVE_CHARACTERS}
     for code, access in ALL_CODES.items():
         for header in "WAN" if access != "R" else "AN":
@@ -138,11 +151,17 @@ def test_no_frame_with_five_digits_ends_in_a_control_character() -> None:
 
 
 def test_a_length_in_five_capital_hexadecimal_digits_does_not_either() -> None:
-    """But one in small letters may, or a longer one: no manual prints its width. A version or a name may, too."""
+    """But one in small letters may, or a longer one: no manual prints its width. A version or a
+    name may, too.
+    """
     dispensed = [framed("ADL" + port, pair)[-1] for port in letters.PORTS for pair in ("", "0001")]
-    assert all(of_frame ^ one >= 0x20 for of_frame in dispensed for one in _of_hexadecimal(CAPITALS, 5))
+    assert all(
+        of_frame ^ one >= 0x20 for of_frame in dispensed for one in _of_hexadecimal(CAPITALS, 5)
+    )
     assert any(of_frame ^ one < 0x20 for of_frame in dispensed for one in _of_hexadecimal(SMALL, 5))
-    assert any(of_frame ^ one < 0x20 for of_frame in dispensed for one in _of_hexadecimal(CAPITALS, 6))
+    assert any(
+        of_frame ^ one < 0x20 for of_frame in dispensed for one in _of_hexadecimal(CAPITALS, 6)
+    )
 
 
 def test_stx_is_covered() -> None:

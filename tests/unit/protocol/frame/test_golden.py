@@ -1,6 +1,8 @@
-"""Every frame and every example that the manuals print: its check byte worked out anew, and read by the reader.
+"""Every frame and every example that the manuals print: its check byte worked out anew, and read by
+the reader.
 
-What it means in the product's tables, and that the product writes the same bytes, is in `../commands/test_golden.py`.
+What it means in the product's tables, and that the product writes the same bytes, is in
+`../commands/test_golden.py`.
 """
 
 from __future__ import annotations
@@ -9,18 +11,34 @@ import pytest
 
 from jbclog.protocol.frame import Frame, FrameReader
 from support.campaigns.each_row import each_row
-from support.golden import FRAMES, JBC, WHOLE, Golden, framed, manual_003, manual_004, with_check_byte
+from support.golden import (
+    FRAMES,
+    JBC,
+    WHOLE,
+    Golden,
+    framed,
+    manual_003,
+    manual_004,
+    with_check_byte,
+)
 
 every = each_row((f"{golden.where} {golden.text}", (golden,)) for golden in FRAMES)
 
 
 @pytest.mark.parametrize(("where", "page", "printed", "wire"), WHOLE)
-def test_the_frames_that_are_printed_whole(where: str, page: int, printed: str, wire: bytes) -> None:
+def test_the_frames_that_are_printed_whole(
+    where: str, page: int, printed: str, wire: bytes
+) -> None:
     assert bytes.fromhex(printed.split(maxsplit=2 if "Sending" in printed else 1)[-1]) == wire
     assert with_check_byte(wire[:-1]) == wire
     addresses = (0, 1) if len(wire) == 16 else (None, None)
     assert FrameReader().feed(wire) == [Frame("W", "MAT00375", *addresses)]
-    assert wire in [form for golden in FRAMES if golden.where == where for form in (golden.bare, golden.addressed)]
+    assert wire in [
+        form
+        for golden in FRAMES
+        if golden.where == where
+        for form in (golden.bare, golden.addressed)
+    ]
 
 
 @every
@@ -41,7 +59,9 @@ def test_it_is_read(golden: Golden) -> None:
 
 
 @pytest.mark.parametrize(("where", "page", "printed", "addresses"), manual_004.ADDRESSES)
-def test_printed_addresses_are_read(where: str, page: int, printed: str, addresses: tuple[bytes, ...]) -> None:
+def test_printed_addresses_are_read(
+    where: str, page: int, printed: str, addresses: tuple[bytes, ...]
+) -> None:
     for address in addresses:
         assert f'"{address.decode("ascii")}"' in printed
         wire = with_check_byte(b"\x02" + address + b"00ASER00000\x03")
@@ -49,7 +69,9 @@ def test_printed_addresses_are_read(where: str, page: int, printed: str, address
 
 
 def test_a_refusal_is_read_with_any_code_or_none() -> None:
-    """No N frame is printed, only the numbers that stand in its data (docs/reference/contradictions.md, B-11)."""
+    """No N frame is printed, only the numbers that stand in its data
+    (docs/reference/contradictions.md, B-11).
+    """
     for where, _page, printed, data in (one for manual in JBC for one in manual.REFUSALS):
         assert printed.startswith(data.decode("ascii")), where
         for code in ("TT1", "A12", "SMN", "TT", ""):
@@ -61,7 +83,8 @@ def test_a_refusal_is_read_with_any_code_or_none() -> None:
 @pytest.mark.parametrize(
     ("wire", "meaning"),
     [
-        # the identification is the first command of every run, and its check byte is ETX or STX (docs/reference/protocol.md)
+        # the identification is the first command of every run, and its check byte is ETX or STX
+        # (docs/reference/protocol.md)
         (b"\x02RSMN\x03\x03", Frame("R", "SMN")),
         (b"\x020001RSMN\x03\x02", Frame("R", "SMN", 0, 1)),
         (b"\x020100ASMN JTSE\x03\x39", Frame("A", "SMN JTSE", 1, 0)),
@@ -69,7 +92,8 @@ def test_a_refusal_is_read_with_any_code_or_none() -> None:
         (b"\x020100AA12\x03\x03", Frame("A", "A12", 1, 0)),
         (b"\x020001RMIT\x03\x02", Frame("R", "MIT", 0, 1)),
         (b"\x02RS11\x03\x00", Frame("R", "S11")),
-        (b"\x02NTT100004\x03\x4b", None),  # the addressed one's check byte: a misprint must not pass
+        # the addressed one's check byte: a misprint must not pass
+        (b"\x02NTT100004\x03\x4b", None),
         (b"\x02NTT100004\x03\x4a", Frame("N", "TT100004")),
         (b"\x02ATT00045\x03\x71", Frame("A", "TT00045")),
         (b"\x020001RST1\x03\x64", Frame("R", "ST1", 0, 1)),
@@ -98,12 +122,18 @@ def test_completed_frames(wire: bytes, meaning: Frame | None) -> None:
     assert found == ([] if meaning is None else [meaning])
 
 
-# -- OMEGA ------------------------------------------------------------------------------------------------------------
+# -- OMEGA -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("golden", [*manual_003.FRAMES, *manual_003.BY_HAND], ids=lambda golden: f"{golden.where} {golden.text}")
+@pytest.mark.parametrize(
+    "golden",
+    [*manual_003.FRAMES, *manual_003.BY_HAND],
+    ids=lambda golden: f"{golden.where} {golden.text}",
+)
 def test_the_sum_is_that_of_the_text(golden: manual_003.OmegaGolden) -> None:
-    """ "The result of adding the decimal values of the characters in the main text" (manual 003, 11.2)."""
+    """ "The result of adding the decimal values of the characters in the main text" (manual 003,
+    11.2).
+    """
     total = 0
     for byte in golden.text.encode("ascii"):
         total += byte
@@ -111,6 +141,8 @@ def test_the_sum_is_that_of_the_text(golden: manual_003.OmegaGolden) -> None:
 
 
 @pytest.mark.parametrize(("where", "page", "printed", "total", "digits"), manual_003.SUMS)
-def test_a_sum_keeps_its_two_last_digits(where: str, page: int, printed: str, total: int, digits: bytes) -> None:
+def test_a_sum_keeps_its_two_last_digits(
+    where: str, page: int, printed: str, total: int, digits: bytes
+) -> None:
     assert str(total) in printed
     assert b"%02X" % (total % 256) == digits

@@ -1,4 +1,6 @@
-"""Nothing here descends from what it is to judge: the frames of the manuals import nothing, their tests only the readers."""
+"""Nothing here descends from what it is to judge: the frames of the manuals import nothing, their
+tests only the readers.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,15 @@ def _faults(text: str, *, may_read: bool) -> Iterator[str]:
             yield from (alias.name for alias in node.names if alias.name.startswith("jbclog"))
         elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("jbclog"):
             allowed = READERS.get(node.module or "", set()) if may_read else set()
-            yield from (f"{node.module}.{alias.name}" for alias in node.names if alias.name not in allowed)
-        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "encode" and not node.args:
+            yield from (
+                f"{node.module}.{alias.name}" for alias in node.names if alias.name not in allowed
+            )
+        elif (
+            isinstance(node, ast.Call)
+            and isinstance(node.func, ast.Attribute)
+            and node.func.attr == "encode"
+            and not node.args
+        ):
             yield "encode() without the name of an encoding may be a frame's"
         elif isinstance(node, ast.Name) and node.id in ("__import__", "importlib", "eval", "exec"):
             yield node.id
@@ -60,4 +69,6 @@ def test_a_forbidden_import_is_found(text: str, fault: str) -> None:
 
 
 def test_the_frames_of_the_manuals_may_not_even_import_the_readers() -> None:
-    assert list(_faults("from jbclog.protocol.frame import Frame", may_read=False)) == ["jbclog.protocol.frame.Frame"]
+    assert list(_faults("from jbclog.protocol.frame import Frame", may_read=False)) == [
+        "jbclog.protocol.frame.Frame"
+    ]

@@ -13,7 +13,11 @@ from support.golden import manual_003
 K12C = b"\x02\x4b\x31\x32\x43\x03\x46\x31"  # 003, 11.2, page 5: "STX 'K' '1' '2' 'C' ETX 'F' '1'"
 
 
-@pytest.mark.parametrize("golden", [*manual_003.FRAMES, *manual_003.BY_HAND], ids=lambda golden: f"{golden.where} {golden.text}")
+@pytest.mark.parametrize(
+    "golden",
+    [*manual_003.FRAMES, *manual_003.BY_HAND],
+    ids=lambda golden: f"{golden.where} {golden.text}",
+)
 def test_what_is_printed_or_worked_out_by_hand_is_read(golden: manual_003.OmegaGolden) -> None:
     reader = OmegaReader()
     assert reader.feed(golden.wire) == [golden.text]

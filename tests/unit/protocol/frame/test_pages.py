@@ -1,4 +1,6 @@
-"""Every example names the page of its manual, and none is lost: the pages against the manuals' contents, the counts by kind."""
+"""Every example names the page of its manual, and none is lost: the pages against the manuals'
+contents, the counts by kind.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ COUNTED = {
     "002": {"FRAMES": 110, "FIELDS": 40, "LISTED": 43, "REFUSALS": 7, "WHOLE": 4},
     "004": {"FRAMES": 75, "FIELDS": 20, "LISTED": 32, "REFUSALS": 7, "WHOLE": 2, "ADDRESSES": 5},
 }
-"""How many a search of the manuals found, by the rule in `golden`'s docstring; each was then found there on its page."""
+"""How many a search of the manuals found, by the rule in `golden`'s docstring; each was then found
+there on its page.
+"""
 
 
 class Place(NamedTuple):
@@ -43,9 +47,13 @@ def begins(module: ModuleType) -> dict[str, int]:
 
 
 def ends(module: ModuleType) -> dict[str, int]:
-    """The page on which the next section begins: the last on which something of a section can stand."""
+    """The page on which the next section begins: the last on which something of a section can
+    stand.
+    """
     sections = list(begins(module).items())
-    return {section: after for (section, _), (_, after) in pairwise(sections)} | {sections[-1][0]: sections[-1][1]}
+    return {section: after for (section, _), (_, after) in pairwise(sections)} | {
+        sections[-1][0]: sections[-1][1]
+    }
 
 
 every_manual = pytest.mark.parametrize("module", JBC, ids=lambda module: module.__name__[-3:])
@@ -54,7 +62,11 @@ every_manual = pytest.mark.parametrize("module", JBC, ids=lambda module: module.
 @every_manual
 def test_every_example_is_on_a_page_of_its_section(module: ModuleType) -> None:
     first, last = begins(module), ends(module)
-    wrong = [one for one in places(module) if not first.get(one.section, 10**6) <= one.page <= last[one.section]]
+    wrong = [
+        one
+        for one in places(module)
+        if not first.get(one.section, 10**6) <= one.page <= last[one.section]
+    ]
     assert wrong == []
 
 
@@ -93,11 +105,17 @@ def test_none_stands_twice(module: ModuleType) -> None:
 @every_manual
 def test_every_section_about_a_code_has_an_example(module: ModuleType) -> None:
     """No heading or row of a command is without: what the search rule asks for."""
-    about_codes = {one for one in begins(module) if (one[0] in "RW" and one != "With no address") or one.count(".") == 2}
+    about_codes = {
+        one
+        for one in begins(module)
+        if (one[0] in "RW" and one != "With no address") or one.count(".") == 2
+    }
     assert about_codes - {one.section for one in places(module)} == set()
 
 
 def test_what_of_omega_is_printed_is_on_the_one_page_that_there_is() -> None:
-    assert {one.page for one in manual_003.FRAMES} | {page for _, page, *_ in manual_003.SUMS} == {5}
+    assert {one.page for one in manual_003.FRAMES} | {page for _, page, *_ in manual_003.SUMS} == {
+        5
+    }
     assert {one.page for one in manual_003.BY_HAND} == {None}
     assert (len(manual_003.FRAMES), len(manual_003.SUMS), len(manual_003.BY_HAND)) == (4, 2, 12)

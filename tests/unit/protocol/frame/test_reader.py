@@ -40,11 +40,16 @@ def test_a_frame_in_every_two_pieces(wire: bytes) -> None:
 
 @every_frame
 def test_a_lost_byte_costs_only_its_frame(wire: bytes) -> None:
-    """Whichever byte is lost, the frame behind is given; and what is given of the damaged one is nothing, or was true."""
+    """Whichever byte is lost, the frame behind is given; and what is given of the damaged one is
+    nothing, or was true.
+    """
     for place in range(len(wire)):
         found = _read(wire[:place] + wire[place + 1 :] + TIP)
         lost_check_byte_stood_for_by_stx = place == len(wire) - 1 and wire[-1] == 0x02
-        assert found == [*([Frame(*_meaning(wire))] if lost_check_byte_stood_for_by_stx else []), TIP_FRAME]
+        assert found == [
+            *([Frame(*_meaning(wire))] if lost_check_byte_stood_for_by_stx else []),
+            TIP_FRAME,
+        ]
 
 
 def _meaning(wire: bytes) -> tuple[str, str, int | None, int | None]:
@@ -67,7 +72,8 @@ def test_a_doubled_byte_costs_only_its_frame(wire: bytes) -> None:
     for place in range(len(wire)):
         found = _read(wire[: place + 1] + wire[place:] + TIP)
         assert found[-1] == TIP_FRAME
-        assert all(wire_of(frame) == wire for frame in found[:-1])  # a doubled STX or check byte does no harm
+        # a doubled STX or check byte does no harm
+        assert all(wire_of(frame) == wire for frame in found[:-1])
 
 
 @every_frame
@@ -131,13 +137,20 @@ def test_the_longest_and_the_shortest() -> None:
         wire = with_check_byte(b"\x02" + b"A".ljust(length, b"x") + b"\x03")
         assert [wire_of(frame) for frame in _read(wire)] == [wire]
     for length in (SHORTEST - 1, LONGEST + 1):
-        assert FrameReader().feed(with_check_byte(b"\x02" + b"A".ljust(length, b"x") + b"\x03")) == []
+        assert (
+            FrameReader().feed(with_check_byte(b"\x02" + b"A".ljust(length, b"x") + b"\x03")) == []
+        )
 
 
 def test_what_is_held_is_bounded() -> None:
     reader = FrameReader()
     reader.feed(b"\x02" + b"0" * LONGEST + b"\x03")
     assert reader.reset() == MOST_HELD
-    for noise in (b"\x02" + b"0" * 100_000, b"\x02" * 100_000, b"\x02ab\x03" * 50_000, b"\xff" * 100_000):
+    for noise in (
+        b"\x02" + b"0" * 100_000,
+        b"\x02" * 100_000,
+        b"\x02ab\x03" * 50_000,
+        b"\xff" * 100_000,
+    ):
         reader.feed(noise)
         assert reader.reset() <= MOST_HELD

@@ -12,7 +12,11 @@ from support.clients.talk import framed
 HOST = {"source": 0, "target": 1}
 
 
-@pytest.mark.parametrize("family", [family for family in FAMILIES.values() if family.protocol == ROBOT], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "family",
+    [family for family in FAMILIES.values() if family.protocol == ROBOT],
+    ids=lambda one: one.name,
+)
 def test_exactly_the_reads_that_change_nothing(family: object) -> None:
     from jbclog.protocol.commands.family import Family
 
@@ -50,7 +54,10 @@ def test_questions_have_names(data: bytes, text: str) -> None:
         b"",
         b"\x020001RSMN\x03\x03",  # wrong check byte
         b"\x020001RSMN\x03\x02\x02",
-        b"\x020001RXYZ\x03" + bytes([0x02 ^ 0x31 ^ 0x30 ^ 0x30 ^ 0x30 ^ ord("R") ^ ord("X") ^ ord("Y") ^ ord("Z") ^ 0x03]),
+        b"\x020001RXYZ\x03"
+        + bytes(
+            [0x02 ^ 0x31 ^ 0x30 ^ 0x30 ^ 0x30 ^ ord("R") ^ ord("X") ^ ord("Y") ^ ord("Z") ^ 0x03]
+        ),
         b"\x02D0065\x030F",  # OMEGA: writes a condition
         b"\x02H0065\x0313",  # OMEGA: runs one
         b"RSMN",

@@ -1,4 +1,6 @@
-"""A scan against stations at every line format, and against everything that is no station, bit by bit on a virtual clock."""
+"""A scan against stations at every line format, and against everything that is no station, bit by
+bit on a virtual clock.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,16 @@ from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import PortMissing
 from jbclog.core.serial_line import BAUDRATES, LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
-from jbclog.session.discovery.found import ADDRESSES, THOROUGH, USUAL, PortReport, ScanPlan, StationFound, Trial, plan_for
+from jbclog.session.discovery.found import (
+    ADDRESSES,
+    THOROUGH,
+    USUAL,
+    PortReport,
+    ScanPlan,
+    StationFound,
+    Trial,
+    plan_for,
+)
 from jbclog.session.discovery.probe import is_harmless
 from support.clients.talk import framed
 from support.links.uart_ports import Cable, Coming, Echo, Silence, access_to, station_cable
@@ -22,7 +33,9 @@ from support.oracles.printed_omega import PageOmega
 ALL = tuple(dict.fromkeys((*ADDRESSES, *range(1, 100))))
 
 
-def scanned(cable: Cable, plan: ScanPlan | None = None, clock: VirtualClock | None = None) -> PortReport:
+def scanned(
+    cable: Cable, plan: ScanPlan | None = None, clock: VirtualClock | None = None
+) -> PortReport:
     (report,) = search([("port", plan or ScanPlan())], access=access_to({"port": cable}, clock))
     return report
 
@@ -39,7 +52,7 @@ def kinds(report: PortReport) -> list[str]:
     return [finding.kind for finding in found]
 
 
-# -- stations ---------------------------------------------------------------------------------------------------------------
+# -- stations --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -57,7 +70,12 @@ def kinds(report: PortReport) -> list[str]:
 )
 def test_every_family_is_known_by_its_model(family: str, model: str, ports: list[int]) -> None:
     found = station(scanned(station_cable(family, sim="turnaround_ms = 2.0")))
-    assert (found.model, found.family and found.family.name, found.address, found.robot_mode) == (model, family, 1, None)
+    assert (found.model, found.family and found.family.name, found.address, found.robot_mode) == (
+        model,
+        family,
+        1,
+        None,
+    )
     assert list(found.tools) == ports
     assert "none" not in found.tools.values()
     assert found.turnaround is not None
@@ -81,7 +99,9 @@ def test_an_omega_is_found_by_its_own_question() -> None:
 
 @pytest.mark.parametrize("answer", ["a", "a0", "a3"])
 def test_an_omega_that_knows_its_printed_page_only(answer: str) -> None:
-    """003, 11.3.1: A is answered with a. The JBC questions before it swallow its first A, so it is asked twice."""
+    """003, 11.3.1: A is answered with a. The JBC questions before it swallow its first A, so it is
+    asked twice.
+    """
     controller = PageOmega(answer)
     report = scanned(Cable(controller, LineFormat(9600)))
     found = station(report)
@@ -95,7 +115,9 @@ def test_an_omega_that_knows_its_printed_page_only(answer: str) -> None:
 
 
 def test_what_is_connected_is_named() -> None:
-    found = station(scanned(station_cable("dde", sim='tools = { 1 = 2, 2 = 0 }\nsoftware = "8.88"')))
+    found = station(
+        scanned(station_cable("dde", sim='tools = { 1 = 2, 2 = 0 }\nsoftware = "8.88"'))
+    )
     assert found.tools == {1: "T245/T470/TR245/TR470", 2: "none"}
     assert found.software == "8.88"
 
@@ -137,7 +159,9 @@ def test_a_slow_station_is_known_by_the_address_in_its_answer() -> None:
 
 
 class OnlyWithout:
-    """Finds fault with addressed frames (docs/reference/contradictions.md, B-14), and answers those without addresses."""
+    """Finds fault with addressed frames (docs/reference/contradictions.md, B-14), and answers those
+    without addresses.
+    """
 
     def receive(self, data: bytes, now: float) -> Coming:
         if data[1:2].isdigit():
@@ -172,7 +196,7 @@ def test_behind_an_adapter_with_echo_a_station_is_found() -> None:
     assert station(scanned(cable)).model == "DDE"
 
 
-# -- what is no station to drive --------------------------------------------------------------------------------------------
+# -- what is no station to drive -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("keys", ["", "address = false", 'baudrate = 57600\nformat = "8E1"'])
@@ -185,8 +209,12 @@ def test_robot_mode_off_is_an_answer(keys: str) -> None:
     assert diagnose(report)[0].step == "switch Robot mode on in the station's menu"
 
 
-@pytest.mark.parametrize("line", [LineFormat(250000, "8E1"), LineFormat(500000, "8E1"), LineFormat(500000)])
-@pytest.mark.parametrize("said", [b"\x15", b"\x15\x15\x15", b"\x10\x02\x01\x00\xfd\x00\x00\xff\x10\x03"])
+@pytest.mark.parametrize(
+    "line", [LineFormat(250000, "8E1"), LineFormat(500000, "8E1"), LineFormat(500000)]
+)
+@pytest.mark.parametrize(
+    "said", [b"\x15", b"\x15\x15\x15", b"\x10\x02\x01\x00\xfd\x00\x00\xff\x10\x03"]
+)
 def test_the_binary_protocol_is_told_by_what_it_says(line: LineFormat, said: bytes) -> None:
     report = scanned(Cable(Silence(), line, speaks=(1.0, said)))
     assert kinds(report) == ["robot_mode.binary"]
@@ -194,7 +222,9 @@ def test_the_binary_protocol_is_told_by_what_it_says(line: LineFormat, said: byt
     assert report.binary.baudrate == line.baudrate
 
 
-@pytest.mark.parametrize("said", [b"\xaa", framed("ATT100077"), framed("ASMNDDE")], ids=["noise", "an answer", "models"])
+@pytest.mark.parametrize(
+    "said", [b"\xaa", framed("ATT100077"), framed("ASMNDDE")], ids=["noise", "an answer", "models"]
+)
 def test_a_port_that_is_flooded_is_told_within_seconds(said: bytes) -> None:
     clock = VirtualClock()
     began, flood = clock.monotonic(), (said * 1000)[:1000]
@@ -209,7 +239,9 @@ def test_a_port_that_is_flooded_is_told_within_seconds(said: bytes) -> None:
 
 @pytest.mark.parametrize("every_s", [0.5, 0.05])
 def test_something_that_speaks_a_little_is_no_flood(every_s: float) -> None:
-    assert kinds(scanned(Cable(Silence(), LineFormat(4800), speaks=(every_s, b"$GPRMC,1*6A\r\n")))) == ["line.format"]
+    assert kinds(
+        scanned(Cable(Silence(), LineFormat(4800), speaks=(every_s, b"$GPRMC,1*6A\r\n")))
+    ) == ["line.format"]
 
 
 def test_a_model_that_no_table_has_is_told_and_not_driven() -> None:
@@ -227,9 +259,13 @@ def test_the_line_file_proposes_the_key_for_it_as_comments(tmp_path: Path) -> No
     unknown = replace(scanned(station_cable("dde", sim='model = "ZZQ"')), url="/dev/ttyUSB7")
     text = text_of([found, unknown], tmp_path / "line.toml")
     assert text is not None
-    assert [station.family for station in parse_line(text, tmp_path / "line.toml").stations] == ["dde"]
+    assert [station.family for station in parse_line(text, tmp_path / "line.toml").stations] == [
+        "dde"
+    ]
     _, _, rest = text.partition("# Model ZZQ is unknown.")
-    proposed = "\n".join(line.removeprefix("# ") for line in rest.splitlines()[1:]).replace('"..."', '"dde"')
+    proposed = "\n".join(line.removeprefix("# ") for line in rest.splitlines()[1:]).replace(
+        '"..."', '"dde"'
+    )
     (station,) = parse_line(f'[line]\nname = "x"\n{proposed}', tmp_path / "line.toml").stations
     assert (station.model, station.url, station.ports) == ("ZZQ", "/dev/ttyUSB7", (1, 2))
     alone = text_of([unknown], tmp_path / "line.toml")
@@ -257,7 +293,10 @@ def test_nobody() -> None:
     assert "12 line formats" in diagnose(report)[0].what
     step = diagnose(report)[0].step
     assert step.startswith("see that the station is on and that Robot mode is on in its menu")
-    assert step.endswith("try every line format and address (at most 42 min): `jbclog scan port --thorough --addresses 1-99`")
+    assert step.endswith(
+        "try every line format and address (at most 42 min): `jbclog scan port --thorough"
+        " --addresses 1-99`"
+    )
     assert "RJ12" not in step
     assert sum(report.sent.values()) == len(USUAL) * len(ADDRESSES) + 2  # OMEGA's A
     assert report.seconds <= ScanPlan().seconds
@@ -292,14 +331,16 @@ def test_a_cable_that_is_pulled_while_the_station_is_asked_who_it_is() -> None:
 
 
 def test_a_station_that_falls_silent_is_told_as_that() -> None:
-    report = scanned(station_cable("dde", sim='[[station.sim.fault]]\nkind = "silence"\nat_s = 0.05'))
+    report = scanned(
+        station_cable("dde", sim='[[station.sim.fault]]\nkind = "silence"\nat_s = 0.05')
+    )
     assert kinds(report) == ["station.silent"]
     assert report.station is not None
     assert report.station.model == "DDE"
     assert report.seconds < ScanPlan().seconds
 
 
-# -- bounds, and what is sent -----------------------------------------------------------------------------------------------
+# -- bounds, and what is sent ----------------------------------------------------------------------
 
 
 def test_the_time_is_bounded_and_what_was_not_tried_is_said() -> None:
@@ -314,12 +355,19 @@ def test_the_time_is_bounded_and_what_was_not_tried_is_said() -> None:
 def test_more_time_is_asked_for_with_all_that_was_asked_for() -> None:
     plan = plan_for("port", thorough=True, addresses=(*ADDRESSES, 2, 5, 6, 7), limit_s=2.0)
     report = scanned(Cable(Silence(), LineFormat()), plan)
-    assert diagnose(report)[0].step == "give it more time: `jbclog scan port --thorough --addresses 2,5-7` without --seconds"
+    assert (
+        diagnose(report)[0].step
+        == "give it more time: `jbclog scan port --thorough --addresses 2,5-7` without --seconds"
+    )
 
 
 @pytest.mark.parametrize(
     "keys",
-    ["baudrate = 4800\nformat = '8O2'", "baudrate = 115200\nformat = '8O2'", "baudrate = 19200\nformat = '8E1'\naddress = 7"],
+    [
+        "baudrate = 4800\nformat = '8O2'",
+        "baudrate = 115200\nformat = '8O2'",
+        "baudrate = 19200\nformat = '8E1'\naddress = 7",
+    ],
 )
 def test_a_format_or_address_that_was_not_tried_comes_before_the_wires(keys: str) -> None:
     silent = scanned(station_cable("soldering", f"{keys}\nports = [1]"))
@@ -328,8 +376,12 @@ def test_a_format_or_address_that_was_not_tried_comes_before_the_wires(keys: str
 
 
 def test_the_wires_are_the_last_step() -> None:
-    silent = PortReport("port", tried=[trial.line for trial in THOROUGH], asked=(*ADDRESSES, *range(1, 100)))
-    assert diagnose(silent)[0].step.endswith("exchange transmit and receive in the cable (RJ12: pins 3 and 4)")
+    silent = PortReport(
+        "port", tried=[trial.line for trial in THOROUGH], asked=(*ADDRESSES, *range(1, 100))
+    )
+    assert diagnose(silent)[0].step.endswith(
+        "exchange transmit and receive in the cable (RJ12: pins 3 and 4)"
+    )
     assert "--thorough" in diagnose(replace(silent, asked=ADDRESSES))[0].step
     assert "--thorough" in diagnose(replace(silent, tried=silent.tried[:12]))[0].step
 
@@ -337,12 +389,16 @@ def test_the_wires_are_the_last_step() -> None:
 def test_behind_a_server_only_the_addresses_are_left_to_try() -> None:
     silent = PortReport("socket://host:1", tried=[LineFormat()])
     assert diagnose(silent)[0].step.endswith("`jbclog scan socket://host:1 --addresses 1-99`")
-    assert diagnose(replace(silent, asked=(*ADDRESSES, *range(1, 100))))[0].step.endswith("(RJ12: pins 3 and 4)")
+    assert diagnose(replace(silent, asked=(*ADDRESSES, *range(1, 100))))[0].step.endswith(
+        "(RJ12: pins 3 and 4)"
+    )
 
 
 @pytest.mark.parametrize("address", [99, 20, 2])
 @pytest.mark.parametrize("says", ["ASER00000", "WPS100001", "RTT1"])
-def test_a_frame_from_an_address_that_was_not_asked_names_it_and_the_option(address: int, says: str) -> None:
+def test_a_frame_from_an_address_that_was_not_asked_names_it_and_the_option(
+    address: int, says: str
+) -> None:
     """It came whole, so the line format is right."""
     speaks = framed(says, *((0, address) if says[0] in "RW" else (address, 0)))
     report = scanned(Cable(Silence(), LineFormat(9600), speaks=(2.0, speaks)))
@@ -350,19 +406,31 @@ def test_a_frame_from_an_address_that_was_not_asked_names_it_and_the_option(addr
     (found,) = diagnose(report)
     assert f"address {address:02d}" in found.what
     assert ("fume extractors" in found.what) == (address == 20)
-    assert found.step == f"ask it: `jbclog scan port --addresses {address}`; in a line file it is `address = {address}`"
+    assert (
+        found.step
+        == f"ask it: `jbclog scan port --addresses {address}`; in a line file it is `address ="
+        f" {address}`"
+    )
 
 
 def test_the_option_that_is_named_finds_it() -> None:
     cable = station_cable("dde", "address = 99")
-    assert station(scanned(cable, plan_for("port", addresses=(*ADDRESSES, 99), limit_s=None))).address == 99
+    assert (
+        station(scanned(cable, plan_for("port", addresses=(*ADDRESSES, 99), limit_s=None))).address
+        == 99
+    )
 
 
 def test_a_frame_from_an_address_that_was_asked_is_none_that_says_its_model() -> None:
     speaks = framed("ASER00000", 20)
-    report = scanned(Cable(Silence(), LineFormat(), speaks=(2.0, speaks)), ScanPlan(addresses=(*ADDRESSES, 20)))
+    report = scanned(
+        Cable(Silence(), LineFormat(), speaks=(2.0, speaks)), ScanPlan(addresses=(*ADDRESSES, 20))
+    )
     (found,) = diagnose(report)
-    assert (found.kind, found.step) == ("station.refuses", "connect a station that jbclog drives; this one does not say its model")
+    assert (found.kind, found.step) == (
+        "station.refuses",
+        "connect a station that jbclog drives; this one does not say its model",
+    )
 
 
 def test_a_refusal_by_an_address_that_does_not_answer_names_it_too() -> None:
@@ -370,11 +438,16 @@ def test_a_refusal_by_an_address_that_does_not_answer_names_it_too() -> None:
     (found,) = diagnose(report)
     assert found.kind == "line.address"
     assert "a station answers at 9600 8N1, address 99, and then does not" in found.what
-    assert found.step == "ask it: `jbclog scan port --addresses 99`; in a line file it is `address = 99`"
+    assert (
+        found.step
+        == "ask it: `jbclog scan port --addresses 99`; in a line file it is `address = 99`"
+    )
 
 
 class Refuser:
-    """A station at address 99 that finds fault with frames for others, as some may (docs/reference/contradictions.md, B-14)."""
+    """A station at address 99 that finds fault with frames for others, as some may
+    (docs/reference/contradictions.md, B-14).
+    """
 
     def receive(self, data: bytes, now: float) -> Coming:
         return [(now + 0.01, framed("NSMN00002", 99))]
@@ -388,7 +461,9 @@ def test_a_refusal_from_an_address_that_was_not_asked_names_it() -> None:
 
 
 def test_a_line_full_of_noise_takes_no_longer() -> None:
-    report = scanned(Cable(Silence(), LineFormat(115200), speaks=(0.003, b"\x02\x8f\x15")), ScanPlan(limit_s=5.0))
+    report = scanned(
+        Cable(Silence(), LineFormat(115200), speaks=(0.003, b"\x02\x8f\x15")), ScanPlan(limit_s=5.0)
+    )
     assert report.seconds < 5.0 + max(trial.seconds(ADDRESSES) for trial in USUAL)
 
 
@@ -423,4 +498,5 @@ def test_a_trial_says_how_long_it_takes() -> None:
     cable = Cable(Silence(), LineFormat(1200))
     trial = Trial(LineFormat(1200), asks_omega=True, listens_s=1.0)
     report = scanned(cable, ScanPlan((trial,)))
-    assert report.seconds <= trial.seconds(ADDRESSES) + 0.3  # OMEGA's answer at 1200, which it does not speak
+    # OMEGA's answer at 1200, which it does not speak
+    assert report.seconds <= trial.seconds(ADDRESSES) + 0.3

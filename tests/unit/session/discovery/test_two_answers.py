@@ -37,7 +37,12 @@ def test_one_answer_changes_nothing_of_what_is_found(code: str, before: int) -> 
     cable, spoilt = station_cable("dde"), station_cable("dde")
     says(spoilt, code, *[""] * before, OTHERWISE[code])
     true, found = station(scanned(cable)), station(scanned(spoilt))
-    assert (found.model, found.family, found.software, found.error) == (true.model, true.family, true.software, true.error)
+    assert (found.model, found.family, found.software, found.error) == (
+        true.model,
+        true.family,
+        true.software,
+        true.error,
+    )
     assert found.tools == true.tools
     assert found.is_drivable
 
@@ -57,7 +62,10 @@ def test_one_answer_changes_nothing_of_a_line_file(code: str, tmp_path: Path) ->
 def test_one_answer_is_no_finding_of_doctor(code: str) -> None:
     cable = station_cable("dde")
     says(cable, code, OTHERWISE[code])
-    line = parse_line('[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "/dev/far"\nfamily = "dde"\n', Path("line.toml"))
+    line = parse_line(
+        '[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "/dev/far"\nfamily = "dde"\n',
+        Path("line.toml"),
+    )
     (looked,) = look_at_stations(line, access=access_to({"/dev/far": cable}))
     assert isinstance(looked, Fine)
     assert "DDE answers at 19200 8N1, address 01" in looked.what
@@ -114,10 +122,14 @@ MODELS = ("ASMN  DDE", "ASMN  EEE", "ASMN  DME", "NSMN00005", "ASMN  NAE")
 def test_a_model_that_is_another_each_time_is_none() -> None:
     report = scanned(Cable(Robot(*MODELS), LineFormat()))
     (finding,) = diagnose(report)
-    assert (finding.kind, station(report).model, station(report).family) == ("line.noisy", None, None)
+    assert (finding.kind, station(report).model, station(report).family) == (
+        "line.noisy",
+        None,
+        None,
+    )
     assert finding.what.endswith(
-        "says something else each time: it answered its model as 'DDE' from address 01, 'EEE' from address 01, "
-        "'DME' from address 01, N 00005 from address 01, 'NAE' from address 01"
+        "says something else each time: it answered its model as 'DDE' from address 01, 'EEE' from"
+        " address 01, 'DME' from address 01, N 00005 from address 01, 'NAE' from address 01"
     )
     assert not station(report).is_drivable
 
@@ -126,14 +138,24 @@ def test_a_model_that_is_said_once_and_no_more_is_none() -> None:
     report = scanned(Cable(Robot("ASMN  DDE"), LineFormat()))
     (finding,) = diagnose(report)
     assert (finding.kind, station(report).model) == ("station.silent", None)
-    assert finding.what.endswith("and then does not: it answered its model, 'DDE' from address 01, once only")
+    assert finding.what.endswith(
+        "and then does not: it answered its model, 'DDE' from address 01, once only"
+    )
 
 
 @pytest.mark.parametrize(
     ("code", "data", "told"),
     [
-        ("CT2", ("00000", "00001", "00003", "00004"), "tool of port 2: 0, 1, 3, 4 when asked 4 times"),
-        ("SER", ("00001", "00002", "00003", "00004"), "station error: 1, 2, 3, 4 when asked 4 times"),
+        (
+            "CT2",
+            ("00000", "00001", "00003", "00004"),
+            "tool of port 2: 0, 1, 3, 4 when asked 4 times",
+        ),
+        (
+            "SER",
+            ("00001", "00002", "00003", "00004"),
+            "station error: 1, 2, 3, 4 when asked 4 times",
+        ),
         ("SVR", ("1", "2", "3", "4"), "software version: 1, 2, 3, 4 when asked 4 times"),
     ],
 )
@@ -145,7 +167,11 @@ def test_what_is_another_each_time_is_told_and_no_line_file_is_made_of_it(
     words = ["scan", "/dev/far", "--write", str(tmp_path / "line.toml"), "--json"]
     ended = CliRunner().invoke(app, words, obj=access_to({"/dev/far": cable}))
     facts = json.loads(ended.stdout)
-    assert (ended.exit_code, facts["written"], (tmp_path / "line.toml").exists()) == (1, None, False)
+    assert (ended.exit_code, facts["written"], (tmp_path / "line.toml").exists()) == (
+        1,
+        None,
+        False,
+    )
     (finding,) = facts["ports"][0]["findings"]
     assert (finding["kind"], facts["ports"][0]["station"]["trouble"]) == ("line.noisy", told)
     assert told in finding["what"]

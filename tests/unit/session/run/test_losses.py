@@ -33,7 +33,13 @@ class Desk(SimpleNamespace):
 
     def __init__(self) -> None:
         ports = {1: SimpleNamespace(number=1, touched=True, temperature_c=None)}
-        super().__init__(now=100.0, ports=ports, family=FAMILIES["dde"], facts=SimpleNamespace(outages=0), connected=True)
+        super().__init__(
+            now=100.0,
+            ports=ports,
+            family=FAMILIES["dde"],
+            facts=SimpleNamespace(outages=0),
+            connected=True,
+        )
         self.is_flooded, self.flood_ended, self.flood_pause_s = False, None, FIRST_AFTER_FLOOD_S
         self.noted: list[tuple[Any, ...]] = []
 
@@ -63,7 +69,9 @@ def test_a_flooded_one_is_left_alone_for_twice_as_long_each_time() -> None:
 
 
 @pytest.mark.parametrize(("later_s", "first"), [(FORGOTTEN_S - 0.1, 2.0), (FORGOTTEN_S + 0.1, 1.0)])
-def test_one_that_is_flooded_again_goes_on_from_there_until_it_is_forgotten(later_s: float, first: float) -> None:
+def test_one_that_is_flooded_again_goes_on_from_there_until_it_is_forgotten(
+    later_s: float, first: float
+) -> None:
     context: Any = Desk()
     report_flood(context, FLOOD)
     report_flood(context, FLOOD)  # it goes on
@@ -84,7 +92,9 @@ def test_a_link_that_comes_back_from_silence_was_not_flooded() -> None:
 
 @pytest.mark.parametrize(("last_c", "is_hot"), [(HOT_C, False), (HOT_C + 1, True), (None, False)])
 @pytest.mark.parametrize("cause", [FLOOD, LinkError("gone")], ids=["flood", "gone"])
-def test_a_tip_that_was_last_seen_hot_makes_the_loss_critical(cause: LinkError, last_c: int | None, is_hot: bool) -> None:
+def test_a_tip_that_was_last_seen_hot_makes_the_loss_critical(
+    cause: LinkError, last_c: int | None, is_hot: bool
+) -> None:
     assert HOT_C == 60
     context: Any = Desk()
     context.ports[1].temperature_c = last_c

@@ -1,4 +1,6 @@
-"""Making tools safe: nothing is written to a stranger, no station takes longer than it may, nothing is heated by it."""
+"""Making tools safe: nothing is written to a stranger, no station takes longer than it may, nothing
+is heated by it.
+"""
 
 from __future__ import annotations
 
@@ -28,14 +30,16 @@ def written(device: VirtualStation) -> list[object]:
     return [write.value for write in device.log.written("status") if write.at >= ASKED_AT]
 
 
-# -- whoever is at the other end ---------------------------------------------------------------------------------------
+# -- whoever is at the other end -------------------------------------------------------------------
 
 
 def test_each_tool_is_told_and_read_back() -> None:
     device, made = station(), task(1, 2)
     Cable(device).pull(secure(made))
     assert written(device) == [STAND, STAND]
-    assert [(tool.reached, tool.status) for tool in made.tools] == [(SafetyResult.VERIFIED, STAND)] * 2
+    assert [(tool.reached, tool.status) for tool in made.tools] == [
+        (SafetyResult.VERIFIED, STAND)
+    ] * 2
 
 
 @pytest.mark.parametrize("at", ["WPS1", "RPS1", "WPS2"])
@@ -87,19 +91,26 @@ def test_the_one_that_is_meant_is_told_when_its_cable_is_back() -> None:
     assert "RSMN" in told
 
 
-# -- in time ---------------------------------------------------------------------------------------------------------------
+# -- in time ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("ports", [(1,), (1, 2), (1, 2, 3, 4)], ids=len)
 @pytest.mark.parametrize("feeds", [False, True], ids=["", "feeding"])
-def test_a_silent_station_is_told_all_and_takes_no_longer_than_three_seconds(ports: tuple[int, ...], feeds: bool) -> None:
+def test_a_silent_station_is_told_all_and_takes_no_longer_than_three_seconds(
+    ports: tuple[int, ...], feeds: bool
+) -> None:
     silent, made = Silent(), task(*ports, family="ale" if feeds else "dme", feeds=feeds)
     cable = Cable(silent)
     cable.pull(secure(made))
     assert cable.now - ASKED_AT <= 3.0 + 1e-9
-    told = {question[:4]: at - ASKED_AT for question, at in silent.questions.items() if question[0] == "W"}
+    told = {
+        question[:4]: at - ASKED_AT
+        for question, at in silent.questions.items()
+        if question[0] == "W"
+    }
     assert told.keys() == {*(f"WPS{port}" for port in ports), *(["WSTP"] if feeds else [])}
-    assert max(told.values()) < (2.4 if feeds else 1.8)  # one order is waited for as long as a station may need for it
+    # one order is waited for as long as a station may need for it
+    assert max(told.values()) < (2.4 if feeds else 1.8)
     assert {tool.reached for tool in made.tools} <= {SafetyResult.FAILED, SafetyResult.SENT}
 
 
@@ -147,7 +158,9 @@ def test_what_a_driver_throws_reaches_the_steps_and_what_they_raise_comes_out() 
 
 @pytest.mark.parametrize("ports", [(1,), (1, 2, 3, 4)], ids=len)
 def test_what_blocks_an_order_for_a_while_is_waited_for(ports: tuple[int, ...]) -> None:
-    """Somebody switches Robot mode on after more than a second: the tries are spread over the time that there is."""
+    """Somebody switches Robot mode on after more than a second: the tries are spread over the time
+    that there is.
+    """
     device, made = station("dme", ports), task(*ports, family="dme")
 
     class Blocked(Lossy):
@@ -159,8 +172,11 @@ def test_what_blocks_an_order_for_a_while_is_waited_for(ports: tuple[int, ...]) 
     cable = Cable(Blocked(device, lambda: False))
     cable.pull(secure(made))
     assert (made.is_done, cable.now - ASKED_AT <= ALLOWED_S) == (True, True)
-    assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == set(ports)
-    assert {tool.fell_back for tool in made.tools} == {""}  # it was refused at first, and is what was to be all the same
+    assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == set(
+        ports
+    )
+    # it was refused at first, and is what was to be all the same
+    assert {tool.fell_back for tool in made.tools} == {""}
 
 
 def test_of_a_silent_station_only_one_tool_is_looked_at_before_all_are_ordered() -> None:
@@ -170,10 +186,12 @@ def test_of_a_silent_station_only_one_tool_is_looked_at_before_all_are_ordered()
     cable.pull(secure(made))
     first = next(at for text, at in asked if text.startswith("WPS"))
     assert {text for text, at in asked if at < first and text.startswith("RPS")} == {"RPS1"}
-    assert {text for text, at in asked if text.startswith("WPS") and at < 1.8} == {f"WPS{port}00001" for port in (1, 2, 3, 4)}
+    assert {text for text, at in asked if text.startswith("WPS") and at < 1.8} == {
+        f"WPS{port}00001" for port in (1, 2, 3, 4)
+    }
 
 
-# -- nothing is heated ---------------------------------------------------------------------------------------------------------
+# -- nothing is heated -----------------------------------------------------------------------------
 
 
 def in_extractor(family: str, seconds: float, *ports: int) -> VirtualStation:
@@ -186,7 +204,9 @@ def in_extractor(family: str, seconds: float, *ports: int) -> VirtualStation:
 
 @pytest.mark.parametrize("family", ["dde", "nae", "dme", "ucr"])
 @pytest.mark.parametrize("seconds", [5.0, 3600.0], ids=["cooling", "cold"])
-def test_a_tool_in_its_extractor_state_that_cools_or_is_cold_is_left_alone(family: str, seconds: float) -> None:
+def test_a_tool_in_its_extractor_state_that_cools_or_is_cold_is_left_alone(
+    family: str, seconds: float
+) -> None:
     device, made = in_extractor(family, seconds, 1), task(1, family=family, spare=True)
     Cable(device, now=ASKED_AT + seconds).pull(secure(made))
     assert written(device) == []
@@ -208,7 +228,10 @@ def test_a_tool_in_its_extractor_state_that_cools_or_is_cold_is_left_alone(famil
     ],
 )
 def test_a_tool_is_cold_where_both_answers_of_both_readings_say_so(
-    celsius: tuple[int, ...], permille: tuple[int, ...], is_cold: bool, monkeypatch: pytest.MonkeyPatch
+    celsius: tuple[int, ...],
+    permille: tuple[int, ...],
+    is_cold: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def read(*_: object) -> Iterator[object]:
         return cooling._Heat(celsius, permille)
@@ -221,7 +244,10 @@ def test_a_tool_is_cold_where_both_answers_of_both_readings_say_so(
 
 
 def test_four_cold_ones_are_seen_within_a_second() -> None:
-    device, made = in_extractor("dme", 3600.0, 1, 2, 3, 4), task(1, 2, 3, 4, family="dme", spare=True)
+    device, made = (
+        in_extractor("dme", 3600.0, 1, 2, 3, 4),
+        task(1, 2, 3, 4, family="dme", spare=True),
+    )
     cable = Cable(device, now=ASKED_AT + 3600.0)
     cable.pull(secure(made))
     assert (written(device), made.is_done) == ([], True)
@@ -240,7 +266,9 @@ def test_of_four_of_which_one_is_held_hot_that_one_is_told_to_stand() -> None:
     held_hot(device, 3)
     Cable(device, now=ASKED_AT + 5.0).pull(secure(made))
     assert made.is_done
-    assert [(write.port, write.value) for write in device.log.written("status") if write.at >= ASKED_AT] == [(3, STAND)]
+    assert [
+        (write.port, write.value) for write in device.log.written("status") if write.at >= ASKED_AT
+    ] == [(3, STAND)]
 
 
 def held_hot(device: VirtualStation, *ports: int) -> None:
@@ -259,7 +287,9 @@ def test_one_that_is_held_hot_in_it_is_told_to_stand() -> None:
 
 
 def test_one_that_works_is_told_to_stand_although_its_heater_rests_for_a_moment() -> None:
-    """Its heater may be off because the tip is above its setting; by power alone it would pass for one that cools."""
+    """Its heater may be off because the tip is above its setting; by power alone it would pass for
+    one that cools.
+    """
     device, made = station("dde", (1,)), task(1, spare=True)
     Cable(Drawing(device, permille=0)).pull(secure(made))
     assert written(device) == [STAND]
@@ -283,7 +313,11 @@ def test_what_was_told_is_not_taken_for_what_rested_already(family: str) -> None
 
         def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
             replies = super().receive(data, now)
-            return [] if now < ASKED_AT + 1.5 and any(text.startswith("WPS") for text in asked) else replies
+            return (
+                []
+                if now < ASKED_AT + 1.5 and any(text.startswith("WPS") for text in asked)
+                else replies
+            )
 
     cable = Cable(Mute(device, lambda: False), before=asked.append)
     cable.pull(secure(made))
@@ -295,13 +329,15 @@ def is_extractor(status: StatusWord | None) -> bool:
     return status is not None and status[3] == EXTRACTOR[3]
 
 
-# -- the extractor state as the safe state -----------------------------------------------------------------------------------
+# -- the extractor state as the safe state ---------------------------------------------------------
 
 BENCH_FAMILIES = ["dde", "nae", "dme", "hde"]
 FOUR = (1, 2, 3, 4)
 
 
-def put_in_extractor(device: VirtualStation, *ports: int, family: str = "dme", **cable: Any) -> tuple[SafetyTask, float]:
+def put_in_extractor(
+    device: VirtualStation, *ports: int, family: str = "dme", **cable: Any
+) -> tuple[SafetyTask, float]:
     """The task when it is over, and how long it took."""
     made = task(*ports, family=family, wanted="extractor")
     pulled = Cable(device, **cable)
@@ -310,7 +346,9 @@ def put_in_extractor(device: VirtualStation, *ports: int, family: str = "dme", *
 
 
 def told_words(device: VirtualStation, port: int) -> list[object]:
-    return [one.value for one in device.log.written("status") if one.port == port and one.at >= ASKED_AT]
+    return [
+        one.value for one in device.log.written("status") if one.port == port and one.at >= ASKED_AT
+    ]
 
 
 @pytest.mark.parametrize("family", BENCH_FAMILIES)
@@ -318,7 +356,9 @@ def test_a_tool_that_cools_in_its_extractor_state_stays_there(family: str) -> No
     device = station(family, (1, 2))
     made, _ = put_in_extractor(device, 1, 2, family=family)
     assert [told_words(device, port) for port in (1, 2)] == [[EXTRACTOR]] * 2
-    assert [(tool.reached, tool.fell_back) for tool in made.tools] == [(SafetyResult.VERIFIED, "")] * 2
+    assert [(tool.reached, tool.fell_back) for tool in made.tools] == [
+        (SafetyResult.VERIFIED, "")
+    ] * 2
 
 
 @pytest.mark.parametrize("turnaround_ms", [1, 10, 50])
@@ -334,15 +374,21 @@ def test_each_of_four_that_is_read_back_and_heats_on_is_told_to_stand_within_thr
     for port in hot:
         assert told_words(device, port) == [EXTRACTOR, STAND]
     if turnaround_ms < 50:  # then there is time to see that the others cool
-        assert [told_words(device, port) for port in FOUR if port not in hot] == [[EXTRACTOR]] * (4 - len(hot))
-        assert {tool.fell_back for tool in made.tools if tool.port in hot} == {"extractor was read back, but the tool did not cool"}
+        assert [told_words(device, port) for port in FOUR if port not in hot] == [[EXTRACTOR]] * (
+            4 - len(hot)
+        )
+        assert {tool.fell_back for tool in made.tools if tool.port in hot} == {
+            "extractor was read back, but the tool did not cool"
+        }
 
 
 def test_all_four_are_ordered_before_any_is_watched() -> None:
     asked: list[str] = []
     put_in_extractor(station("dme", FOUR), *FOUR, before=asked.append)
     last_order = max(place for place, text in enumerate(asked) if text.startswith("WPS"))
-    assert last_order < min(place for place, text in enumerate(asked) if text.startswith(("RTT", "RPP")))
+    assert last_order < min(
+        place for place, text in enumerate(asked) if text.startswith(("RTT", "RPP"))
+    )
 
 
 def test_where_it_is_refused_stand_follows_at_once_and_is_told() -> None:
@@ -353,7 +399,9 @@ def test_where_it_is_refused_stand_follows_at_once_and_is_told() -> None:
     assert (made.is_done, seconds < 1.0) == (True, True)
 
 
-def test_where_it_is_acknowledged_and_ignored_stand_follows_at_once_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_it_is_acknowledged_and_ignored_stand_follows_at_once_and_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     device, order = station("dme", FOUR), SimPort.order
 
     def ignore(port: SimPort, state: int, extractor: bool) -> None:
@@ -363,7 +411,9 @@ def test_where_it_is_acknowledged_and_ignored_stand_follows_at_once_and_is_told(
     monkeypatch.setattr(SimPort, "order", ignore)
     made, seconds = put_in_extractor(device, *FOUR)
     assert [told_words(device, port)[-1] for port in FOUR] == [STAND] * 4
-    assert {tool.fell_back for tool in made.tools} == {"extractor was acknowledged, but working was read back"}
+    assert {tool.fell_back for tool in made.tools} == {
+        "extractor was acknowledged, but working was read back"
+    }
     assert (made.is_done, seconds < 1.0) == (True, True)
 
 
@@ -371,7 +421,8 @@ def test_where_it_is_acknowledged_and_ignored_stand_follows_at_once_and_is_told(
     ("before", "after", "cools"),
     [
         (((300, 301), (0, 0)), ((298, 298), (200, 200)), True),
-        (((300, 301), (0, 0)), ((299, 298), (200, 200)), False),  # by one degree only, in one of the pairs
+        # by one degree only, in one of the pairs
+        (((300, 301), (0, 0)), ((299, 298), (200, 200)), False),
         (((300, 301), (0, 0)), ((298, 298), (200, 201)), False),
         (((300, 301), (0, 0)), ((298, 298), ()), False),  # what its heater gets was not read
         (((300, 301), ()), ((300, 300), (20, 20)), True),  # off
@@ -407,7 +458,9 @@ class Drawing:
 
     def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
         replies = [(reply[0], reply[1]) for reply in self._device.receive(data, now)]
-        return [(at, self._told(answer)) if b"RPP" in data else (at, answer) for at, answer in replies]
+        return [
+            (at, self._told(answer)) if b"RPP" in data else (at, answer) for at, answer in replies
+        ]
 
     def _told(self, answer: bytes) -> bytes:
         body = answer[:9] + self._data + answer[14:15]
@@ -441,7 +494,8 @@ def test_whatever_is_lost_no_tool_that_heats_on_counts_as_safe(share: float, see
     assert lossy.now - ASKED_AT <= ALLOWED_S + 1e-9
     for tool in made.tools:
         orders = [text for text in asked if text.startswith(f"WPS{tool.port}")]
-        assert orders[-1] == f"WPS{tool.port}00001"  # and once told to stand it is never told to extract again
+        # and once told to stand it is never told to extract again
+        assert orders[-1] == f"WPS{tool.port}00001"
         assert sorted(orders, reverse=True) == orders
         if tool.is_safe:
             assert told_words(device, tool.port)[-1] == STAND
@@ -491,7 +545,7 @@ def test_a_tool_that_is_found_asleep_by_the_reading_back_needs_no_watching() -> 
     assert task(1).has_to_cool(EXTRACTOR)
 
 
-# -- hot air and its suction -------------------------------------------------------------------------------------------------
+# -- hot air and its suction -----------------------------------------------------------------------
 
 COOL, COOL_AND_HOLD, ALL_OFF = (0, 0, 0, 1, 0), (0, 0, 1, 1, 0), (0, 0, 0, 0, 0)
 
@@ -506,9 +560,17 @@ def hot_air() -> VirtualStation:
 
 @pytest.mark.parametrize(
     ("suction", "spare", "ordered"),
-    [(True, False, COOL_AND_HOLD), (False, False, COOL), (None, False, COOL), (None, True, COOL_AND_HOLD), (False, True, COOL)],
+    [
+        (True, False, COOL_AND_HOLD),
+        (False, False, COOL),
+        (None, False, COOL),
+        (None, True, COOL_AND_HOLD),
+        (False, True, COOL),
+    ],
 )
-def test_suction_is_kept_where_it_is_known_to_be_on(suction: bool | None, spare: bool, ordered: StatusWord) -> None:
+def test_suction_is_kept_where_it_is_known_to_be_on(
+    suction: bool | None, spare: bool, ordered: StatusWord
+) -> None:
     """Unknown counts as off, unless a look that is taken anyhow has told it."""
     device, made = hot_air(), task(1, family="jtse", wanted="cooling", suction=suction, spare=spare)
     Cable(device).pull(secure(made))
@@ -522,37 +584,50 @@ def test_a_silent_station_is_told_the_plain_words_too_within_the_time() -> None:
     cable.pull(secure(made))
     orders = list(dict.fromkeys(text for text in asked if text.startswith("WPS")))
     assert orders == ["WPS100110", "WPS100010", "WPS100000"]
-    assert [text for text in asked if text.startswith("WPS")].count("WPS100110") >= 2  # the part is not let go at the first loss
+    # the part is not let go at the first loss
+    assert [text for text in asked if text.startswith("WPS")].count("WPS100110") >= 2
     assert cable.now - ASKED_AT <= ALLOWED_S + 1e-9
 
 
-# -- what a file from elsewhere asks for -----------------------------------------------------------------------------------
+# -- what a file from elsewhere asks for -----------------------------------------------------------
 
 
 def test_hot_air_is_not_switched_on_by_one_either() -> None:
     made = task(1, family="jtse")
-    assert SafetyTask(made.client, made.family, "on", made.tools, made.feeds, made.prove).wanted == "cooling"
+    assert (
+        SafetyTask(made.client, made.family, "on", made.tools, made.feeds, made.prove).wanted
+        == "cooling"
+    )
 
 
 @pytest.mark.parametrize("family", ["dde", "ucr"])
 @pytest.mark.parametrize("wanted", ["working", "on", "", "../x"])
 def test_a_state_that_is_not_safe_is_never_ordered(family: str, wanted: str) -> None:
-    """A lease is a file in a folder of runs: whoever puts one there must not heat a tool with it."""
+    """A lease is a file in a folder of runs: whoever puts one there must not heat a tool with
+    it.
+    """
     device, made = station(family, tools=(1,)), task(1, family=family)
     given = SafetyTask(made.client, made.family, wanted, made.tools, made.feeds, made.prove)
     Cable(device).pull(secure(given))
-    safe = {made.family.status.orders[name] for name in (*made.family.safe_states, *made.family.status.last_resorts)}
+    safe = {
+        made.family.status.orders[name]
+        for name in (*made.family.safe_states, *made.family.status.last_resorts)
+    }
     assert written(device)
     assert set(written(device)) <= safe
 
 
-# -- a flooded link ----------------------------------------------------------------------------------------------------
+# -- a flooded link --------------------------------------------------------------------------------
 
 
 class FloodedCable(Cable):
-    """One that brings a kilobyte of copies of a frame every 50 ms, whatever is asked, for so many seconds."""
+    """One that brings a kilobyte of copies of a frame every 50 ms, whatever is asked, for so many
+    seconds.
+    """
 
-    def __init__(self, end: VirtualStation, frame: bytes, seconds: float = 99.0, *, is_out: bool = False) -> None:
+    def __init__(
+        self, end: VirtualStation, frame: bytes, seconds: float = 99.0, *, is_out: bool = False
+    ) -> None:
         super().__init__(end, is_out=is_out)
         self._copies = (frame * 1000)[:1024]
         self._until = ASKED_AT + seconds
@@ -588,7 +663,9 @@ SAFE, OTHER, OURS = framed("APS100001"), framed("ASMNNAE"), framed("ASMNDDE")
 @pytest.mark.parametrize("frame", [SAFE, OTHER, OURS, b"\xaa"])
 @pytest.mark.parametrize("is_proven", [True, False])
 @pytest.mark.parametrize("spare", [True, False])
-def test_on_a_flooded_link_each_tool_is_told_and_none_is_verified(frame: bytes, is_proven: bool, spare: bool) -> None:
+def test_on_a_flooded_link_each_tool_is_told_and_none_is_verified(
+    frame: bytes, is_proven: bool, spare: bool
+) -> None:
     """Whatever the copies say: that it is safe, or that it is another station."""
     device, made = station(), task(1, 2, is_proven=is_proven, spare=spare)
     cable = FloodedCable(device, frame)
@@ -624,7 +701,9 @@ def test_what_is_not_handed_over_is_not_sent() -> None:
 
 
 @pytest.mark.parametrize(("feeds", "stops"), [(True, 1), (False, 0)])
-def test_on_a_flooded_link_a_feeder_that_may_run_is_told_to_stop_and_nobody_knows_that_it_did(feeds: bool, stops: int) -> None:
+def test_on_a_flooded_link_a_feeder_that_may_run_is_told_to_stop_and_nobody_knows_that_it_did(
+    feeds: bool, stops: int
+) -> None:
     device, made = station("ale", (1,)), task(1, family="ale", feeds=feeds)
     FloodedCable(device, b"\xaa").pull(secure(made))
     assert min(len(device.log.written("stop_feeding")), 1) == stops
@@ -633,7 +712,9 @@ def test_on_a_flooded_link_a_feeder_that_may_run_is_told_to_stop_and_nobody_know
 
 @pytest.mark.parametrize("is_out", [True, False], ids=["no order goes out", "orders go out"])
 @pytest.mark.parametrize("spare", [True, False])
-def test_what_was_read_back_before_a_flood_is_not_believed_any_more(spare: bool, is_out: bool) -> None:
+def test_what_was_read_back_before_a_flood_is_not_believed_any_more(
+    spare: bool, is_out: bool
+) -> None:
     device, made = station(), task(1, 2, spare=spare)
     if spare:
         device.plant.ports[1].order(SLEEP, False)
@@ -654,14 +735,19 @@ def test_what_was_read_back_before_a_flood_is_not_believed_any_more(spare: bool,
     assert [tool.was_spared for tool in made.tools] == [False, False]
     if is_out:  # what was ordered before it was; what only rested was never ordered
         assert [tool.reached for tool in made.tools] == (
-            [SafetyResult.FAILED, SafetyResult.FAILED] if spare else [SafetyResult.SENT, SafetyResult.SENT]
+            [SafetyResult.FAILED, SafetyResult.FAILED]
+            if spare
+            else [SafetyResult.SENT, SafetyResult.SENT]
         )
     else:
         assert [tool.reached for tool in made.tools] == [SafetyResult.SENT, SafetyResult.SENT]
-        assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == {1, 2}
+        assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == {
+            1,
+            2,
+        }
 
 
-# -- a feeder --------------------------------------------------------------------------------------------------------------
+# -- a feeder --------------------------------------------------------------------------------------
 
 
 def feeding() -> VirtualStation:
@@ -701,10 +787,10 @@ def test_a_feeder_that_nobody_could_look_at_counts_as_running(pulled_at: str) ->
     assert (made.feeds, made.is_done) == (True, False)
 
 
-# -- while they are watched --------------------------------------------------------------------------------------------------
+# -- while they are watched ------------------------------------------------------------------------
 
 
-def test_a_cable_that_is_out_while_a_tool_is_watched_proves_nothing_and_who_is_there_is_asked_before_it_is_told() -> None:
+def test_after_a_cable_that_was_out_the_station_is_identified_before_it_is_ordered() -> None:
     device = station("dde", (1, 2), "extractor_cools = false")
     made, asked = task(1, 2, wanted="extractor"), list[str]()
 
@@ -717,9 +803,18 @@ def test_a_cable_that_is_out_while_a_tool_is_watched_proves_nothing_and_who_is_t
 
     cable = Cable(device, before=pull, opens=plug_in)
     cable.pull(secure(made))
-    assert [(tool.reached, tool.status) for tool in made.tools] == [(SafetyResult.VERIFIED, STAND)] * 2
+    assert [(tool.reached, tool.status) for tool in made.tools] == [
+        (SafetyResult.VERIFIED, STAND)
+    ] * 2
     pulled = asked.index("RTT1")
-    assert "RSMN" in asked[pulled : next(place for place, text in enumerate(asked) if place > pulled and text[0] == "W")]
+    assert (
+        "RSMN"
+        in asked[
+            pulled : next(
+                place for place, text in enumerate(asked) if place > pulled and text[0] == "W"
+            )
+        ]
+    )
 
 
 def test_a_flood_that_begins_while_a_tool_is_watched_has_it_told_to_stand_without_proof() -> None:
@@ -756,7 +851,9 @@ class WithoutPower:
 
 
 @pytest.mark.parametrize(("heats_on", "words"), [(False, [EXTRACTOR]), (True, [EXTRACTOR, STAND])])
-def test_where_a_station_does_not_tell_its_power_a_tip_that_falls_is_proof_enough(heats_on: bool, words: list[StatusWord]) -> None:
+def test_where_a_station_does_not_tell_its_power_a_tip_that_falls_is_proof_enough(
+    heats_on: bool, words: list[StatusWord]
+) -> None:
     device, made = station("dde", (1,)), task(1, wanted="extractor")
     if heats_on:
         held_hot(device, 1)
