@@ -1,5 +1,5 @@
-"""The guard's own process: ``python -m jbclog.guard RUN --recorder PID``, its leases on stdin.
-Started by `jbclog run`.
+"""The guard's own process: ``python -m jbclog.guard RUN --recorder PID [FORMER]``, its leases on
+stdin. Started by `jbclog run`. FORMER is a descriptor of the guard that it replaces.
 
 It runs in a session of its own, so a closed terminal, Ctrl-C and Ctrl-Z do not reach it, and it
 ignores SIGTERM: it ends with its recorder. It retries for `RETRY_FOR_S` what it cannot make safe at
@@ -41,6 +41,8 @@ def main() -> int:
     folder, recorder = Path(sys.argv[1]), Recorder(int(sys.argv[3]))
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
+    for former in map(int, sys.argv[4:]):
+        _kill(former)
     action_log = ActionLog(folder)
     lease_writer = LeaseWriter(folder, action_log)
     try:
@@ -66,6 +68,14 @@ def main() -> int:
         close_stream(STDERR)
         _retry(folder, left, flooded, lease_writer, action_log)
     return 0
+
+
+def _kill(former: int) -> None:
+    """Kill the guard before this one; a dead recorder no longer can."""
+    with suppress(OSError):
+        signal.pidfd_send_signal(former, signal.SIGKILL)
+    with suppress(OSError):
+        os.close(former)
 
 
 def _close_lease(

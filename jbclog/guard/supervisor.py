@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
@@ -153,32 +153,40 @@ class GuardSupervisor:
             self._replace(lost)
 
     def _replace(self, lost: GuardLost) -> None:
-        if self._guard is not None:
-            self._guard.kill()
-        self._guard = None
+        former, self._guard = self._guard, None
         if self._replaced >= REPLACED_AT_MOST:
             self._report(
                 "guard.lost", f"The guard was lost and is not replaced ({lost}); {UNGUARDED}."
             )
-            return
+        else:
+            self._start_next(lost, former)
+        if former is not None:
+            former.kill()
+
+    def _start_next(self, lost: GuardLost, former: GuardProcess | None) -> None:
         self._replaced += 1
         self._report("guard.lost", f"The guard was lost ({lost}) and is being replaced.")
         try:
-            self._guard = GuardProcess(self._folder)
-            for station in self._leases.values():
-                self._guard.lease(station)
+            self._guard = GuardProcess(self._folder, self._leases.values(), former)
         except (GuardLost, StartRefused) as error:
-            self._guard = None
             self._report("guard.lost", f"It could not be replaced ({error}); {UNGUARDED}.")
 
 
 class GuardProcess:
-    """One guard process of the run in `folder`. Raises StartRefused if the system starts none.
+    """One guard process of the run in `folder`. Raises StartRefused if the system starts none, and
+    GuardLost if its pipe does not hold the `leases`.
 
-    Its pipe is never waited for; a guard that does not read it is lost.
+    It has all that it needs from its first instruction on, as the recorder may die at any moment:
+    the leases are in its pipe, and it kills the `former` guard itself. Its pipe is never waited
+    for; a guard that does not read it is lost.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        leases: Iterable[StationLease] = (),
+        former: GuardProcess | None = None,
+    ) -> None:
         # -P: a file in the user's current folder must not be imported as a module
         command = [
             sys.executable,
@@ -189,29 +197,33 @@ class GuardProcess:
             "--recorder",
             str(os.getpid()),
         ]
+        self._unanswered = 0
+        self._sent: dict[str, StationLease] = {}
+        after = [former.descriptor] if former is not None and former.descriptor is not None else []
+        if former is not None and not after:
+            former.kill()
         try:
-            with _signals_blocked():
+            with _reading_end() as (stdin, self._pipe), _signals_blocked():
+                for station in leases:
+                    self.lease(station)
                 self._process = subprocess.Popen(
-                    command,
-                    stdin=subprocess.PIPE,
+                    [*command, *map(str, after)],
+                    stdin=stdin,
                     stdout=subprocess.PIPE,
                     start_new_session=True,
                     bufsize=0,
+                    pass_fds=after,
                 )
         except OSError as error:
             raise StartRefused(
                 f"the guard could not be started ({error}); --no-guard runs without one"
             ) from error
-        assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._pipe = self._process.stdin.fileno()
         self._answers = self._process.stdout.fileno()
-        self._unanswered = 0
-        self._sent: dict[str, StationLease] = {}
-        for descriptor in (self._pipe, self._answers):
-            os.set_blocking(descriptor, False)
-        with suppress(OSError, AttributeError):
-            fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, PIPE_SIZE)
+        os.set_blocking(self._answers, False)
+        self.descriptor: int | None = None
+        with suppress(AttributeError, OSError):  # not every system has them
+            self.descriptor = os.pidfd_open(self._process.pid)
 
     @property
     def pid(self) -> int:
@@ -233,9 +245,11 @@ class GuardProcess:
         self._close()
 
     def _close(self) -> None:
-        for stream in (self._process.stdin, self._process.stdout):
-            if stream is not None:
-                stream.close()
+        if self._process.stdout is not None and not self._process.stdout.closed:
+            self._process.stdout.close()
+            os.close(self._pipe)
+            if self.descriptor is not None:
+                os.close(self.descriptor)
 
     def lease(self, station: StationLease) -> None:
         """Send a lease that has changed. Raises GuardLost."""
@@ -291,6 +305,22 @@ class GuardProcess:
             raise GuardLost(str(error)) from error
         if sent < len(data):
             raise GuardLost("it does not read")
+
+
+@contextmanager
+def _reading_end() -> Iterator[tuple[int, int]]:
+    """Make a pipe; the end to read from is closed at the end, the one to write to on an error."""
+    reading, writing = os.pipe()
+    try:
+        os.set_blocking(writing, False)
+        with suppress(OSError, AttributeError):
+            fcntl.fcntl(writing, fcntl.F_SETPIPE_SZ, PIPE_SIZE)
+        yield reading, writing
+    except BaseException:
+        os.close(writing)
+        raise
+    finally:
+        os.close(reading)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -261,6 +262,41 @@ def failed_recorders_guard(line: ServedLine, run: Path) -> Iterator[subprocess.P
     finally:
         guard.kill()
         guard.communicate()
+
+
+DIES_EARLY = """
+import os, signal, subprocess, sys, time
+from pathlib import Path
+from jbclog.guard.lease import StationLease
+from jbclog.guard.supervisor import GuardSupervisor
+
+guards = GuardSupervisor(Path(sys.argv[1]), lambda *_: None)
+guards.lease(StationLease.from_json(sys.stdin.readline()))
+started = subprocess.Popen.__init__
+
+def start_and_die(*arguments, **options):
+    started(*arguments, **options)
+    os.kill(os.getpid(), signal.SIGKILL)
+
+subprocess.Popen.__init__ = start_and_die
+os.kill(guards.pid, int(sys.argv[2]))
+while True:
+    guards.renew()
+    time.sleep(0.1)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_recorder_that_dies_as_soon_as_the_next_guard_is_there(
+    line: ServedLine, run: Path, number: signal.Signals
+) -> None:
+    """The next guard knows the leases, though the recorder has written nothing to it since."""
+    command = [sys.executable, "-c", DIES_EARLY, str(run), str(int(number))]
+    asked = f"{lease(line, 'dde-1').to_json()}\n"
+    recorder = subprocess.run(command, input=asked, text=True, timeout=60, stdout=subprocess.PIPE)
+    assert recorder.returncode == -signal.SIGKILL
+    assert until(lambda: line.at_work() == 4)
+    assert until(lambda: ("guard.took_over", None, None) in told(run))
 
 
 def test_a_lease_stays_open_where_what_was_done_could_not_be_written_down(

@@ -337,7 +337,7 @@ def test_whatever_kills_guards_is_not_fed_for_ever(
 class _Lost:
     """A guard that is never there."""
 
-    def __init__(self, folder: Path) -> None: ...
+    def __init__(self, *_: object) -> None: ...
 
     def renew(self) -> None:
         raise GuardLost("gone")
