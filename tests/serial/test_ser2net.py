@@ -13,7 +13,7 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pandas as pd
@@ -112,6 +112,13 @@ def plain_recipe(folder: Path) -> Path:
     return recipe
 
 
+def expect(run: subprocess.Popen[str], true: Callable[[], bool]) -> None:
+    """Wait until `true`; fail with what the run says, if it does not come to that."""
+    if not until(true):
+        run.kill()
+        pytest.fail("\n".join(run.communicate(timeout=20)))
+
+
 def test_a_run_outlives_its_server(
     networked: tuple[Path, Ser2net, WireLog], tmp_path: Path
 ) -> None:
@@ -121,7 +128,7 @@ def test_a_run_outlives_its_server(
         "run", plain_recipe(tmp_path), "--line", line, "--out", runs, "-d", "6s", "--rate", "5"
     )
     try:
-        assert until(lambda: is_sampling(runs))
+        expect(run, lambda: is_sampling(runs))
         server.kill()
         time.sleep(OUTAGE_S)
         server.start()
@@ -185,7 +192,7 @@ def test_the_guard_gets_through_the_server_too(
         "run", plain_recipe(tmp_path), "--line", line, "--out", tmp_path / "runs", "--rate", "5"
     )
     try:
-        assert until(lambda: "WPS100000" in wire.writes("ucr-1"))
+        expect(run, lambda: "WPS100000" in wire.writes("ucr-1"))
         run.send_signal(number)
         assert until(lambda: wire.writes("ucr-1")[-1] == "WPS100001")
         _, notes = run.communicate(timeout=200)

@@ -797,7 +797,7 @@ class Trial:
 
             def act(say: Callable[[str], None]) -> None:
                 tree = ast.fix_missing_locations(Change(node, which).visit(ast.parse(text)))  # noqa: B023
-                made = codes(compile(tree, file, "exec"))  # noqa: B023
+                made = [*codes(compile(tree, file, "exec"))]  # noqa: B023
                 there = [(one.co_qualname, one.co_firstlineno) for one in made]
                 code = made[there.index((name, first))]  # noqa: B023
                 for one in functions[file, name, first]:  # noqa: B023
