@@ -71,13 +71,15 @@ class CommitStatus:
 
     `last` is the number of the last committed batch; `since` when the last good commit began
     (seconds since 1970 UTC): rows handed over before it are safe; `risk_s` the longest time that a
-    row waited to be safe; `unkept` the number of rows without a commit.
+    row waited to be safe; `unkept` the number of rows without a commit; `took_s` how long the last
+    good commit took.
     """
 
     last: int = 0
     since: float | None = None
     risk_s: float = 0.0
     unkept: int = 0
+    took_s: float = 0.0
 
 
 class FolderLock:
@@ -188,9 +190,12 @@ def holder_pid(folder: Path) -> int:
 
 def commit_status(folder: Path) -> CommitStatus:
     """Return the commit status that the last recorder wrote; zeros where none is readable."""
-    since, risk_s = _inside(folder, "since"), _inside(folder, "risk_s")
     return CommitStatus(
-        int(_inside(folder, "last")), since or None, risk_s, int(_inside(folder, "unkept"))
+        int(_inside(folder, "last")),
+        _inside(folder, "since") or None,
+        _inside(folder, "risk_s"),
+        int(_inside(folder, "unkept")),
+        _inside(folder, "took_s"),
     )
 
 

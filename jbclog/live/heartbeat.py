@@ -13,8 +13,8 @@ DELAYED_S: Final = 3.0
 
 
 class Heartbeat:
-    """`see` takes the time of the last commit, in seconds since 1970 UTC by the recorder's clock,
-    at each poll.
+    """`see` takes when the last commit began, in seconds since 1970 UTC by the recorder's clock,
+    and how long it took, at each poll.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -23,16 +23,17 @@ class Heartbeat:
         self._base_s = 0.0  # the recorder's clock when `_commit_s` was seen first
         self._seen_at = clock.monotonic()
 
-    def see(self, commit_s: float | None) -> None:
+    def see(self, commit_s: float | None, took_s: float) -> None:
         if commit_s is None or commit_s == self._commit_s:
             return
-        # of the first one only the wall clock says how old it is; a later one is new
-        self._base_s = max(commit_s, self._clock.utc()) if self._commit_s is None else commit_s
+        ended_s = commit_s + took_s
+        # of the first one only the wall clock says how old it is; a later one has just ended
+        self._base_s = max(ended_s, self._clock.utc()) if self._commit_s is None else ended_s
         self._commit_s, self._seen_at = commit_s, self._clock.monotonic()
 
     @property
     def age_s(self) -> float | None:
-        """Seconds since the last commit; None before the first."""
+        """Seconds since the last commit began; None before the first."""
         if self._commit_s is None:
             return None
         return max(self._base_s - self._commit_s, 0.0) + self._clock.monotonic() - self._seen_at

@@ -86,7 +86,7 @@ class RunFollower:
         an error.
         """
         status = commit_status(self.folder)
-        self._heartbeat.see(status.since)
+        self._heartbeat.see(status.since, status.took_s)
         try:
             phase, _ = self._phase()
             self._read(status.last if phase in NOT_ALL_COMMITTED else None)

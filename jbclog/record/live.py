@@ -418,6 +418,7 @@ class LiveStore:
                 round(time.time() - (now - began), 3),
                 max(before.risk_s, round(waited, 3)),
                 self.dropped_rows,
+                round(now - began, 3),
             )
         if self._lock is not None:
             self._lock.write_status(self._witness)

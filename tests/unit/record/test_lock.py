@@ -78,8 +78,8 @@ def test_a_lock_whose_file_was_removed_meanwhile_is_not_taken_for_one(tmp_path: 
 
 def test_the_last_committed_number_outlives_its_holder(tmp_path: Path) -> None:
     lock = FolderLock.take(tmp_path)
-    said = CommitStatus(99, 1.79e9, 0.9, 12)
-    lock.write_status(CommitStatus(1234567, 1.79e9 + 0.001, 1234.5, 123_456_789))
+    said = CommitStatus(99, 1.79e9, 0.9, 12, 0.4)
+    lock.write_status(CommitStatus(1234567, 1.79e9 + 0.001, 1234.5, 123_456_789, 1234.567))
     lock.write_status(said)
     lock.release()
     assert commit_status(tmp_path) == said
