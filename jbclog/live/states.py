@@ -38,6 +38,9 @@ class Condition(StrEnum):
     ENDED = "ended"
 
 
+RUN_ENDED: Final = "run ended"
+
+
 @dataclass(frozen=True, slots=True)
 class Reading:
     """The newest reading of a signal. `why`: the reason why there is no newer value; `age_s` is

@@ -16,6 +16,7 @@ from jbclog.live.heartbeat import Heartbeat
 from jbclog.live.sample_history import MAIN, Key, Last, Moment, PortHistory, SampleHistory
 from jbclog.live.states import (
     NOT_READ,
+    RUN_ENDED,
     Condition,
     Coverage,
     Joints,
@@ -125,8 +126,9 @@ class RunView:
             and not ages.is_behind(history.newest, ages.newest)
         )
         is_old = not is_live or ages.is_old(history.newest)
+        why_old = RUN_ENDED if phase is Phase.FINALIZED else None
         readings = {
-            column: ages.reading(history, column, is_old=is_old)
+            column: ages.reading(history, column, why_old, is_old=is_old)
             for column in {*history.values, *history.failures}
         }
         if facts.signals and MAIN not in facts.signals:
@@ -212,9 +214,11 @@ class _Ages:
         )
         return max(newest_s, 0.0) + max(before, 0.0)
 
-    def reading(self, history: PortHistory, column: str, *, is_old: bool) -> Reading:
-        """Return the newest reading of a column. `is_old`: nobody records, or the port's newest row
-        is too old.
+    def reading(
+        self, history: PortHistory, column: str, why_old: str | None, *, is_old: bool
+    ) -> Reading:
+        """Return the newest reading of a column. `is_old`: nobody records, for the reason `why_old`
+        if it is known, or the port's newest row is too old.
         """
         value, failure = history.values.get(column), history.failures.get(column)
         is_failed = failure is not None and (
@@ -226,7 +230,7 @@ class _Ages:
         return Reading(
             None if value is None else value.value,  # type: ignore[arg-type]  # the schema has no other types
             age,
-            str(failure.value) if failure is not None and is_failed else None,
+            str(failure.value) if failure is not None and is_failed else why_old,
             is_old,
         )
 

@@ -95,7 +95,7 @@ def _port(port: PortState, sent_s: float | None) -> Json:
         "set": words.reading_text(port.setpoint, "°C"),
         "power": words.power_text(port.power),
         "status": words.reading_text(port.status),
-        "row": f"{words.age_text(port.row_age_s)} ago",
+        "row": words.row_text(port),
         "joints": words.joints_text(port.joints),
         "joints_why": words.joints_why(port.joints),
         "coverage": words.coverage_text(port.coverage),

@@ -27,6 +27,7 @@ from jbclog.live import (
     Trace,
 )
 from jbclog.live.sample_history import HOUR_S, TRACE_S
+from jbclog.live.states import RUN_ENDED
 
 SEVERITIES: Final = (Severity.INFO, Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 BLOCKS: Final = "▁▂▃▄▅▆▇█"
@@ -38,10 +39,8 @@ WORST: Final = tuple(Condition)
 NOTHING_KNOWN: Final = (Phase.CRASHED, Phase.DELAYED, Phase.UNREADABLE, Phase.GONE)
 
 
-def age_text(seconds: float | None) -> str:
+def age_text(seconds: float) -> str:
     """``0.3 s``, ``12 s``, ``5 min``, ``3 h``."""
-    if seconds is None:
-        return "unknown age"
     for limit, size, unit in ((10, 1, "s"), (120, 1, "s"), (7200, 60, "min")):
         if seconds < limit:
             return f"{seconds / size:.1f} {unit}" if limit == 10 else f"{seconds / size:.0f} {unit}"
@@ -59,7 +58,9 @@ def reading_text(reading: Reading, unit: str = "") -> str:
             if reading.why == "not supported"
             else f"unknown ({clean(reading.why or 'not read yet')})"
         )
-    return f"unknown ({clean(reading.why or 'stale')}; last {value}, {age_text(reading.age_s)} ago)"
+    age = "unknown age" if reading.age_s is None else f"{age_text(reading.age_s)} ago"
+    last = f"last {value}" if reading.why == RUN_ENDED else f"last {value}, {age}"
+    return f"unknown ({clean(reading.why or 'stale')}; {last})"
 
 
 def power_text(reading: Reading) -> str:
@@ -98,12 +99,20 @@ def joints_text(joints: Joints) -> str:
 
 def joints_age(joints: Joints) -> str:
     """`` (3 min ago)`` where the number is so old that it matters."""
-    return f" ({age_text(joints.age_s)} ago)" if (joints.age_s or 0.0) > OLD_COUNT_S else ""
+    age_s = joints.age_s or 0.0
+    return f" ({age_text(age_s)} ago)" if age_s > OLD_COUNT_S else ""
 
 
 def joints_why(joints: Joints) -> str:
     """Why the number of joints is not known; empty where it is."""
     return "" if joints.why is None else f"joints: {clean(joints.why)}"
+
+
+def row_text(port: PortState) -> str:
+    """How old the newest row is, ``row 0.3 s ago``; an ended run brings no more."""
+    if port.temperature.why == RUN_ENDED:
+        return "no more rows"
+    return "row of unknown age" if port.row_age_s is None else f"row {age_text(port.row_age_s)} ago"
 
 
 def port_name(port: PortState) -> str:
@@ -122,7 +131,7 @@ def port_lines(port: PortState, width: int) -> list[str]:
     lines += [f"power {power_text(port.power)} · {reading_text(port.status)}"]
     lines += [sparkline(port.trace, width)]
     lines += [
-        f"row {age_text(port.row_age_s)} ago · {joints_text(port.joints)}",
+        f"{row_text(port)} · {joints_text(port.joints)}",
         coverage_text(port.coverage),
     ]
     return lines + [f"! {clean(text)}" for text in (*port.alarms, *port.problems)]

@@ -518,6 +518,7 @@ def test_a_run_that_is_finalized_during_a_poll(
         monkeypatch.setattr(StoreFollower, "refresh", refresh)
         run = polled(follower)
     assert (run.phase, run.is_whole, run.ports[0].coverage.due) == (Phase.FINALIZED, True, 35)
+    assert (run.ports[0].temperature.is_known, run.ports[0].temperature.why) == (False, "run ended")
 
 
 def test_a_follower_that_was_stopped_over_a_sealing_misses_nothing(

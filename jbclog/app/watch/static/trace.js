@@ -4,7 +4,7 @@
 // `data()` gives seconds, temperatures and powers; `now()` the seconds of the newest reading, to which ages refer. While it is zoomed, the
 // points in it are held: what is looked at stays, and grows older. Crosshair, markers and text are always those of one drawn point.
 const tracePlot = (() => {
-  const STEPS_S = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800], LABEL_PX = 75, LEAST_POINTS = 3, TWICE_MS = 400;
+  const STEPS_S = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800], LABEL_PX = 75, LEAST_POINTS = 3, TWICE_MS = 400, PAUSE_MS = 500;
   const HEIGHT = 280, SAME_S = 1e-6;
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const inWindow = (view, place) => { const { min, max } = view.scales.x, one = view.data[0][place]; return one >= min - SAME_S && one <= max + SAME_S; };
@@ -16,10 +16,12 @@ const tracePlot = (() => {
   }
 
   return (data, now) => {
-    const [host, readout, nearer, farther, all] = ["plot", "cursor", "nearer", "farther", "whole"].map((id) => document.getElementById(id));
+    const ids = ["plot", "cursor", "spoken", "nearer", "farther", "whole"];
+    const [host, readout, spoken, nearer, farther, all] = ids.map((id) => document.getElementById(id));
     const listening = new AbortController(), on = (element, name, act) => element.addEventListener(name, act, { signal: listening.signal });
     const say = (text) => { if (readout.textContent !== text) readout.textContent = text; };
     let zoom = null; // seconds from and to
+    let speech = null; // a point that was chosen is read out once it is not left again at once
     let aim = null; // of the cursor: where the mouse is, or the seconds of the point that a key or a finger chose
 
     function ticks(view, _, min, max) { // round distances from now
@@ -75,6 +77,11 @@ const tracePlot = (() => {
       else { aim = null; plot.setCursor({ left: -10, top: -10 }); }
     }
 
+    function speak() {
+      clearTimeout(speech);
+      speech = setTimeout(() => { spoken.textContent = readout.textContent; }, PAUSE_MS);
+    }
+
     function redraw() {
       if (zoom === null) plot.setData(data(), true);
       else { plot.setScale("x", { min: zoom[0], max: zoom[1] }); plot.redraw(false, true); } // the labels: its points grow older
@@ -119,6 +126,7 @@ const tracePlot = (() => {
       if (first < 0 || end < first) return;
       aim = { seconds: seconds[Math.min(Math.max(idx === null || idx === undefined ? end : idx + by, first), end)] };
       point();
+      speak();
     }
 
     const KEYS = {
@@ -173,6 +181,7 @@ const tracePlot = (() => {
       if (isSecond) { whole(); return; }
       const box = plot.over.getBoundingClientRect();
       aim = { seconds: plot.data[0][plot.posToIdx(Math.min(Math.max(event.clientX - box.left, 0), box.width))] };
+      speak();
       setTimeout(point, 0); // after uPlot, for which a finger that is lifted leaves the plot
     });
 
@@ -186,6 +195,8 @@ const tracePlot = (() => {
     }
     function destroy() {
       listening.abort();
+      clearTimeout(speech);
+      spoken.textContent = "";
       plot.destroy();
       plot = null;
       say("");

@@ -82,7 +82,7 @@
     put(tile.now, port.now);
     tile.now.classList.toggle("unknown", !port.known);
     put(tile.facts, `set ${port.set} · power ${port.power} · ${port.status}`);
-    put(tile.row, `row ${port.row} · ${port.joints} · ${port.coverage}`);
+    put(tile.row, `${port.row} · ${port.joints} · ${port.coverage}`);
     put(tile.wrong, port.wrong.join(" · "));
     tile.button.setAttribute("aria-label", `Details of ${port.name}`);
     addPoints(tile.trace, port.trace);

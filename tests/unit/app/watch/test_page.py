@@ -159,9 +159,11 @@ def test_the_last_hour_of_a_port(browser: Chromium) -> None:
         opened.key("ArrowLeft")
         opened.key("ArrowLeft")
         assert text(opened, "#cursor").startswith("-0.1 s: 336.6")
+        opened.until("document.getElementById('spoken').textContent.startsWith('-0.1 s: 336.6')")
         left, top, width, height = opened.place("#plot .u-over")
         opened.hover(left + width * 0.25, top + height / 2)
         assert re.fullmatch(r"-4[45] min \d+ s: 300 °C, 10 %", text(opened, "#cursor"))
+        assert text(opened, "#spoken").startswith("-0.1 s")  # a mouse that moves is not read out
         opened.js(choose.format("minute"))
         opened.until("document.querySelector('#plot').dataset.points === '601'")
         opened.js("document.getElementById('close').click()")

@@ -9,7 +9,7 @@ import pytest
 from jbclog.app.watch import words
 from jbclog.core.rows import EventRow, Severity
 from jbclog.live import Condition, Coverage, Joints, NumberedEvent, Phase, PortState, Reading, Trace
-from jbclog.live.states import NOT_COUNTED
+from jbclog.live.states import NOT_COUNTED, RUN_ENDED
 from support.records import live_states
 
 
@@ -19,7 +19,8 @@ from support.records import live_states
         (Reading(350, 0.3, None, is_stale=False), "350 °C"),
         (Reading(350, 12.0, "timeout", is_stale=False), "unknown (timeout; last 350 °C, 12 s ago)"),
         (Reading(350, 12.0, None, is_stale=True), "unknown (stale; last 350 °C, 12 s ago)"),
-        (Reading(350, None, None, is_stale=True), "unknown (stale; last 350 °C, unknown age ago)"),
+        (Reading(350, None, None, is_stale=True), "unknown (stale; last 350 °C, unknown age)"),
+        (Reading(350, None, RUN_ENDED, is_stale=True), "unknown (run ended; last 350 °C)"),
         (Reading(None, None, "no_tool", is_stale=False), "unknown (no_tool)"),
         (Reading(), "unknown (not read yet)"),
         (Reading(None, None, "not supported", is_stale=False), "not supported"),
@@ -32,7 +33,6 @@ def test_a_reading(reading: Reading, text: str) -> None:
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [
-        (None, "unknown age"),
         (0.04, "0.0 s"),
         (9.9, "9.9 s"),
         (10, "10 s"),
@@ -41,7 +41,7 @@ def test_a_reading(reading: Reading, text: str) -> None:
         (7200, "2 h"),
     ],
 )
-def test_an_age(seconds: float | None, text: str) -> None:
+def test_an_age(seconds: float, text: str) -> None:
     assert words.age_text(seconds) == text
 
 
@@ -125,6 +125,15 @@ def test_foreign_text_is_one_plain_line() -> None:
         "\x1b" not in line and "\n" not in line for line in map(words.event_line, run.events)
     )
     assert "\x1b" not in "".join(line for port in run.ports for line in words.port_lines(port, 30))
+
+
+def test_of_an_ended_run_no_row_is_awaited() -> None:
+    port = live_states.run().ports[0]
+    ended = Reading(350, None, RUN_ENDED, is_stale=True)
+    over = replace(port, row_age_s=None, readings={**port.readings, "temperature_c": ended})
+    assert words.row_text(over) == "no more rows"
+    assert words.row_text(replace(port, row_age_s=None)) == "row of unknown age"
+    assert words.row_text(replace(port, row_age_s=3.0)) == "row 3.0 s ago"
 
 
 def test_an_event_names_its_port_once() -> None:
