@@ -182,9 +182,7 @@ Pair = tuple[int | None, int | None]
 
 
 class AnsweredByOtherCode(AnswerFormat):
-    """The answer has the letters of another command, as from some stations; `data` is its data
-    field.
-    """
+    """The answer has another command's letters, as from some stations; `data` is its data field."""
 
     def __init__(self, text: str, data: str) -> None:
         super().__init__(text)
@@ -198,9 +196,7 @@ def least_s(command: Command) -> float:
 
 
 class Dialogue:
-    """Exchanges with one station, and what is known about its answers. `robot.Station` is the
-    public class.
-    """
+    """Exchanges with one station, and what is known of its answers; `robot.Station` is public."""
 
     def __init__(self, line: LineFormat, address: int | None, host_address: int) -> None:
         self.line = line
@@ -279,9 +275,7 @@ class Dialogue:
         return question.wire_s + max(from_reads, question.least_s)
 
     def _exchange(self, question: Question, heard: IoResult | None = None) -> Steps[str]:
-        """Send a request, unless `heard` is its result already, and return the data field of its
-        answer.
-        """
+        """Send a request, unless `heard` is its result, and return the data field of its answer."""
         if heard is None:
             heard = yield self._begin(question)
             text = None if self._count(question, heard) else question.text_in(heard.data)
@@ -291,9 +285,7 @@ class Dialogue:
         return (yield from self._gather(question, heard, heard.sent + self._patience_s))
 
     def _begin(self, question: Question) -> Ask:
-        """Note that `question` is sent now, and return the request. On a flooded link only writes
-        are sent.
-        """
+        """Note that `question` is sent, and return the request; only writes on a flooded link."""
         if self.flow.found is not None and not question.is_write:
             raise self.flow.taken()
         if self._reader.held:
@@ -327,9 +319,7 @@ class Dialogue:
         return self.patience_s(question)
 
     def _gather(self, question: Question, heard: IoResult, end: float) -> Steps[str]:
-        """Find the answer in everything that arrives until `end`: in pieces, in garbage, after
-        other frames.
-        """
+        """Find the answer in all that comes until `end`: in pieces, in garbage, after others."""
         until = end
         failure: StationError = AnswerTimeout(
             f"{question.title()}: no answer within {until - heard.sent:.3f} s"
@@ -392,17 +382,13 @@ class Dialogue:
         return f"{description} from address {other:02d}, {asked}"
 
     def _rest_of(self, question: Question, corrupt: CorruptFrame, end: float) -> float:
-        """Return until when to listen after a corrupt frame: one as long as the answer was the
-        answer.
-        """
+        """Return until when to listen after a corrupt frame; one as long as the answer was it."""
         if question.digits is not None and len(corrupt.raw) < question.answer_length:
             return end
         return self.now + QUIET_S + self.line.seconds(question.answer_length)
 
     def _match(self, question: Question, frame: Frame) -> str | None:
-        """Return the data if `frame` answers `question`, else None; refusals and invalid data
-        raise.
-        """
+        """Return the data if `frame` answers, else None; refusals and invalid data raise."""
         if frame.header in "RW":
             self.strays["echo"] += 1
             return None
@@ -422,9 +408,7 @@ class Dialogue:
         return data
 
     def _data_in(self, question: Question, text: str) -> str | None:
-        """Return the data field of an answer to `question`; None for an answer to something
-        else.
-        """
+        """Return the data field of an answer to `question`; None if it answers another."""
         if text.startswith(question.code):
             data = text[len(question.code) :]
             return (
