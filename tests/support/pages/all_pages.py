@@ -16,6 +16,7 @@ from support.pages import (
     main_path,
     manifest,
     other_files,
+    plant_sizes,
     python,
     station_commands,
     store_tables,
@@ -38,6 +39,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     REFERENCE / "verdict.md": verdict.page,
     REFERENCE / "station-commands.md": station_commands.page,
     REFERENCE / "contradictions.md": contradictions.page,
+    ROOT / "docs" / "explanation" / "plant-sizes.md": plant_sizes.page,
     ROOT / "docs" / "pictures" / "main-path.svg": main_path.svg,
 }
 
