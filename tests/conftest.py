@@ -97,6 +97,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     if row := config.getoption("--row"):
         os.environ["JBCLOG_ROW"] = row
+    for hook in config.hook.pytest_runtest_logreport.get_hookimpls():
+        if type(hook.plugin).__name__ == "WorkerInteractor":
+            hook.function = functools.partial(_send, hook.function)
+
+
+def _send(send: Callable[..., None], report: pytest.TestReport) -> None:
+    """Of a worker: send what is counted or shown, a third of its reports."""
+    if report.when == "call" or not report.passed or report.sections or report.user_properties:
+        send(report=report)
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -5,9 +5,10 @@ is written.
 from __future__ import annotations
 
 from jbclog.analysis.run_alarms import ALARMS_SCHEMA
-from jbclog.app.export import mdf, qdas, workbook
+from jbclog.app.export import qdas, workbook
 from jbclog.app.export.csv_files import DATATYPES, METADATA
 from jbclog.app.export.source import SCHEMA_OF
+from support.lazy import mdf
 from support.pages.md_table import MADE, code, table
 
 ALARMS = {
@@ -103,7 +104,7 @@ and version give the same bytes.
 
 ## mf4
 
-ASAM MDF {mdf.VERSION}. The file's start is tick 0 of the run, in UTC; the facts stand in the comment of its header.
+ASAM MDF {{mdf.VERSION}}. The file's start is tick 0 of the run, in UTC; the facts stand in the comment of its header.
 
 | group | rows | master |
 | --- | --- | --- |
@@ -113,7 +114,7 @@ ASAM MDF {mdf.VERSION}. The file's start is tick 0 of the run, in UTC; the facts
 | `alarms` | episodes | seconds from the start to `onset` |
 
 Units stand at each channel. `time_utc` and other times are microseconds since 1970-01-01 UTC. A value that is not known has
-its invalidation bit set; a reader that ignores these bits finds NaN, and `{mdf.NO_TEXT}` or an empty text. Flags are 0 and 1;
+its invalidation bit set; a reader that ignores these bits finds NaN, and `{{mdf.NO_TEXT}}` or an empty text. Flags are 0 and 1;
 `quality`, `status`, `motor` and `reasons` are numbers with a table of their texts. With `--rate max` there is no grid, and
 the seconds are those of the host's clock without its steps.
 
@@ -149,7 +150,7 @@ def page() -> str:
         "## Columns of alarms",
         table(("column", "holds", "unit", "type"), [_alarm(name) for name in ALARMS_SCHEMA.names]),
     ]
-    return f"{MADE}\n\n# Exports\n{TEXT}\n" + "\n\n".join(sections) + "\n"
+    return f"{MADE}\n\n# Exports\n{TEXT.format(mdf=mdf)}\n" + "\n\n".join(sections) + "\n"
 
 
 def _fields(fields: dict[str, str]) -> list[tuple[str, str]]:

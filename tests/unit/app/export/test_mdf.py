@@ -12,15 +12,13 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-import mdfreader
 import numpy as np
 import pytest
-from asammdf import MDF
 
 import jbclog
-from jbclog.app.export import mdf
 from jbclog.app.export.source import Source
 from jbclog.record.manifest import manifest_sha256
+from support.lazy import asammdf, mdf, mdfreader
 from support.records.sealed_run import T0_UTC_S, lose, samples, seal, station, table
 
 
@@ -32,16 +30,16 @@ def path(source: Source, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def file(path: Path) -> Iterator[MDF]:
-    with MDF(path) as opened:
+def file(path: Path) -> Iterator[asammdf.MDF]:
+    with asammdf.MDF(path) as opened:
         yield opened
 
 
-def groups(file: MDF) -> dict[str, int]:
+def groups(file: asammdf.MDF) -> dict[str, int]:
     return {group.channel_group.acq_name: number for number, group in enumerate(file.groups)}
 
 
-def test_a_group_for_each_port_and_table(file: MDF) -> None:
+def test_a_group_for_each_port_and_table(file: asammdf.MDF) -> None:
     assert [*groups(file)] == [
         *("dde-1 port 1", "dde-1 port 2", "dde-2 port 1", "events", "settings", "counters"),
         *("dde-1 port 1 joints", "dde-1 port 2 joints", "dde-2 port 1 joints", "alarms"),
@@ -51,7 +49,7 @@ def test_a_group_for_each_port_and_table(file: MDF) -> None:
 
 @pytest.mark.parametrize("port", [1, 2])
 def test_asammdf_reads_values_invalidation_bits_units_and_times(
-    file: MDF, run: jbclog.Run, port: int
+    file: asammdf.MDF, run: jbclog.Run, port: int
 ) -> None:
     expected, number = run.samples("dde-1", port), groups(file)[f"dde-1 port {port}"]
     for name, unit in (
@@ -75,14 +73,14 @@ def test_asammdf_reads_values_invalidation_bits_units_and_times(
     assert utc.samples.tolist() == expected["time"].astype("int64").tolist()
 
 
-def test_texts_that_recur_are_choices(file: MDF, run: jbclog.Run) -> None:
+def test_texts_that_recur_are_choices(file: asammdf.MDF, run: jbclog.Run) -> None:
     expected, number = run.samples("dde-1", 2), groups(file)["dde-1 port 2"]
     for name in ("quality", "status", "reasons"):
         found = file.get(name, group=number, ignore_invalidation_bits=True)
         assert [text.decode() for text in found.samples] == expected[name].fillna("-").tolist()
 
 
-def test_a_port_has_the_channels_that_its_family_fills(file: MDF) -> None:
+def test_a_port_has_the_channels_that_its_family_fills(file: asammdf.MDF) -> None:
     known, unknown = (file.groups[groups(file)[name]] for name in ("dde-1 port 1", "dde-2 port 1"))
     assert "alarm_low" in {channel.name for channel in known.channels}  # read with alarm_high
     assert "transistor_c" not in {channel.name for channel in known.channels}
@@ -90,7 +88,7 @@ def test_a_port_has_the_channels_that_its_family_fills(file: MDF) -> None:
     assert "transistor_c" in {channel.name for channel in unknown.channels}
 
 
-def test_the_header_names_the_run(file: MDF, run: jbclog.Run) -> None:
+def test_the_header_names_the_run(file: asammdf.MDF, run: jbclog.Run) -> None:
     assert f"exported by jbclog {jbclog.__version__} from run {run.name}" in file.header.comment
     assert f'<e name="fingerprint">{manifest_sha256(run.folder)}</e>' in file.header.comment
     assert "&lt;" not in file.header.comment.partition("<TX>")[0]
@@ -128,7 +126,7 @@ def bits(read: mdfreader.Mdf, name: str) -> np.ndarray[tuple[int], np.dtype[np.b
     return (raw[:, place // 8] >> place % 8 & 1).astype(bool)
 
 
-def test_joints_have_their_times_in_seconds_of_the_run(file: MDF, run: jbclog.Run) -> None:
+def test_joints_have_their_times_in_seconds_of_the_run(file: asammdf.MDF, run: jbclog.Run) -> None:
     joints, number = run.joints("dde-1"), groups(file)["dde-1 port 1 joints"]
     expected = joints[joints["port"] == 1]
     found = file.get("dwell_s", group=number, ignore_invalidation_bits=True)
@@ -146,7 +144,7 @@ def test_rows_written_in_many_stretches_are_the_same(
     one = Source(run, ["samples"], is_checked=True)
     monkeypatch.setattr(one, "pieces", lambda table: iter(cut))
     mdf.write(one, tmp_path / "cut.mf4")
-    with MDF(tmp_path / "cut.mf4") as again, MDF(path) as whole:
+    with asammdf.MDF(tmp_path / "cut.mf4") as again, asammdf.MDF(path) as whole:
         for name, number in groups(again).items():
             for channel in ("time_utc", "temperature_c", "status", "quality", "reasons"):
                 two = [

@@ -5,13 +5,13 @@ from __future__ import annotations
 import zipfile
 from pathlib import Path
 
-import openpyxl
 import pytest
 
 import jbclog
 from jbclog.app.export import workbook
 from jbclog.app.export.source import Source
 from jbclog.core.text import csv_cell
+from support.lazy import openpyxl
 
 from .conftest import FORMULAS
 
