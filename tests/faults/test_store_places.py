@@ -152,7 +152,7 @@ def test_missing_and_wrong_credentials_are_one_line_without_them(
     monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
     monkeypatch.setenv("HOME", str(tmp_path))
     # it lets in who makes the bucket, and asks from then on
-    with serving(INITIAL_NO_AUTH_ACTION_COUNT="1") as server:
+    with serving(free_calls=1) as server:
         credentials(server, monkeypatch)
         for gone in ([], ["AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"]):
             for name in gone:
@@ -200,7 +200,7 @@ def test_a_share_without_atomic_names_is_refused(
     assert [path for path in share.rglob("*") if path.is_file()] == []
 
 
-@pytest.mark.parametrize("free", [40_000, 90_000])
+@pytest.mark.parametrize("free", [pytest.param(40_000, marks=pytest.mark.campaign), 90_000])
 def test_a_disk_that_is_full_in_the_middle(run: Path, tmp_path: Path, free: int) -> None:
     """The run does not count, and is published whole once there is room."""
     with small_disk(tmp_path / "disk", "8m") as disk:

@@ -5,18 +5,42 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from jbclog.analysis.run import Run
-from support.readers.texts import ROOT
+from support.forked import forked
+
+if TYPE_CHECKING:  # a process spawned to call a function below is light
+    from jbclog.analysis.run import Run
 
 WAIT_S = 60.0
+IMPORTED = (
+    "distributed.cli.dask_scheduler",
+    "distributed.cli.dask_worker",
+    "jbclog.analysis.store.runs",
+    "pandas",
+)
 TLS = ("--tls-ca-file", "ca.pem", "--tls-cert", "node.pem", "--tls-key", "node.key")
+
+
+def scheduler_main(words: Sequence[str]) -> None:
+    from distributed.cli.dask_scheduler import main
+
+    main(list(words))
+
+
+def worker_main(words: Sequence[str]) -> None:
+    from distributed.cli.dask_worker import main
+
+    main(list(words))
+
+
+PROGRAMS = {"dask_scheduler": scheduler_main, "dask_worker": worker_main}
 
 
 @dataclass
@@ -25,23 +49,12 @@ class Cluster:
 
     home: Path
     options: Sequence[str] = ()
-    processes: list[subprocess.Popen[bytes]] = field(default_factory=list)
+    processes: list[BaseProcess] = field(default_factory=list)
     address: str = ""
 
-    def start(self, program: str, *words: str) -> subprocess.Popen[bytes]:
-        command = [
-            sys.executable,
-            "-m",
-            f"distributed.cli.{program}",
-            "--no-dashboard",
-            "--host",
-            self.host,
-            *self.options,
-            *words,
-        ]
-        with (self.home / "log").open("ab") as log:
-            ours = os.environ | {"PYTHONPATH": str(ROOT / "tests")}  # for the functions below
-            process = subprocess.Popen(command, stdout=log, stderr=log, cwd=self.home, env=ours)
+    def start(self, program: str, *words: str) -> BaseProcess:
+        words = ("--no-dashboard", "--host", self.host, *self.options, *words)
+        process = forked(PROGRAMS[program], words, IMPORTED, self.home / "log", self.home)
         self.processes.append(process)
         return process
 
@@ -49,7 +62,7 @@ class Cluster:
     def host(self) -> str:
         return "tls://127.0.0.1" if self.options else "tcp://127.0.0.1"
 
-    def scheduler(self) -> subprocess.Popen[bytes]:
+    def scheduler(self) -> BaseProcess:
         """Start the scheduler, and return when it listens."""
         process, end = (
             self.start("dask_scheduler", "--port", "0", "--scheduler-file", "scheduler"),
@@ -57,14 +70,14 @@ class Cluster:
         )
         said = self.home / "scheduler"
         while not (said.exists() and said.stat().st_size):
-            assert process.poll() is None, self.log
+            assert process.is_alive(), self.log
             assert time.monotonic() < end, self.log
             time.sleep(0.05)
         time.sleep(0.05)
         self.address = said.read_text().split('"address": "')[1].split('"')[0]
         return process
 
-    def worker(self, *words: str) -> subprocess.Popen[bytes]:
+    def worker(self, *words: str) -> BaseProcess:
         """Start a worker of one thread."""
         return self.start(
             "dask_worker",
@@ -94,7 +107,7 @@ def cluster(home: Path, workers: int, options: Sequence[str] = ()) -> Iterator[C
     finally:
         for process in made.processes:
             process.kill()
-            process.wait()
+            process.join()
 
 
 def certificates(home: Path) -> None:

@@ -1,5 +1,4 @@
-"""A real S3 server (moto's) in a process of its own: ``python tests/support faults.s3_server PORT
-[ignore|refuse]``.
+"""A real S3 server (moto's) in a process of its own.
 
 It has conditional writes. With ``ignore`` it takes no notice of `If-None-Match`, with ``refuse`` it
 answers 501 to it, as servers without conditional writes do. `Server` starts one, with a bucket.
@@ -10,17 +9,17 @@ from __future__ import annotations
 import os
 import signal
 import socket
-import subprocess
-import sys
 import time
 import urllib.request
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
+from pathlib import Path
 from threading import Lock, Thread
 from typing import Any
 
-from support.readers.texts import ROOT
+from support.forked import forked
 
 BUCKET = "plant-runs"
 KEY, SECRET = "AKIDOFATESTXYZ", "not-a-secret-but-never-printed"
@@ -34,7 +33,7 @@ class Server:
     """
 
     port: int
-    process: subprocess.Popen[bytes] | None = None
+    process: BaseProcess | None = None
 
     def stop(self) -> None:
         self._signal(signal.SIGUSR1)
@@ -47,7 +46,8 @@ class Server:
 
     def _signal(self, number: signal.Signals) -> None:
         assert self.process is not None
-        self.process.send_signal(number)
+        assert self.process.pid is not None
+        os.kill(self.process.pid, number)
 
     def _answers(self) -> bool:
         with socket.socket() as one:
@@ -77,14 +77,12 @@ class Server:
 
 
 @contextmanager
-def serving(how: str = "", **environment: str) -> Iterator[Server]:
-    """Serve while a `with` lasts. `environment` goes to the server."""
+def serving(how: str = "", free_calls: float = float("inf")) -> Iterator[Server]:
+    """Serve while a `with` lasts. After so many calls it asks for credentials."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    command = [sys.executable, str(ROOT / "tests" / "support"), "faults.s3_server", str(port), how]
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | environment
-    )
+    words = (str(port), how, str(free_calls))
+    process = forked(main, words, ("moto.server",), Path(os.devnull))
     try:
         _wait(port)
         request = urllib.request.Request(f"http://127.0.0.1:{port}/{BUCKET}", method="PUT")
@@ -92,7 +90,7 @@ def serving(how: str = "", **environment: str) -> Iterator[Server]:
         yield Server(port, process)
     finally:
         process.terminate()
-        process.wait(20)
+        process.join(20)
 
 
 def _wait(port: int) -> None:
@@ -105,10 +103,13 @@ def _wait(port: int) -> None:
     raise TimeoutError("the S3 server does not answer")
 
 
-def main(port: str, how: str = "") -> None:
+def main(words: Sequence[str]) -> None:
+    port, how, free_calls = words
+    from moto import settings
     from moto.server import DomainDispatcherApplication, create_backend_app
     from werkzeug.serving import make_server
 
+    settings.INITIAL_NO_AUTH_ACTION_COUNT = float(free_calls)
     serve = DomainDispatcherApplication(create_backend_app)
     one_by_one = Lock()  # moto looks whether an object is there, and writes it, in two steps
 
@@ -133,7 +134,3 @@ def main(port: str, how: str = "") -> None:
         listening.shutdown()
         listening.server_close()
         signal.sigwait([signal.SIGUSR2])
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
