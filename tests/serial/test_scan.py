@@ -182,7 +182,7 @@ def ser2net(folder: Path, device: Path) -> Iterator[str]:
     ) as running:
         try:
             assert until(
-                lambda: f":{port:04X} 00000000:0000 0A" in Path("/proc/net/tcp").read_text(), 5
+                lambda: f":{port:04X} 00000000:0000 0A" in Path("/proc/net/tcp").read_text()
             )
             # a pseudo-terminal has no control lines
             yield f"rfc2217://127.0.0.1:{port}?ign_set_control"

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pytest
 
 import jbclog
-from jbclog.app.export import csv_files, mdf, workbook
+from jbclog.app.export import csv_files, workbook
 from jbclog.app.export.source import Source
+from support.lazy import mdf
 
 PIECES = 12
 
 
 @pytest.mark.parametrize(
-    ("write", "most"), [(csv_files.write, 2), (workbook.write, 2), (mdf.write, 5)]
+    ("format_", "most"), [(csv_files, 2), (workbook, 2), (mdf, 5)], ids=["csv", "xlsx", "mf4"]
 )
 def test_few_pieces_of_a_table_are_in_memory_at_once(
     run: jbclog.Run,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    write: Callable[[Source, Path], dict[str, int]],
+    format_: Any,
     most: int,
 ) -> None:
     rows = next(run.groups("samples", list(run.samples().columns))).combine_chunks()
@@ -41,7 +43,7 @@ def test_few_pieces_of_a_table_are_in_memory_at_once(
     monkeypatch.setattr(mdf, "HELD_ROWS", 4 * rows.num_rows)
     source = Source(run, ["samples"], is_checked=True)
     monkeypatch.setattr(source, "pieces", pieces)
-    write(source, tmp_path / "out")
+    format_.write(source, tmp_path / "out")
     assert peak <= most
 
 
