@@ -123,7 +123,7 @@ def test_a_manifest_of_long_texts_is_a_line_of_some_hundred_characters(tmp_path:
     write_manifest(
         made, replace(manifest, metadata=replace(manifest.metadata, operator=long, units=[long]))
     )
-    bad = tmp_path / f"{made.name[:-1]}b"
+    bad = tmp_path / made.name.replace("bench", "bench-2")
     bad.mkdir()
     (bad / "manifest.json").write_text(json.dumps({"run": "x", "state": "open", "started": long}))
     said = CliRunner().invoke(app, ["runs", str(tmp_path)])
