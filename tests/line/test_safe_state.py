@@ -83,10 +83,11 @@ def test_at_the_end_of_its_duration() -> None:
     assert len(run.memory.of_kind("safety.safe_state")) == 2
 
 
+@pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("family", ["dde", "ale"])
-def test_ended_at_any_moment(family: str) -> None:
+def test_ended_at_any_moment(family: str, every: int) -> None:
     """From the first byte over the writes, the sampling, and the making safe itself."""
-    for step in range(130):
+    for step in range(0, 130, every):
         line, recipe = (ale_line(), ALE_RECIPE) if family == "ale" else (line_text(), RECIPE)
         run = prepare(line, recipe, duration_s=1.5)
         run.at(step * 0.023, lambda run=run: run.driver.end("SIGTERM"))
@@ -109,7 +110,7 @@ def test_ended_during_an_outage_that_passes(away_s: float, after_s: float) -> No
     assert may_be_hot(run) == (away_s > 2)
 
 
-@pytest.mark.parametrize("every", [2, pytest.param(1, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("every", [4, pytest.param(1, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("kind", ["silence", "dropout", "nak"])
 def test_ended_in_the_moment_in_which_it_goes_away(kind: str, every: int) -> None:
     """The end is told once: neither a question that is never answered nor the search for the

@@ -151,7 +151,6 @@ def test_another_station_is_not_written_to(
 
 
 @pytest.mark.parametrize("accepted", [True, False])
-@pytest.mark.usefixtures("quick")
 def test_an_accepted_name_is_acted_upon_where_the_run_has_borne_it_out(
     line: ServedLine, run: Path, accepted: bool
 ) -> None:
