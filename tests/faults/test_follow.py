@@ -30,7 +30,8 @@ from support.faults.s3_server import BUCKET, serving
 from support.faults.small_disk import small_disk
 from support.records.many_runs import one_run
 
-COMMAND = [sys.executable, "-c", "from jbclog.cli import main; main()"]
+OFTEN = "from jbclog.app.publish import follow; follow.LOOK_EVERY_S = 0.5; "  # pauses are below
+COMMAND = [sys.executable, "-c", f"{OFTEN}from jbclog.cli import main; main()"]
 
 
 @pytest.fixture
