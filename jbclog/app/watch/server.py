@@ -63,6 +63,10 @@ HEADERS: Final = (
     (b"cross-origin-resource-policy", b"same-origin"),
     (b"cache-control", b"no-store"),
 )
+ALONE: Final = (b"cross-origin-opener-policy", b"same-origin")
+"""Over plain HTTP by a host's name a browser ignores it with an error on its console. It sends
+`Sec-Fetch-Site` only where it would heed it, over HTTPS and on loopback; a proxy passes that on.
+"""
 HOME: Final = Path(__file__).parent / "static"
 UPLOT: Final = Path(__file__).parents[2] / "report" / "vendor" / "uplot"
 FILES: Final = {
@@ -147,16 +151,19 @@ class Guard:
             await self._app(scope, receive, send)
             return
 
+        request = Request(scope)
+        extra = [*HEADERS, *([ALONE] if "sec-fetch-site" in request.headers else [])]
+
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = list(message.get("headers", ()))
                 has_policy = any(name == CSP for name, _ in headers)
                 message["headers"] = (
-                    headers + list(HEADERS) + ([] if has_policy else [(CSP, POLICY.encode())])
+                    headers + extra + ([] if has_policy else [(CSP, POLICY.encode())])
                 )
             await send(message)
 
-        answer = self._refusal(Request(scope)) or self._app
+        answer = self._refusal(request) or self._app
         await answer(scope, receive, guarded)
 
     def _refusal(self, request: Request) -> Response | None:

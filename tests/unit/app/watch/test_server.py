@@ -31,6 +31,14 @@ def locked() -> Iterator[Served]:
         yield made
 
 
+def test_isolation_is_asked_only_of_a_browser_that_heeds_it(served: Served) -> None:
+    for headers, expected in (({}, None), ({"Sec-Fetch-Site": "none"}, "same-origin")):
+        answer = asked(served, **headers)
+        answer.read()
+        answer.close_with.close()  # type: ignore[attr-defined]
+        assert answer.headers["Cross-Origin-Opener-Policy"] == expected
+
+
 def asked(
     served: Served, path: str = "/", method: str = "GET", **headers: str
 ) -> http.client.HTTPResponse:
