@@ -130,12 +130,12 @@ def _begin_elsewhere(config: pytest.Config) -> None:
     """Have each worker begin with other files: in a new clone it then finds compiled what the
     others began with.
     """
-    if hasattr(config, "workerinput") and [Path(each).resolve() for each in config.args] == [
-        UNIT.parent
-    ]:
+    folders = [config.rootpath / each for each in config.getini("testpaths")]
+    if hasattr(config, "workerinput") and [Path(each).resolve() for each in config.args] == folders:
         files = sorted(
             path
-            for path in UNIT.parent.rglob("test_*.py")
+            for folder in folders
+            for path in folder.rglob("test_*.py")
             if not pytest_ignore_collect(path, config)
         )
         first = (

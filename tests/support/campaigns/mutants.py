@@ -82,7 +82,7 @@ COVERING = (
     ),
     *(
         "tests/faults/test_left_hot.py",
-        "tests/faults/test_link_faults.py",
+        "tests/line/test_link_faults.py",
         "tests/faults/test_wrong_answers.py",
     ),
     *(
@@ -92,7 +92,7 @@ COVERING = (
     ),
     *(
         "tests/faults/test_every_witness.py",
-        "tests/faults/test_starts.py",
+        "tests/line/test_starts.py",
         "tests/serial/test_safe.py",
     ),
     *("tests/serial/test_take_over.py", "tests/faults/test_guard.py"),
