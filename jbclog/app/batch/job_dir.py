@@ -13,7 +13,7 @@ import fcntl
 import json
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Final, Literal
@@ -27,6 +27,7 @@ from jbclog.transport.typed_lines import LineSource
 
 LOCK: Final = "lock"
 NOTES: Final = "notes.txt"
+PAGE: Final = 10_000  # events in memory at once
 
 Column = Literal["spec", "run", "progress", "result", "ended"]
 
@@ -176,16 +177,27 @@ class JobDir:
         return None
 
     def events(self, since: int) -> tuple[list[EventRow], int]:
-        """Return the events after the one numbered `since`, and the number of the last one."""
+        """Return the next events after the one numbered `since`, at most `PAGE`, and the number of
+        the last one.
+        """
         try:
             rows = self.store.rows(
-                "SELECT number, line FROM event WHERE attempt = ? AND number > ? ORDER BY number",
-                (self.folder.name, since),
+                "SELECT number, line FROM event WHERE attempt = ? AND number > ?"
+                " ORDER BY number LIMIT ?",
+                (self.folder.name, since, PAGE),
             )
         except OSError:
             return [], since
         found = [event for _, line in rows if (event := _event(line)) is not None]
         return found, rows[-1][0] if rows else since
+
+    def each_event(self) -> Iterator[EventRow]:
+        """Yield all events, a page at a time."""
+        since, last = -1, 0
+        while last > since:
+            since = last
+            found, last = self.events(since)
+            yield from found
 
     def last_note(self) -> str:
         """Return the last line of the process's output, which may say why it died."""
@@ -271,5 +283,7 @@ def unread_serial(before: Iterable[JobDir]) -> str | None:
     """
     ended = [job_dir for job_dir in before if job_dir.ended_at() is not None]
     last = max(ended, key=lambda job_dir: job_dir.ended_at() or 0.0, default=None)
-    events = [] if last is None else [event for event in last.events(0)[0] if event.kind in FEED]
-    return events[-1].raw if events and events[-1].kind == NEXT else None
+    newest = None
+    for event in () if last is None else last.each_event():
+        newest = event if event.kind in FEED else newest
+    return newest.raw if newest and newest.kind == NEXT else None

@@ -25,10 +25,11 @@ from typing import Any, Final
 
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.foreign.database import Database, open_database
-from jbclog.core.foreign.files import Kind, expect_regular, read_foreign
+from jbclog.core.foreign.files import Kind, NotReadable, expect_regular, read_foreign
 
 NAME: Final = "batch.sqlite"
 BUSY_S: Final = 5.0
+MOST_ROWS: Final = 100_000  # of one query; a thousand jobs, each started ten times, take 40 000
 COLUMNS: Final = {
     "journal": ("number", "line"),
     "attempt": ("name", "spec", "run", "progress", "result", "ended"),
@@ -60,13 +61,16 @@ class BatchStore:
         self._using = threading.RLock()
 
     def rows(self, sql: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
-        """Return the rows of a query; none where no store exists."""
+        """Return the rows of a query, at most `MOST_ROWS`; none where no store exists."""
         with self._using, _as_os_error():
             if self._db is None and not self.path.exists():
                 return []
             db = self._opened()
             db.within()
-            return db.execute(sql, values).fetchall()
+            found = db.execute(sql, values).fetchmany(MOST_ROWS + 1)
+        if len(found) > MOST_ROWS:
+            raise NotReadable(f"more than {MOST_ROWS} rows; a batch has at most as many")
+        return found
 
     @contextmanager
     def transaction(self, *, synced: bool = True) -> Iterator[Database]:
@@ -100,7 +104,7 @@ class BatchStore:
         if self._db is None:
             if self.path.is_symlink() or self.path.exists():
                 expect_regular(self.path, Kind.JOURNAL)
-            db = open_database(self.path, only_reads=False, busy_s=BUSY_S)
+            db = open_database(self.path, only_reads=False, busy_s=BUSY_S, kind=Kind.JOURNAL)
             try:
                 if not db.expect_tables(COLUMNS):
                     _create(db)

@@ -39,13 +39,15 @@ class NotAStore(sqlite3.DatabaseError):
     """The file is a database, but not one that a recorder made."""
 
 
-def open_database(path: Path, *, only_reads: bool, busy_s: float) -> Database:
-    """Open the database at `path`; its log and index must be regular files too. Raises
-    sqlite3.Error, OSError.
+def open_database(
+    path: Path, *, only_reads: bool, busy_s: float, kind: Kind = Kind.STORE
+) -> Database:
+    """Open the database at `path`; its log and index must be regular files too, and none larger
+    than `kind` may be. Raises sqlite3.Error, OSError.
     """
     for one in (path, *(path.with_name(path.name + ending) for ending in ENDINGS)):
         if only_reads or one != path:  # the file itself may have to be created
-            _expect_regular(one, must_be_there=one == path)
+            _expect_regular(one, kind, must_be_there=one == path)
     address = f"file:{quote(str(path))}?mode={'ro' if only_reads else 'rwc'}"
     connection = sqlite3.connect(
         address,
@@ -66,9 +68,9 @@ def open_database(path: Path, *, only_reads: bool, busy_s: float) -> Database:
     return connection
 
 
-def _expect_regular(path: Path, *, must_be_there: bool) -> None:
+def _expect_regular(path: Path, kind: Kind, *, must_be_there: bool) -> None:
     try:
-        expect_regular(path, Kind.STORE)
+        expect_regular(path, kind)
     except FileNotFoundError:
         if must_be_there:
             raise sqlite3.OperationalError("unable to open database file") from None

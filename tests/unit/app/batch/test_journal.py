@@ -19,7 +19,7 @@ import pytest
 
 from jbclog.app.batch import store
 from jbclog.app.batch.executor import Timing
-from jbclog.app.batch.job_dir import JobDir
+from jbclog.app.batch.job_dir import PAGE, JobDir, JobResult, unread_serial
 from jbclog.app.batch.job_spec import BatchPlan, plan_batch
 from jbclog.app.batch.journal import Journal, begin, entries_in, home_of, newest
 from jbclog.app.batch.processes import result_of
@@ -225,6 +225,42 @@ def test_a_store_that_is_larger_than_any_batch_stops_everything(tmp_path: Path) 
         RecordError, match=r"has 67108865 bytes; a batch's journal has at most 67108864"
     ):
         newest(tmp_path, MEANS.utc)
+
+
+COUNT = "WITH RECURSIVE n(i) AS (VALUES (1) UNION ALL SELECT i + 1 FROM n WHERE i < {}) "
+
+
+def test_more_entries_than_any_batch_has_stop_everything(tmp_path: Path) -> None:
+    journal = begun(tmp_path, EXECUTION)
+    many = COUNT.format(store.MOST_ROWS + 1)
+    changed(journal.folder, f"{many} INSERT INTO journal (line) SELECT x'7b7d' FROM n")
+    with pytest.raises(RecordError, match=r"cannot be read: more than 100000 rows.*nothing was"):
+        newest(tmp_path, MEANS.utc)
+
+
+def test_a_log_that_is_larger_than_any_batch_stops_everything(tmp_path: Path) -> None:
+    journal = begun(tmp_path, EXECUTION)
+    journal.store.close()
+    with (journal.folder / f"{NAME}-wal").open("wb") as file:
+        file.truncate((64 << 20) + 1)
+    with pytest.raises(RecordError, match=r"batch.sqlite-wal has 67108865 bytes"):
+        newest(tmp_path, MEANS.utc)
+
+
+def test_events_are_read_a_page_at_a_time(tmp_path: Path) -> None:
+    journal = begun(tmp_path, EXECUTION)
+    job, count = JobDir(journal.folder / "jobs" / "a-1", journal.store), 2 * PAGE + 3
+    os.close(job.make(b"{}"))
+    line = """[1, "unit.next", "info", "", null, null, null, null, null, null, "S' || i || '"]"""
+    changed(
+        journal.folder,
+        f"{COUNT.format(count)} INSERT INTO event (attempt, line) SELECT 'a-1', '{line}' FROM n",
+    )
+    first, last = job.events(0)
+    assert (len(first), first[-1].raw, last) == (PAGE, f"S{PAGE}", PAGE)
+    assert [one.raw for one in job.each_event()] == [f"S{i}" for i in range(1, count + 1)]
+    job.set_result(JobResult(0))
+    assert unread_serial([job]) == f"S{count}"
 
 
 def test_a_store_that_was_removed_takes_no_more_entries(tmp_path: Path) -> None:
