@@ -109,10 +109,12 @@ def test_the_sizes_of_foreign_files_are_the_limits() -> None:
         "index of runs in the user's cache folder": (Kind.INDEX,),
         "guard's log, list of damage": (Kind.ACTION_LOG, Kind.DAMAGE),
         "lock; line, recipe or jobs file": (Kind.LOCK, Kind.SETTINGS),
-        "batch journal of an earlier release": (Kind.JOURNAL,),
+        "store of a batch (100 000 rows a query), batch journal of an earlier release": (
+            Kind.JOURNAL,
+        ),
         "audit ledger": (Kind.LEDGER,),
         "serial capture, part of a table": (Kind.WIRE, Kind.PART),
-        "live store, store of a batch": (Kind.STORE,),
+        "live store": (Kind.STORE,),
     }
     assert told.keys() == kinds.keys()
     assert all(LIMITS[kind] == told[names] for names, some in kinds.items() for kind in some)
