@@ -144,7 +144,7 @@ def page() -> str:
     follows = table(("stations", *(f"{one:,}".replace(",", " ") for one in STATIONS)), rows)
     most = plants[100_000]
     text = TEXT.format(
-        largest="5 million",
+        largest="100 million",
         measured=measured,
         run=RUN_STATIONS,
         month=SHIFTS_A_MONTH,
