@@ -164,6 +164,10 @@ def test_lived_through_again_the_tables_are_the_same(original: Path, tmp_path: P
     assert again.name[:16] == original.name[:16]
 
 
+LATE, AT_START = "<timeout>", 8
+"""What a counter says that did not answer; counters read before the first sample."""
+
+
 def test_recorded_again_at_its_own_pace(original: Path, tmp_path: Path) -> None:
     with served(original, tmp_path / "served") as replaying:
         assert replaying.stderr is not None
@@ -194,7 +198,11 @@ def test_recorded_again_at_its_own_pace(original: Path, tmp_path: Path) -> None:
         pd.testing.assert_frame_equal(
             first.settings(station)[written], second.settings(station)[written]
         )
-        assert second.counters(station)["raw"].to_list() == first.counters(station)["raw"].to_list()
+        before, after = (list(run.counters(station)["raw"]) for run in (first, second))
+        # a host that is late loses an answer, and what follows is asked at other times
+        whole = [*before, LATE].index(LATE), [*after, LATE].index(LATE)
+        assert after[: min(whole)] == before[: min(whole)]
+        assert min(whole) >= AT_START
         assert kinds(second, station) == kinds(first, station)
 
 
