@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from math import floor, inf
 from typing import NamedTuple
 
-from jbclog.core.capture_rows import CaptureRow, LinkRow
+from jbclog.core.capture_rows import CaptureRow, ResultRow
 from jbclog.protocol import frame, omega
 from jbclog.protocol.commands.command import Effect
 from jbclog.protocol.commands.robot import READINGS
@@ -50,7 +50,8 @@ class RecordedGrid(NamedTuple):
 class Exchange:
     """One recorded request, and what followed until the next; seconds count from the request.
 
-    `at_s` is its time on the recorder's clock; `stretch` the number of its stretch.
+    `at_s` is its time on the recorder's clock; `stretch` the number of its stretch. It `was_late`
+    where nothing had come when the session stopped waiting; what came then was not accepted.
     """
 
     question: bytes
@@ -59,6 +60,7 @@ class Exchange:
     replies: list[tuple[float, bytes]] = field(default_factory=list)
     lost_s: float | None = None  # when the link was lost
     back_s: float = inf
+    was_late: bool = False
 
     def lost(self, after_s: float) -> None:
         """Note that the link was lost, or is still down."""
@@ -92,9 +94,10 @@ def exchanges(rows: Iterable[CaptureRow], sampling_s: float | None = None) -> It
     """Yield the exchanges of a capture, in order. Bytes before the first request are dropped."""
     one, down_since, stretches = None, 0.0, _Stretches(sampling_s)
     for row in rows:
-        if not isinstance(row, LinkRow):
-            continue
-        if row.what == "sent":
+        if isinstance(row, ResultRow):
+            if one is not None and not one.replies:
+                one.was_late |= (row.what, row.request, row.size) == ("told", "ask", 0)
+        elif row.what == "sent":
             if one is not None:
                 yield one
             one = Exchange(row.data, row.at_s, stretches.of(row.data, row.at_s))
@@ -137,9 +140,9 @@ class Contents:
         return found
 
 
-# A doubtful answer is read again at once (`session/run/readings.py`), and so is a garbled one, with
-# a probe in between. These requests form one group: their answers confirm or contradict each other,
-# and a single one may be wrong. A group is replayed in order or skipped as a whole.
+# A doubtful answer is read again at once (`session/run/readings.py`), and so is a garbled or a late
+# one, with a probe in between. These requests form one group: their answers confirm or contradict
+# each other, and a single one may be wrong. A group is replayed in order or skipped as a whole.
 
 # from an answer to the next read of its group, at most: the recorder's host may have been busy
 LOOK_S = 0.25
@@ -152,7 +155,9 @@ CLEARED = tuple(command.letters for command in READINGS if command.effect is Eff
 
 
 def is_understood(one: Exchange) -> bool:
-    """Whether a correct frame arrived before the next request."""
+    """Whether a correct frame arrived in time."""
+    if one.was_late:
+        return False
     heard = received(one)
     if frame.only_reads(one.question):
         return any(isinstance(found, Frame) for found in FrameReader().feed(heard))

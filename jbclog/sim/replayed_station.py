@@ -9,7 +9,8 @@ Where the link was lost after a request, it is lost again, for the same time. Th
    afterwards (the stretches of `exchanges`). A write that comes sets the client's place, whatever
    it left out.
 3. The clocks of client and capture run alike. Time that a host loses in passing bytes on is
-   subtracted from the next answer. An answer well before the client's time is skipped where a later
+   subtracted from the next answer, except from one that came too late, which must not
+   come in time now. An answer well before the client's time is skipped where a later
    one is nearer, which `left_out` counts: a client that missed a tick gets the values of its
    present tick.
 4. A request and its second and third look are one group (`retry_groups`), replayed in order or
@@ -153,7 +154,8 @@ class ReplayedStation:
             self._note(one, now)
         self._asked, self._asked_at = question, now
         return [
-            Reply(now + self._delay_s(delay_s, behind_s), data) for delay_s, data in one.replies
+            Reply(now + (delay_s if one.was_late else self._delay_s(delay_s, behind_s)), data)
+            for delay_s, data in one.replies
         ]
 
     def _behind_s(self, one: Exchange, now: float) -> float:

@@ -379,6 +379,24 @@ def heard(one: ReplayedStation, question: bytes, *moments: float) -> list[bytes]
 DOUBTED = {5.5: (NONE,), 15.5: (SOME, NONE), 25.5: (NONE,)}
 
 
+def test_an_answer_that_came_too_late_then_does_not_come_in_time_now() -> None:
+    question = checked(b"\x020001RTT1\x03\x00")
+    late = tape(
+        *asked(2.0, MODEL, answer(b"SMN  DDE")),
+        row(2.02, "sent", question),
+        ResultRow(2.156, "told", "ask", 0, 2.02),
+        row(2.16, "heard", reading(320)),
+        *asked(2.18, MODEL, answer(b"SMN  DDE")),
+        *asked(2.2, question, reading(329)),
+    )
+    one = station(late, early_s=0.001)
+    one.receive(MODEL, 100.0)
+    # the client is 15 ms behind, its patience as long as then
+    assert one.receive(question, 100.035) == [(pytest.approx(100.175), reading(320))]
+    one.receive(MODEL, 100.195)
+    assert one.receive(question, 100.215) == [(pytest.approx(100.229, abs=0.02), reading(329))]
+
+
 def at_second(one: ReplayedStation, question: bytes, last: int) -> None:
     """Ask the model each second, and the other question behind the first."""
     for second in range(last + 1):
