@@ -117,12 +117,15 @@ def exchanges(rows: Iterable[CaptureRow], sampling_s: float | None = None) -> It
 
 @dataclass(slots=True)
 class Contents:
-    """A summary of a capture: its requests, the first of each stretch, and the time of the last."""
+    """A summary of a capture: its requests, the first of each stretch, the time of the last, and
+    those after which the link was lost.
+    """
 
     known: Counter[bytes] = field(default_factory=Counter)
     firsts: list[bytes] = field(default_factory=list)
     last_s: float = -inf
     sampled: bytes = b""  # the first request of the first tick; empty if not known
+    losses: list[Exchange] = field(default_factory=list)
 
     @classmethod
     def of(cls, recording: Iterable[Exchange]) -> Contents:
@@ -137,6 +140,8 @@ class Contents:
                 if one.stretch >= len(found.firsts):  # it begins with a write
                     found.firsts.append(one.question)
             found.last_s = one.at_s
+            if one.lost_s is not None:
+                found.losses.append(one)
         return found
 
 

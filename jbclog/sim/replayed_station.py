@@ -1,7 +1,8 @@
 """A recorded station, replayed from its capture without I/O: each request gets its recorded answer.
 
 Answers come as recorded, with their delay: whole, in pieces, corrupt, late, twice, or not at all.
-Where the link was lost after a request, it is lost again, for the same time. The rules:
+Where the link was lost after a request, it is lost again, for the same time, and on a sampling grid
+also for a client that left out this request. The rules:
 
 1. Each request has its own queue of answers, and each repetition takes the next: so a client with a
    slightly different order of requests gets the same values.
@@ -49,6 +50,8 @@ LATELY = 16  # exchanges for comparing the two clocks
 NEAR = 0.25
 MADE_GOOD_S = 0.02  # maximum difference of a request's time that its answer compensates
 LEFT = 0.5  # minimum share of a recorded delay
+# of a loss that the client missed: until it begins, and the shortest
+SOON_S, SHORTEST_S = 1e-3, 0.05
 # after the last recorded request, in which the last answers still count for a client that runs a
 # little longer
 OVER_S = 5.0
@@ -96,6 +99,7 @@ class ReplayedStation:
         self._lengths = sorted({len(question) for question in self._contents.known}, reverse=True)
         self._heard = b""
         self._outages: list[tuple[float, float]] = []
+        self._lost_after: set[float] = set()  # times of the exchanges that these came after
         self._stretch = 0
         self._again: Counter[bytes] = Counter()  # as `repeated`, in this stretch
         # clock of the capture minus the client's, of the last exchanges
@@ -146,6 +150,8 @@ class ReplayedStation:
 
     def _replies(self, question: bytes, now: float) -> list[Reply]:
         self._enter(question)
+        if self._loses_link(now):
+            return []
         one = self._next(question, now)
         if one is None:
             one, behind_s = self._once_more(question, now), 0.0
@@ -353,6 +359,30 @@ class ReplayedStation:
             self._is_in_time = True
 
     def _lose(self, one: Exchange, now: float) -> None:
-        """Lose the link if it was lost after this exchange."""
-        if one.lost_s is not None:
+        """Lose the link if it was lost after this exchange, and has not been since."""
+        if one.lost_s is not None and one.at_s not in self._lost_after:
+            self._lost_after.add(one.at_s)
             self._outages.append((now + one.lost_s, now + one.back_s))
+
+    def _loses_link(self, now: float) -> bool:
+        """Lose the link if the client's time has passed a loss: a busy client left out the request
+        before it, and there is nothing to repeat from after it.
+        """
+        if not self._tick_offsets:
+            return False
+        time_s = self._time(now) - MADE_GOOD_S
+        missed = [one for one in self._contents.losses if self._is_missed(one, time_s)]
+        for one in missed:
+            self._lost_after.add(one.at_s)
+            back_s = max(one.at_s + one.back_s - time_s, SHORTEST_S)
+            self._outages.append((now + SOON_S, now + back_s))
+        return bool(missed)
+
+    def _is_missed(self, one: Exchange, time_s: float) -> bool:
+        """Whether the link should have been lost after this exchange at `time_s`."""
+        return (
+            one.lost_s is not None
+            and one.stretch == self._stretch
+            and one.at_s not in self._lost_after
+            and one.at_s + one.lost_s < time_s
+        )

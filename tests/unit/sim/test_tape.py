@@ -405,6 +405,42 @@ def at_second(one: ReplayedStation, question: bytes, last: int) -> None:
             one.receive(question, 5.5)
 
 
+def lost_after(question: bytes) -> ReplayedStation:
+    """The model each second, and another request before a loss of 2.5 s, after which it waits."""
+    rows = [
+        *(one for second in range(12) for one in asked(5.0 + second, MODEL, answer(b"SMN  DDE"))),
+        *asked(16.5, question, NONE),
+        row(16.6, "lost"),
+        row(19.0, "failed"),
+        row(19.2, "opened"),
+        *(one for second in range(9) for one in asked(20.0 + second, MODEL, answer(b"SMN  DDE"))),
+    ]
+    return station(tape(*rows), ticks=RecordedGrid(5.0, 1.0))
+
+
+@pytest.mark.parametrize("asks", [False, True])
+def test_a_link_is_lost_once_whether_or_not_the_request_before_it_comes(asks: bool) -> None:
+    one = lost_after(ERROR)
+    at_second(one, MODEL, 11)
+    if asks:
+        one.receive(ERROR, 16.5)
+        assert one.next_plugging(16.5) == pytest.approx(16.6)
+    else:
+        assert one.receive(MODEL, 17.0) == []  # no answer from before is repeated
+        assert one.next_plugging(17.0) == pytest.approx(17.001)
+    assert [one.is_unplugged(at) for at in (17.1, 18.9, 19.2)] == [True, True, False]
+    assert all(len(one.receive(MODEL, 20.0 + second)) == 1 for second in range(9))
+    one.receive(ERROR, 28.5)
+    assert not one.is_unplugged(28.9)
+
+
+def test_a_client_that_slept_through_a_loss_notices_it() -> None:
+    one = lost_after(ERROR)
+    at_second(one, MODEL, 11)
+    assert one.receive(MODEL, 21.0) == []
+    assert [one.is_unplugged(at) for at in (21.0, 21.01, 21.2)] == [False, True, False]
+
+
 @pytest.mark.parametrize("early_s", [0.3, 0.05, 0.0, -0.05, -0.3])
 def test_a_doubted_answer_is_followed_by_the_one_that_was_believed_and_that_stands(
     early_s: float,
