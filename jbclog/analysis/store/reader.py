@@ -12,9 +12,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from deltalake import DeltaTable
 
 BATCH_ROWS: Final = 32_768  # as in a run's own row groups
+NO_ROW: Final = 2**63 - 1
 FILES: Final = "files"
 SHOWN: Final = (
     "operator",
@@ -70,7 +73,6 @@ class Store:
         self.place = place
         self._tables: dict[str, DeltaTable] = {} if runs is None else {RUNS: runs}
         self._datasets: dict[str, ds.Dataset] = {}
-        self._firsts: dict[str, Mapping[str, int]] = {}
 
     def table(self, name: str) -> DeltaTable:
         """Return a table at the version that is read. Raises `RecordError` for one of a newer
@@ -179,43 +181,24 @@ class Store:
         mine = pc.field("publication") == one.publication(table)
         chosen = mine if condition is None else mine & condition
         try:
-            fragments = self._fragments(table, one, mine)
-            expect_rows(
-                self.place, one, table, sum(count_rows(fragment, mine) for fragment in fragments)
-            )
             schema = self.dataset(table).schema
-            for fragment in fragments:
-                yield from (
-                    as_own(piece, table) for piece in chosen_rows(fragment, columns, chosen, schema)
-                )
+            spans = [span_of(one, mine, schema) for one in self._fragments(table, one, mine)]
+            expect_rows(self.place, one, table, sum(span.count for span in spans))
+            for piece in rows_in_order(spans, columns, chosen, schema):
+                yield as_own(piece, table)
         except (OSError, pa.ArrowException) as error:
             raise RecordError(
                 missing(self.place, one.identity.run, table, one_line(error))
             ) from error
 
     def _fragments(self, table: str, one: Published, mine: pc.Expression) -> list[ds.Fragment]:
-        """Return the files that may have the run's rows, in the order of the rows."""
+        """Return the files that may have the run's rows."""
         condition = _in_partitions([one.line], [one.month])
-        first = self._first_rows(table)
-        fragments = self.dataset(table).get_fragments(
-            filter=mine if condition is None else mine & condition
-        )
-        return sorted(fragments, key=lambda fragment: first.get(unquote(fragment.path), 0))
-
-    def _first_rows(self, table: str) -> Mapping[str, int]:
-        """Return the number of the first row of each file, by its path."""
-        if table not in self._firsts:
-            files = actions_of(self.table(table))
-            first = (
-                files["min.row"].to_pylist()
-                if "min.row" in files.column_names
-                else [0] * files.num_rows
+        return list(
+            self.dataset(table).get_fragments(
+                filter=mine if condition is None else mine & condition
             )
-            self._firsts[table] = {
-                unquote(path): row or 0
-                for path, row in zip(files["path"].to_pylist(), first, strict=True)
-            }
-        return self._firsts[table]
+        )
 
     def _published(self, row: Mapping[str, Any]) -> Published:
         facts: dict[str, Any] = {name: row[name] for name in SHOWN}
@@ -288,7 +271,7 @@ def _partition(file: Mapping[str, Any]) -> pc.Expression:
 
 # Where delta-rs removes some rows of a file, it writes the file anew with Arrow's views of texts as
 # types, which Arrow cannot compare with texts. Such a file is read first and filtered then.
-COMPARED: Final = ("publication", "metric", "station", "port", "time")
+COMPARED: Final = ("publication", "row", "metric", "station", "port", "time")
 
 
 def has_views(fragment: ds.Fragment) -> bool:
@@ -296,14 +279,67 @@ def has_views(fragment: ds.Fragment) -> bool:
     return any(pa.types.is_string_view(kind) for kind in fragment.physical_schema.types)
 
 
-def count_rows(fragment: ds.Fragment, condition: pc.Expression) -> int:
-    """Return the number of a file's rows that match."""
-    if not has_views(fragment):
-        return int(fragment.count_rows(filter=condition))
-    schema = fragment.physical_schema
-    return sum(
-        piece.num_rows for piece in chosen_rows(fragment, ["publication"], condition, schema)
-    )
+# A long run is committed in parts. Whoever joins files (`jbclog store compact`, delta-rs, Spark)
+# puts the parts, and those of other runs, in any order.
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """The rows of a run in one file: number of the first and of the last, how many they are, and
+    whether they are in order.
+    """
+
+    fragment: ds.Fragment
+    first: int
+    last: int
+    count: int
+    is_ordered: bool
+
+
+def span_of(fragment: ds.Fragment, mine: pc.Expression, schema: pa.Schema) -> Span:
+    """Return the span of the rows that match; without any, the first is behind all others."""
+    first, last, count, is_ordered, before = NO_ROW, -1, 0, True, -1
+    for piece in chosen_rows(fragment, ["row"], mine, schema):
+        numbers = piece["row"].to_numpy()
+        is_ordered &= bool((np.diff(numbers, prepend=before) > 0).all())
+        before, count = int(numbers[-1]), count + len(numbers)
+        first, last = min(first, int(numbers.min())), max(last, int(numbers.max()))
+    return Span(fragment, first, last, count, is_ordered)
+
+
+def rows_in_order(
+    spans: Iterable[Span], columns: Sequence[str], chosen: pc.Expression, schema: pa.Schema
+) -> Iterator[pa.Table]:
+    """Yield the rows that match, by their numbers, `BATCH_ROWS` or fewer at a time."""
+    found = sorted((span for span in spans if span.count), key=lambda span: span.first)
+    if all(span.is_ordered for span in found) and all(
+        before.last < after.first for before, after in pairwise(found)
+    ):
+        for span in found:
+            yield from chosen_rows(span.fragment, columns, chosen, schema)
+    else:
+        yield from _sorted_rows(found, columns, chosen, schema)
+
+
+def _sorted_rows(
+    spans: Sequence[Span], columns: Sequence[str], chosen: pc.Expression, schema: pa.Schema
+) -> Iterator[pa.Table]:
+    number, needed = pc.field("row"), [*dict.fromkeys([*columns, "row"])]
+    first, most = 0, sum(span.count for span in spans)
+    if max(span.last for span in spans) >= most:
+        raise OSError(f"its rows are numbered beyond {most - 1}")
+    while first < most:
+        behind = first + BATCH_ROWS
+        within = chosen & (number >= first) & (number < behind)
+        pieces = [
+            piece
+            for span in spans
+            if span.first < behind and first <= span.last
+            for piece in chosen_rows(span.fragment, needed, within, schema)
+        ]
+        if pieces:
+            yield pa.concat_tables(pieces).sort_by("row").select(list(columns))
+        first = behind
 
 
 def chosen_rows(

@@ -105,6 +105,15 @@ class Page:
         self.tab.keyboard.press(key)
         self.settle()
 
+    def tap(self, x: float, y: float, times: int = 1) -> None:
+        """A finger put down and lifted at once: after half a second it would be a long press, and
+        sooner after a movement the browser takes it for the end of that.
+        """
+        self.tab.wait_for_timeout(500)
+        for _ in range(times):
+            self.tab.touchscreen.tap(x, y)
+        self.settle()
+
     def touch(self, *moments: list[tuple[float, float]]) -> None:
         """Fingers put down at the first moment's places, moved through the others, and lifted."""
         for number, places in enumerate(moments):

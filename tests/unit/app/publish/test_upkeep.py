@@ -10,20 +10,23 @@ import shutil
 import socket
 from collections.abc import Iterator
 from datetime import timedelta
+from itertools import pairwise
 from pathlib import Path
 
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 from deltalake import DeltaTable, write_deltalake
 from typer.testing import CliRunner
 
 import jbclog
+from jbclog.analysis.run import Run
 from jbclog.analysis.store import contents, reader, schema
 from jbclog.analysis.store.place import Place, place_of
 from jbclog.analysis.store.reader import Store
 from jbclog.analysis.store.schema import DATA, PARTITIONS, PROPERTY, RUNS, TABLES
-from jbclog.app.publish import lease
+from jbclog.app.publish import commits, lease, publisher
 from jbclog.app.publish.commits import create_tables, fence
 from jbclog.app.publish.lease import Lease, live
 from jbclog.app.publish.publisher import Publisher, Result
@@ -243,6 +246,66 @@ def test_joined_files_have_the_same_rows_in_the_same_order(place: Place, filled:
     pd.testing.assert_frame_equal(
         jbclog.open_runs(place.url)[1].samples(), jbclog.open_runs(filled.url)[1].samples()
     )
+
+
+@pytest.fixture
+def in_parts(runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Place:
+    """A store to which each run was committed in ten parts, each larger than the one before."""
+
+    def split(run: Run, table: str) -> Iterator[pa.Table]:
+        for piece in contents.rows_of(run, table):
+            bounds = [2**part - 1 for part in range(10)]
+            ends = [*bounds[1:], piece.num_rows]
+            yield from (
+                piece.slice(begin, end - begin)
+                for begin, end in zip(bounds, ends, strict=True)
+                if begin < piece.num_rows
+            )
+
+    monkeypatch.setattr(publisher, "rows_of", split)
+    monkeypatch.setattr(commits, "BATCHES", 1)
+    place = place_of(tmp_path / "in parts")
+    with Publisher(place) as one:
+        for run in runs:
+            assert one.publish(run).result is Result.PUBLISHED
+    return place
+
+
+def test_a_run_in_parts_has_its_rows_in_order_after_compaction(
+    in_parts: Place, filled: Place
+) -> None:
+    assert compact(in_parts)["samples"][0] > 20
+    rows = DeltaTable(in_parts.of("samples")).to_pyarrow_table()["row"].to_pylist()
+    assert any(after < before for before, after in pairwise(rows) if after)  # not in order there
+    for here, there in zip(
+        jbclog.open_runs(filled.url), jbclog.open_runs(in_parts.url), strict=True
+    ):
+        for table in ("samples", "events", "joints", "alarms"):
+            pd.testing.assert_frame_equal(getattr(there, table)(), getattr(here, table)())
+        pd.testing.assert_frame_equal(
+            there.samples(columns=["tick"]), here.samples(columns=["tick"])
+        )
+
+
+def test_rows_in_any_order_come_in_theirs_a_piece_at_a_time(
+    place: Place, filled: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reader, "BATCH_ROWS", 7)
+    table = DeltaTable(place.of("samples")).to_pyarrow_table()
+    write_deltalake(place.of("samples"), table.sort_by([("row", "descending")]), mode="overwrite")
+    for here, there in zip(jbclog.open_runs(filled.url), jbclog.open_runs(place.url), strict=True):
+        pd.testing.assert_frame_equal(there.samples(), here.samples())
+
+
+def test_rows_with_strange_numbers_are_incomplete(place: Place) -> None:
+    table = DeltaTable(place.of("samples")).to_pyarrow_table()
+    numbers = pc.subtract(10**12, table["row"])
+    changed = table.set_column(table.schema.get_field_index("row"), "row", numbers)
+    write_deltalake(place.of("samples"), changed, mode="overwrite")
+    with pytest.raises(
+        RecordError, match="its samples are incomplete: its rows are numbered beyond"
+    ):
+        jbclog.open_runs(place.url)[0].samples()
 
 
 def test_an_annotation_after_compaction_is_a_version(

@@ -294,14 +294,12 @@ def test_a_trace_by_fingers(browser: Chromium) -> None:
         opened.touch([(x, y)], [(x + 20, y)], [(x + 40, y)])
         moved, _ = window(opened)
         assert moved < least - 1
-        seconds_of_page(opened, 0.5)  # a tap at once would end the movement, for the browser
-        opened.touch([(x, y)])
+        opened.tap(x, y)
         opened.until("document.getElementById('cursor').textContent")
         chosen = drawn_second(opened)
         seconds_of_page(opened, 1.5)
         assert drawn_second(opened) == pytest.approx(chosen, abs=0.001)
-        opened.touch([(x, y)])
-        opened.touch([(x, y)])
+        opened.tap(x, y, 2)
         opened.until("document.getElementById('whole').disabled")
         opened.js("document.getElementById('nearer').click()")
         opened.settle()
