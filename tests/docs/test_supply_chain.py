@@ -12,10 +12,13 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from importlib.metadata import distributions
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import jbclog
 from support.readers.texts import ROOT
@@ -25,7 +28,7 @@ LOCK = (CI / "requirements.lock").read_text(encoding="utf-8")
 LOCKED = {
     (name.lower(), version): set(re.findall(r"--hash=sha256:([0-9a-f]{64})", rest))
     for name, version, rest in re.findall(
-        r"^([\w.-]+)==(\S+)((?: \\\n    --hash=\S+)+)", LOCK, re.MULTILINE
+        r"^([\w.-]+)(?:\[[\w,-]+\])?==(\S+)((?: \\\n    --hash=\S+)+)", LOCK, re.MULTILINE
     )
 }
 TOOLS = Path(sys.executable).parent
@@ -48,6 +51,19 @@ def ended(
 def test_the_lock_is_read_whole() -> None:
     assert len(LOCKED) == LOCK.count("==") > 50
     assert all(LOCKED.values())
+
+
+def test_the_lock_names_the_extras_that_its_packages_ask_for() -> None:
+    """By hashes, pip takes `coverage==1` for `coverage[toml]` only while there is no later one."""
+    asked = {
+        f"{canonicalize_name(one.name)}[{','.join(sorted(one.extras))}]"
+        for found in distributions()
+        for one in map(Requirement, found.requires or ())
+        if one.extras
+        and (canonicalize_name(found.name), found.version) in LOCKED
+        and (one.marker is None or one.marker.evaluate({"extra": ""}))
+    }
+    assert asked <= {line.partition("==")[0] for line in LOCK.splitlines()}
 
 
 # -- known vulnerabilities -------------------------------------------------------------------------
