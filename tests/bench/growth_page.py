@@ -16,7 +16,13 @@ from jbclog.analysis.figures.canvas import new_figure, styled, svg_text
 
 STRAIGHT: Final = 0.15  # by which an exponent may differ from 0 (constant) or 1 (proportional)
 COLUMNS: Final = 3
-UNITS: Final = {"stations": "stations", "rates": "Hz", "lengths": "s", "folders": "runs"}
+UNITS: Final = {
+    "stations": "stations",
+    "rates": "Hz",
+    "lengths": "s",
+    "folders": "runs",
+    "stores": "rows",
+}
 WHY: Final[Mapping[tuple[str, str], str]] = {}
 """(part, figure) -> why its line is not straight; written by who measured it."""
 
