@@ -4,6 +4,7 @@ lines are not straight.
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 
@@ -23,14 +24,13 @@ def series(*values: float) -> list[Point]:
     ]
 
 
-def test_a_line_is_bent_that_is_neither_constant_nor_proportional() -> None:
-    assert not growth_page.is_bent(series(2.0, 20.0, 205.0), "s")
-    assert not growth_page.is_bent(series(2.0, 2.1, 2.0), "s")
-    assert growth_page.is_bent(series(2.0, 20.0, 2000.0), "s")
-    assert (
-        growth_page.exponents(series(2.0, 20.0, 2000.0), "s")
-        == "10 to 100: 1.00, 100 to 1,000: 2.00"
-    )
+def test_a_line_has_what_is_fixed_and_what_each_adds() -> None:
+    line = growth_page.line_of(series(3.0, 12.0, 102.0), "s")
+    assert (line.fixed, line.each) == (pytest.approx(2.0), pytest.approx(0.1))
+    assert line.departure < 0.001
+    assert growth_page.line_of(series(2.0, 2.1, 2.0), "s").departure < 0.05
+    assert growth_page.line_of(series(2.0, 20.0, 2000.0), "s").departure > 0.5
+    assert growth_page.line_of(series(0.0, 0.0, 0.0), "s") == (0.0, 0.0, 0.0)
 
 
 def test_the_page_has_a_table_a_picture_and_what_is_not_explained(tmp_path: Path) -> None:
@@ -39,9 +39,9 @@ def test_the_page_has_a_table_a_picture_and_what_is_not_explained(tmp_path: Path
     )
     assert [path.name for path in written] == ["growth.md", "growth-folders.svg"]
     text = written[0].read_text()
-    assert "| runs | 10 | 100 | 1,000 |" in text
-    assert "| s | 2 | 20 | 2e+03 |" in text
-    assert "- s: 10 to 100: 1.00, 100 to 1,000: 2.00. Not explained yet." in text
+    assert "| runs | 10 | 100 | 1,000 | fixed | each |" in text
+    assert re.search(r"^\| s \| 2 \| 20 \| 2e\+03 \| \S+ \| \S+ \|$", text, re.MULTILINE)
+    assert re.search(r"^- s: up to \d+ % from its line. Not explained yet.$", text, re.MULTILINE)
     assert "## rates" not in text
     assert written[1].read_text().startswith("<svg")
 

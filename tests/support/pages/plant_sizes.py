@@ -27,6 +27,7 @@ TEXT = """
 A figure that was measured on one machine says little about a plant. This page multiplies the measured costs of one station, one run and
 one file, so that whoever plans a plant sees what grows and what meets a limit first. **Nothing on it was tried at these sizes**: the largest
 run had 250 stations, the largest store that was read {largest} rows. A test makes the page from its figures (`tests/support/pages/plant_sizes.py`).
+[How cost grows](../reference/growth.md) has the sizes that were tried.
 
 ## What was measured
 
