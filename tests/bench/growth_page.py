@@ -41,7 +41,7 @@ Made by `python tests/bench/bench_growth.py --page`. Each part varies one thing 
 the rest. The last two columns are the straight line through the values: what does not depend on the
 size, and what each unit adds (least squares of relative errors, none below 0). Figures of which a
 value differs by more than 25 % from their line are listed below the table. In the pictures both
-axes are logarithmic, and the dashed line is proportional to the first point.
+axes are logarithmic, and the dashed line is that line.
 """
 
 
@@ -156,10 +156,11 @@ def drawing(name: str, series: Sequence[Point]) -> str:
                     axis.set_major_formatter(LogFormatter())
                     axis.set_minor_formatter(LogFormatter(minor_thresholds=(1, 0.4)))
                 axes.plot(*zip(*known, strict=True), marker="o", markersize=3)
-                (size, value), last = known[0], known[-1][0]
+                line = line_of(series, figure)
+                sizes = np.geomspace(known[0][0], known[-1][0], 50)
                 axes.plot(
-                    [size, last],
-                    [value, value * last / size],
+                    sizes,
+                    line.fixed + line.each * sizes,
                     linestyle="--",
                     linewidth=0.6,
                     color="0.5",
