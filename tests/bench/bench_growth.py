@@ -9,7 +9,7 @@ leaves out sizes beyond N. ``--page`` writes the reference page "How cost grows"
 from all points. ``--tiny`` tries it with the smallest sizes, in a file of their own, ``--short``
 the same in a folder that is removed.
 
-Run it on an idle machine. Stations and rates take 16 recordings of a minute (``--seconds``); the
+Run it on an idle machine. Stations and rates take 14 recordings of a minute (``--seconds``); the
 week is the longest of the rest.
 """
 
@@ -93,6 +93,7 @@ def recorded(line: Path, recipe: Path, out: Path, seconds: float) -> Figures:
     """Record a run in this process; CPU as a share of one core while all stations sample."""
     ours = record(line, recipe, out, seconds)
     return {
+        "recorded, s": seconds,
         "CPU, % of a core": ours.cpu_us * ours.exchanges / ours.seconds / 1e4,
         "CPU of an exchange, µs": ours.cpu_us,
         "late, median, ms": ours.late_ms[0],
@@ -218,7 +219,7 @@ PARTS: Final[Mapping[str, Part]] = {
     "stations": Part(
         of_stations.__doc__ or "", (1, 2, 5, 10, 25, 50, 100, 175, 250), (1, 2), of_stations
     ),
-    "rates": Part(of_rates.__doc__ or "", (1, 2, 5, 10, 20, 35, 50), (5, 10), of_rates),
+    "rates": Part(of_rates.__doc__ or "", (1, 2, 5, 10, 20), (5, 10), of_rates),
     "lengths": Part(
         of_lengths.__doc__ or "", (60, 600, 3_600, 28_800, 86_400, 604_800), (60, 120), of_lengths
     ),

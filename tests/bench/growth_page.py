@@ -24,14 +24,11 @@ UNITS: Final = {
     "stores": "rows",
 }
 SHARED: Final = "What a run costs however large it is, is shared by fewer exchanges or rows."
-SELDOM: Final = "At few stations it is the worst three or so of all ticks: pauses of the machine."
 WHY: Final[Mapping[tuple[str, str], str]] = {
     ("stations", "CPU of an exchange, µs"): SHARED,
     ("stations", "bytes of a row"): SHARED,
-    ("stations", "late, 99 %, ms"): SELDOM,
     ("rates", "CPU of an exchange, µs"): SHARED,
     ("rates", "bytes of a row"): SHARED,
-    ("rates", "late, 99 %, ms"): SELDOM,
 }
 """(part, figure) -> why its line is not straight; written by who measured it."""
 
@@ -128,6 +125,8 @@ def line_of(series: Sequence[Point], figure: str) -> Line:
     if not known:
         return Line(0.0, 0.0, 0.0)
     sizes, values = np.array(known).T
+    if np.ptp(values) == 0:
+        return Line(values[0], 0.0, 0.0)
     (fixed, each), _ = nnls(np.column_stack([1 / values, sizes / values]), np.ones(len(known)))
     return Line(fixed, each, float(np.abs((fixed + each * sizes) / values - 1).max()))
 

@@ -33,6 +33,7 @@ from support.links.far_ends import (
     open_descriptors,
     rfc2217_server,
     server,
+    settled_descriptors,
     terminal,
 )
 
@@ -225,7 +226,7 @@ def _opened_within(seconds: float, url: str) -> Port:
 
 def test_a_port_costs_one_descriptor() -> None:
     with terminal() as far, server() as other:
-        before = open_descriptors()
+        before = settled_descriptors()
         device = open_port(far.url, LINE)
         assert open_descriptors() == before + 1
         device.close()
@@ -394,7 +395,7 @@ def test_a_server_that_does_not_speak_rfc2217() -> None:
 
 
 def test_a_failed_opening_leaves_nothing_open() -> None:
-    before = open_descriptors()
+    before = settled_descriptors()
     with terminal() as far:
         port = open_port(far.url, LINE)
         for _ in range(20):
@@ -415,7 +416,7 @@ def test_an_opening_that_memory_is_refused_for_locks_nobody_out(
     def refuse(*_: object) -> None:
         raise MemoryError
 
-    before = open_descriptors()
+    before = settled_descriptors()
     with terminal() as far:
         with monkeypatch.context() as patch:
             patch.setattr(opening, step, refuse)

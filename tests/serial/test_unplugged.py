@@ -20,7 +20,14 @@ from jbclog.core.errors import LinkError
 from jbclog.core.serial_line import LineFormat
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import BROKEN, CLOSE_S, DescriptorPort, ObjectPort, Port, close_in_thread
-from support.links.far_ends import Terminal, open_descriptors, rfc2217_server, server, terminal
+from support.links.far_ends import (
+    Terminal,
+    open_descriptors,
+    rfc2217_server,
+    server,
+    settled_descriptors,
+    terminal,
+)
 
 LINE = LineFormat()
 QUESTION = b"\x020001RTT1\x03c"
@@ -291,7 +298,7 @@ def test_bytes_that_the_far_end_never_took_do_not_hold_up_closing() -> None:
 
 def test_nothing_stays_open_over_200_openings() -> None:
     with terminal() as far, server() as other:
-        before = open_descriptors()
+        before = settled_descriptors()
         for round_ in range(200):
             port = open_port(far.url, LINE)
             if round_ % 2:
@@ -304,7 +311,7 @@ def test_nothing_stays_open_over_200_openings() -> None:
 
 
 def test_nothing_stays_open_over_50_pulled_cables() -> None:
-    before = open_descriptors()
+    before = settled_descriptors()
     for _ in range(50):
         with terminal() as far:
             port = open_port(far.url, LINE)

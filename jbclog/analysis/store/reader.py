@@ -182,8 +182,16 @@ class Store:
         chosen = mine if condition is None else mine & condition
         try:
             schema = self.dataset(table).schema
-            spans = [span_of(one, mine, schema) for one in self._fragments(table, one, mine)]
+            files = self._fragments(table, one, mine)
+            spans = [span_of(fragment, mine, schema) for fragment in files]
             expect_rows(self.place, one, table, sum(span.count for span in spans))
+            last = max((span.last for span in spans), default=-1)
+            if last >= one.rows[table]:
+                raise RecordError(
+                    f"{self.place}: {one.identity.run}: its {table} have a row numbered {last}, and"
+                    f" only {one.rows[table]} rows: another program wrote them. Publish the run"
+                    " into a new store"
+                )
             for piece in rows_in_order(spans, columns, chosen, schema):
                 yield as_own(piece, table)
         except (OSError, pa.ArrowException) as error:
@@ -326,8 +334,6 @@ def _sorted_rows(
 ) -> Iterator[pa.Table]:
     number, needed = pc.field("row"), [*dict.fromkeys([*columns, "row"])]
     first, most = 0, sum(span.count for span in spans)
-    if max(span.last for span in spans) >= most:
-        raise OSError(f"its rows are numbered beyond {most - 1}")
     while first < most:
         behind = first + BATCH_ROWS
         within = chosen & (number >= first) & (number < behind)

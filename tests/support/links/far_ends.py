@@ -5,6 +5,7 @@ all real.
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import pty
 import select
@@ -146,6 +147,15 @@ def rfc2217_server(terminal: Terminal) -> Iterator[Rfc2217Server]:
         yield made
     finally:
         made.end()
+
+
+def settled_descriptors() -> int:
+    """How many this process has open once earlier tests' garbage is collected.
+
+    Else it could be collected between a count and the next, which would then differ.
+    """
+    gc.collect()
+    return open_descriptors()
 
 
 def open_descriptors() -> int:

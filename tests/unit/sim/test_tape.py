@@ -10,7 +10,7 @@ from math import inf
 import pytest
 
 from jbclog.core.capture_rows import CaptureRow, LinkRow, LinkRowKind, ResultRow
-from jbclog.sim.recorded_exchanges import RecordedGrid, exchanges
+from jbclog.sim.recorded_exchanges import RecordedGrid, exchanges, retry_groups
 from jbclog.sim.replayed_station import ReplayedStation
 
 Q1, Q2, A1, A2, A3 = (
@@ -395,6 +395,8 @@ def test_an_answer_that_came_too_late_then_does_not_come_in_time_now() -> None:
     assert one.receive(question, 100.035) == [(pytest.approx(100.175), reading(320))]
     one.receive(MODEL, 100.195)
     assert one.receive(question, 100.215) == [(pytest.approx(100.229, abs=0.02), reading(329))]
+    groups = [len(group.all) for group in retry_groups(exchanges(late))]
+    assert max(groups) == 2  # the late one is replayed with its repetition, or not at all
 
 
 def at_second(one: ReplayedStation, question: bytes, last: int) -> None:
@@ -432,6 +434,13 @@ def test_a_link_is_lost_once_whether_or_not_the_request_before_it_comes(asks: bo
     assert all(len(one.receive(MODEL, 20.0 + second)) == 1 for second in range(9))
     one.receive(ERROR, 28.5)
     assert not one.is_unplugged(28.9)
+
+
+def test_a_loss_before_the_client_s_place_is_none() -> None:
+    ticks = (one for second in range(9) for one in asked(5.0 + second, MODEL, answer(b"SMN  DDE")))
+    before = [*asked(2.0, ERROR, NONE), row(2.1, "lost"), row(4.0, "opened")]
+    one = station(tape(*before, *ticks), ticks=RecordedGrid(5.0, 1.0))
+    assert all(len(one.receive(MODEL, 5.0 + second)) == 1 for second in range(9))
 
 
 def test_a_client_that_slept_through_a_loss_notices_it() -> None:
