@@ -92,20 +92,20 @@ def served(run: Path, folder: Path, *options: str) -> Iterator[subprocess.Popen[
 def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run in the field: corrupt frames and an outage on one station, time-outs on the other.
 
-    The cable is out at a fixed time of the station's life: on a busy machine that can be when the
-    run ends. Then another is made.
+    The cable is out at a fixed time of the station's life: on a busy machine that can be while the
+    run starts. Then another is made, whose cable is out later.
     """
-    for _ in range(5):
+    for attempt in range(5):
         place = tmp_path_factory.mktemp("field")
-        ended = recorded_in(place)
+        ended = recorded_in(place, cable_out_at_s=3.2 + 1.5 * attempt)
         if ended.returncode != EXIT_STATION:
             break
     assert ended.returncode in (0, 1), ended.stderr
     return only_run(place / "runs")
 
 
-def recorded_in(place: Path) -> subprocess.CompletedProcess[str]:
-    (place / "line.toml").write_text(LINE)
+def recorded_in(place: Path, cable_out_at_s: float) -> subprocess.CompletedProcess[str]:
+    (place / "line.toml").write_text(LINE.replace("at_s = 3.2", f"at_s = {cable_out_at_s}"))
     with SimProcess(place / "line.toml", place / "bench") as stations:
         options = (
             "--line",
