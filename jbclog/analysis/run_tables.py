@@ -26,7 +26,7 @@ from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.tables import bounds_of
 from jbclog.core.rows import StationFacts
 from jbclog.core.text import shortened
-from jbclog.record.annotations import BEGIN, COLUMNS, END, late_serials, only_unit, units_in
+from jbclog.record.annotations import late_serials
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
 from jbclog.record.conclude import known_stations
 from jbclog.record.manifest import NAME as MANIFEST
@@ -36,6 +36,7 @@ from jbclog.record.schema import SCHEMAS
 from jbclog.record.sealed_files import expect_manifest_unchanged, expect_unchanged
 from jbclog.record.store import segments
 from jbclog.record.store_reader import StoreReader
+from jbclog.record.units import BEGIN, COLUMNS, END, only_unit, units_in
 
 Moment = str | datetime | pd.Timestamp
 """A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no

@@ -92,16 +92,17 @@ class Records:
     def metrics(
         self, run: Found, names: Collection[str], station: str | None = None
     ) -> list[MetricRow]:
-        known = self._known(run)
+        known = self.known(run)
         if known is not None:
             return [row for row in known if station in (None, row.station)]
         from jbclog.analysis.run_metrics import computed_metrics, metric_rows_of
 
         return (metric_rows_of if self.stored else computed_metrics)(open_run(run.folder), station)
 
-    def _known(self, run: Found) -> list[MetricRow] | None:
-        """Return what is stored, without parsing the manifest again where it is still the one that
-        was found.
+    def known(self, run: Found) -> list[MetricRow] | None:
+        """Return what a report or the recorder left; None where it is missing or of another run.
+
+        The manifest is not parsed again where it is still the one that was found.
         """
         if run.state != SEALED or run.changed is not None or not (self.stored or self.cache):
             return None

@@ -19,13 +19,12 @@ from jbclog.core.capture_rows import CaptureRow, ResultRow
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import UsageError
 from jbclog.core.io_requests import Steps
-from jbclog.core.rows import NoJournal, StationFacts
+from jbclog.core.rows import TABLES, NoJournal, StationFacts
 from jbclog.record import sealed_files
 from jbclog.record.capture import Head, read_exchanges, read_to_hole, wire_path, wire_paths
 from jbclog.record.compare import Compared, Comparison, compare_records
 from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import NAME, Lost, Manifest, read_manifest
-from jbclog.record.schema import TABLES
 from jbclog.session.run.context import AS_FAST_AS_POSSIBLE, SessionContext
 from jbclog.session.run.station_run import run_station
 from jbclog.sim.recorded_exchanges import RecordedGrid

@@ -34,6 +34,8 @@ MOST_SHOWN = 10_000  # characters of a line or cell; --json has all of it
 
 def shown(text: str) -> str:
     """Return a text as it is shown: on one line, without hidden characters, of bounded length."""
+    if len(text) <= MOST_SHOWN and text.isprintable():
+        return text
     return shortened(clean(text), MOST_SHOWN)
 
 
@@ -97,17 +99,21 @@ def table_lines(
 
 
 def _padded(column: Sequence[str]) -> list[str]:
-    from rich.cells import cell_len
-
-    lengths = [cell_len(cell) for cell in column]
+    lengths = [len(cell) if cell.isascii() else _cell_len(cell) for cell in column]
     width = max(lengths) + GAP
     return [cell + " " * (width - length) for cell, length in zip(column, lengths, strict=True)]
 
 
-def _cut(cell: str, most: int) -> str:
-    from rich.cells import cell_len, set_cell_size
+def _cell_len(cell: str) -> int:
+    from rich.cells import cell_len
 
-    return cell if cell_len(cell) <= most else set_cell_size(cell, most - 1) + "…"
+    return cell_len(cell)
+
+
+def _cut(cell: str, most: int) -> str:
+    from rich.cells import set_cell_size
+
+    return cell if _cell_len(cell) <= most else set_cell_size(cell, most - 1) + "…"
 
 
 def _echo(lines: list[str], *, err: bool) -> None:

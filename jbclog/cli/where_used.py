@@ -62,7 +62,6 @@ def where_used(
       jbclog where-used --station dde-1 --port 1
     """
     from jbclog.analysis.store.place import is_store, place_of
-    from jbclog.analysis.store.runs import StoredFolders
     from jbclog.app.index.run_index import run_index
     from jbclog.cli.runs import moment
     from jbclog.maintenance.suspect_runs import where_used as suspects
@@ -75,6 +74,8 @@ def where_used(
             raise UsageError(
                 "a store has no verifications: give --verifications DIR, or --since TIME"
             )
+        from jbclog.analysis.store.runs import StoredFolders
+
         place = place_of(folder)
         runs = StoredFolders(place)
         found = suspects(

@@ -13,6 +13,10 @@ from typing import Final, NamedTuple, Protocol
 
 from jbclog.core.states import StationOutcome
 
+SCHEMA_VERSION: Final = 1
+TABLES: Final = ("samples", "events", "settings", "counters")
+"""The tables of a run, which `record/schema.py` defines."""
+
 SampleRow = list[object]
 """One tick of one port, in the order of `SAMPLE_COLUMNS`."""
 

@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from jbclog.core.rows import EventRow, Severity
 from jbclog.live.states import Counter, NumberedEvent, Setting
-from jbclog.record.annotations import BEGIN, END
+from jbclog.record.units import BEGIN, END
 
 MOST_EVENTS: Final = 1000  # that are kept for showing
 

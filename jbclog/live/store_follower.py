@@ -10,10 +10,10 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.core.errors import RecordError
+from jbclog.core.rows import SCHEMA_VERSION, TABLES
 from jbclog.live.sqlite_pages import DatabasePages, Malformed
 from jbclog.live.sqlite_rows import Row, Value, roots, row, rows
 from jbclog.record.batches import Batch, Damaged, decode
-from jbclog.record.schema import SCHEMA_VERSION, TABLES
 from jbclog.record.store import FACTS, META, segments
 
 MOST_DAMAGE: Final = 100  # entries that are kept

@@ -1,5 +1,4 @@
-"""Annotations of a sealed run: acknowledgements, late serials, tools made safe later; and the units
-of a run.
+"""Annotations of a sealed run: acknowledgements, late serials, tools made safe later.
 
 A sealed record never changes; later facts are lines of `annotations.jsonl`: who, when, what, why.
 Each line holds the SHA-256 of the line before it, the first that of the manifest, and its own hash:
@@ -14,16 +13,13 @@ the fingerprint: a report contains the fingerprint, and would change it.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from itertools import accumulate
 from pathlib import Path
 from typing import Final
-
-import pyarrow as pa
-import pyarrow.compute as pc
 
 from jbclog.core.durable_files import (
     add_line,
@@ -37,8 +33,6 @@ from jbclog.core.durable_files import (
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import builder, decoder
-from jbclog.record.manifest import Unit, iso
-from jbclog.record.parts import row_groups
 
 NAME: Final = "annotations.jsonl"
 MANIFEST: Final = "manifest.json"
@@ -222,33 +216,7 @@ def _first_link(folder: Path) -> str:
     return sha256(data)
 
 
-# A unit lasts from its `unit.begin` to its `unit.end`, or to the begin of the next; after a crash
-# it has no end. A serial named after sealing is an annotation `unit.late`. A joint belongs to the
-# unit at its time. If no serial was read during a run, all joints belong to the one unit named at
-# its start or later; if several were named, their unit is not known.
-
-BEGIN, END, LATE = "unit.begin", "unit.end", "unit.late"
-COLUMNS: Final = ["time", "kind", "raw"]
-
-
-def units_of(folder: Path) -> list[Unit]:
-    """Return the units of a run, from its sealed events."""
-    return units_in(row_groups(folder, "events", COLUMNS))
-
-
-def units_in(events: Iterable[pa.Table]) -> list[Unit]:
-    """Return the units that events report; `events` have `COLUMNS`, oldest first."""
-    found: list[Unit] = []
-    for group in events:
-        marks = group.filter(pc.is_in(group["kind"], pa.array([BEGIN, END])))
-        for micros, kind, raw in zip(
-            *(column.to_pylist() for column in _plain(marks)), strict=True
-        ):
-            if found and found[-1].end is None:
-                found[-1] = replace(found[-1], end=iso(micros))
-            if kind == BEGIN:
-                found.append(Unit(raw or "", iso(micros)))
-    return found
+LATE: Final = "unit.late"  # of a serial that was named after sealing
 
 
 def late_serials(folder: Path) -> list[str]:
@@ -262,15 +230,3 @@ def late_serials(folder: Path) -> list[str]:
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
     return [said.what for said in read(folder).said if said.kind == LATE]
-
-
-def only_unit(named: Sequence[str], late: Sequence[str]) -> str | None:
-    """Return the unit of a run without serials read: the one that people named, None if none or
-    several.
-    """
-    serials = {*named, *late}
-    return serials.pop() if len(serials) == 1 else None
-
-
-def _plain(marks: pa.Table) -> list[pa.ChunkedArray]:
-    return [marks["time"].cast(pa.int64()), marks["kind"], marks["raw"]]

@@ -23,10 +23,10 @@ from jbclog.core.durable_files import lines_in, sha256
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import read_json
-from jbclog.core.rows import SIGNAL_COLUMNS, quality_of
+from jbclog.core.rows import SIGNAL_COLUMNS, TABLES, quality_of
 from jbclog.record import capture, chains, conclude, guard_actions, report_repeats, sealed_files
 from jbclog.record.annotations import NAME as ANNOTATIONS
-from jbclog.record.annotations import REPORT, Annotations, read, units_of
+from jbclog.record.annotations import REPORT, Annotations, read
 from jbclog.record.chains import broken_links, is_head, short_head
 from jbclog.record.conclude import CACHES, files_of, is_later, is_of_report, live_files, sealed_file
 from jbclog.record.guard_actions import plain_events
@@ -43,7 +43,7 @@ from jbclog.record.manifest import (
     wrong_digest,
 )
 from jbclog.record.parts import part_paths, read_through, row_groups
-from jbclog.record.schema import TABLES
+from jbclog.record.units import units_of
 
 # Hashes inside a folder reveal accidental and hasty changes. Whoever recomputes all of them is
 # revealed only by hashes kept

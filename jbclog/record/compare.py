@@ -13,9 +13,10 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.rows import TABLES
 from jbclog.record.manifest import read_manifest
 from jbclog.record.parts import row_groups
-from jbclog.record.schema import SCHEMAS, TABLES
+from jbclog.record.schema import SCHEMAS
 
 LEFT_OUT: Final = frozenset({"time", "earliest", "seq", "prev_sha256"})
 DERIVED: Final = "alarm.episode."

@@ -23,11 +23,10 @@ from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import metadata_of, open_table
 from jbclog.core.locks import FolderLock, commit_status
-from jbclog.core.rows import EventRow, Severity, StationFacts
+from jbclog.core.rows import TABLES, EventRow, Severity, StationFacts
 from jbclog.core.states import SafetyResult
 from jbclog.record import capture, guard_actions
 from jbclog.record.annotations import NAME as ANNOTATIONS
-from jbclog.record.annotations import units_of
 from jbclog.record.folder import METRICS_CACHE
 from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import (
@@ -54,9 +53,9 @@ from jbclog.record.parts import (
     summary_of,
     through,
 )
-from jbclog.record.schema import TABLES
 from jbclog.record.store import companions, segments
 from jbclog.record.store_reader import StoreReader
+from jbclog.record.units import units_of
 
 _build_station_facts: Final = builder(StationFacts)
 

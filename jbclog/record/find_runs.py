@@ -24,6 +24,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
 from jbclog.core.foreign.json_reader import decoder, expect_period, expect_year
 from jbclog.core.locks import is_held
+from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.core.text import shortened
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import late_serials
@@ -38,7 +39,6 @@ from jbclog.record.manifest import (
     Unit,
     why_changed,
 )
-from jbclog.record.schema import SCHEMA_VERSION
 
 MOST_WHY: Final = 500  # characters of why a manifest cannot be read
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"

@@ -29,10 +29,18 @@ from typing import Final
 
 from jbclog.core.errors import RecordError, cause
 from jbclog.core.locks import CommitStatus, FolderLock
-from jbclog.core.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
+from jbclog.core.rows import (
+    SCHEMA_VERSION,
+    TABLES,
+    CounterRow,
+    EventRow,
+    SampleRow,
+    SettingRow,
+    Severity,
+    StationFacts,
+)
 from jbclog.record.batches import BARE, ROWS_A_BATCH, Batch, NotRows, encode, keep_pandas_out
 from jbclog.record.chains import Chain
-from jbclog.record.schema import SCHEMA_VERSION, TABLES
 from jbclog.record.seal import SealChild
 from jbclog.record.store import FACTS, META, StoreWriter
 

@@ -25,9 +25,8 @@ from jbclog.core.foreign.json_reader import (
     json_of,
     read_json,
 )
-from jbclog.core.rows import Goal, StationFacts, TipCheck
+from jbclog.core.rows import SCHEMA_VERSION, Goal, StationFacts, TipCheck
 from jbclog.record.manifest_counts import MOST, expect_counts
-from jbclog.record.schema import SCHEMA_VERSION
 
 NAME: Final = "manifest.json"
 MOST_SAID: Final = 500

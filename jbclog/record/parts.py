@@ -26,7 +26,8 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, NotReadable, is_plain_folder, read_foreign
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
-from jbclog.record.schema import SCHEMAS, TABLES
+from jbclog.core.rows import TABLES
+from jbclog.record.schema import SCHEMAS
 
 # Damage is noted as JSON lines in `damage.jsonl` before the work continues, and the manifest
 # includes the notes. Damaged files are set aside in `damaged/`.

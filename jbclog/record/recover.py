@@ -22,7 +22,7 @@ import pyarrow as pa
 from jbclog.core.errors import RecordError, Unsafe
 from jbclog.core.foreign.files import expect_answer
 from jbclog.core.locks import FolderLock, commit_status
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import TABLES, StationFacts
 from jbclog.record import capture, guard_actions, parts, sealed_files
 from jbclog.record.capture_file import NOT_OURS
 from jbclog.record.conclude import (
@@ -53,7 +53,6 @@ from jbclog.record.manifest import (
     wrong_digest,
 )
 from jbclog.record.parts import part_paths, read_through, remove_leavings, remove_unfinished
-from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import refuse_newer, segments
 from jbclog.record.store_reader import StoreReader

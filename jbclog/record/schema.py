@@ -13,7 +13,7 @@ from typing import Final
 
 import pyarrow as pa
 
-SCHEMA_VERSION: Final = 1
+from jbclog.core.rows import SCHEMA_VERSION, TABLES
 
 TIME: Final = pa.timestamp("us", tz="UTC")
 INT: Final = pa.int64()
@@ -143,11 +143,5 @@ def _schema(columns: Sequence[Column]) -> pa.Schema:
 
 
 SCHEMAS: Final[Mapping[str, pa.Schema]] = MappingProxyType(
-    {
-        "samples": _schema(SAMPLES),
-        "events": _schema(EVENTS),
-        "settings": _schema(SETTINGS),
-        "counters": _schema(COUNTERS),
-    }
+    dict(zip(TABLES, map(_schema, (SAMPLES, EVENTS, SETTINGS, COUNTERS)), strict=True))
 )
-TABLES: Final = tuple(SCHEMAS)

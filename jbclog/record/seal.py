@@ -25,9 +25,9 @@ import pyarrow as pa
 
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import FolderLock
+from jbclog.core.rows import TABLES
 from jbclog.record import parts
 from jbclog.record.parts import regroup, remove_leavings, through, write_part
-from jbclog.record.schema import TABLES
 from jbclog.record.store import Segment, segments
 from jbclog.record.store_reader import StoreReader
 

@@ -22,8 +22,8 @@ from typing import Final
 from jbclog.core.durable_files import sync_file, sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.database import Database, NotAStore, open_database
+from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.record.batches import MOST_PACKED, Batch
-from jbclog.record.schema import SCHEMA_VERSION
 
 MOST_BATCHES: Final = 2_000_000  # of a file: more than two weeks of commits that were never sealed
 MOST_NOTES_BYTES: Final = 16 << 20  # 250 stations take below one

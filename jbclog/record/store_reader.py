@@ -14,9 +14,9 @@ import pyarrow as pa
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.database import NotAStore
+from jbclog.core.rows import TABLES
 from jbclog.record.batches import MOST_ROWS, Damaged, decode
 from jbclog.record.parts import ROWS_A_GROUP, Damage, through
-from jbclog.record.schema import TABLES
 from jbclog.record.store import FACTS, META, Segment, segments
 
 LEAST_BYTES: Final = 1024  # no batch is smaller, so no file holds more batches than this says

@@ -20,6 +20,7 @@ import pytest
 from jbclog.analysis.run import open_run
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import is_held
+from jbclog.core.rows import TABLES
 from jbclog.guard.open_leases import settle
 from jbclog.record.capture import WHOLE
 from jbclog.record.chains import previous_run
@@ -28,7 +29,6 @@ from jbclog.record.conclude import files_of
 from jbclog.record.folder import create_run
 from jbclog.record.manifest import NAME, read_manifest, write_manifest
 from jbclog.record.recover import Outcome, recover, recover_all
-from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.report.write import report_files
 from support.faults.altered_files import (

@@ -35,6 +35,7 @@ from jbclog.config.recipe_settings import settings_for, station_settings_for
 from jbclog.config.toml_reader import MAX_PROBLEMS
 from jbclog.core.errors import Problems, RecordError
 from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.rows import TABLES
 from jbclog.core.serial_line import BAUDRATES
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import StationLease, read_leases, why_unreadable
@@ -58,7 +59,6 @@ from jbclog.record.find_runs import find
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import RunState, manifest_text, read_manifest, write_manifest
 from jbclog.record.recover import recover
-from jbclog.record.schema import TABLES
 from jbclog.record.sealed_files import losses
 from jbclog.record.store_reader import StoreReader
 from support.faults.mutations import CORPUS, JUNK, altered, cases, corpus, json_cases

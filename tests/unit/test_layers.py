@@ -151,6 +151,19 @@ def test_help_is_light() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    "words", [["runs"], ["where-used", "--station", "dde-1", "--since", "2026-01-01"]]
+)
+def test_finding_runs_is_light(words: list[str], tmp_path: Path) -> None:
+    call = (
+        "from typer.testing import CliRunner; from jbclog.cli.app import app;"
+        f" CliRunner().invoke(app, {[*words, str(tmp_path)]!r})"
+    )
+    assert loaded_by(
+        call, *HEAVY, "numpy", "pyarrow", "scipy", "deltalake", "jbclog.app.index.run_index"
+    ) == {"jbclog.app.index.run_index"}
+
+
 def test_the_recorder_loads_no_heavy_package() -> None:
     path = (
         "import jbclog.cli.run, jbclog.cli.progress, jbclog.app.run.plan, jbclog.app.run.runner,"

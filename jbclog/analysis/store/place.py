@@ -1,5 +1,5 @@
 """Where a store is, a folder, a network share or ``s3://BUCKET/PATH``, and how its tables and files
-are opened.
+are opened. Arrow is loaded where a store is opened: finding runs in folders needs none.
 
 Everything goes through the `deltalake` library, which takes credentials from the environment. Its
 errors can repeat what a server
@@ -17,15 +17,13 @@ from datetime import datetime
 from pathlib import Path, PosixPath
 from typing import TYPE_CHECKING, Final
 
-import pyarrow as pa
-import pyarrow.fs as pf
-
 from jbclog.core.errors import StoreError, UsageError
 from jbclog.core.foreign.files import expect_answer
 from jbclog.core.text import clean, shortened
 from jbclog.record.folder import RUN_NAME
 
 if TYPE_CHECKING:
+    import pyarrow.fs as pf
     from deltalake import DeltaTable
 
 S3: Final = re.compile(r"s3a?:/+(.+)", re.DOTALL)  # a `Path` has lost one of the slashes
@@ -112,6 +110,8 @@ class Place:
 
     def files(self) -> pf.FileSystem:
         """Return the store as a file system, in which names are relative to it."""
+        import pyarrow.fs as pf
+
         if self.is_remote:
             from deltalake.fs import DeltaStorageHandler
 
@@ -122,6 +122,8 @@ class Place:
         """Return all files below a folder of the store; none where it is missing. Raises
         `StoreError`.
         """
+        import pyarrow.fs as pf
+
         with explained(self.url):
             found = self.files().get_file_info(
                 pf.FileSelector(folder, allow_not_found=True, recursive=True)
@@ -134,6 +136,8 @@ class Place:
 
     def remove(self, folder: str) -> None:
         """Remove a folder of the store, if it is there. Raises `StoreError`."""
+        import pyarrow.fs as pf
+
         with explained(self.url):
             files = self.files()
             if files.get_file_info(pf.FileSelector(folder, allow_not_found=True)):
@@ -193,10 +197,11 @@ def expect_library() -> None:
 def explained(url: str) -> Iterator[None]:
     """Turn the errors of the library into a `StoreError` of one line."""
     from deltalake.exceptions import DeltaError
+    from pyarrow import ArrowException
 
     try:
         yield
-    except (DeltaError, OSError, pa.ArrowException, ValueError) as error:
+    except (DeltaError, OSError, ArrowException, ValueError) as error:
         text = one_line(error)
         raise StoreError(
             f"{url}: {text}{CREDENTIALS if REFUSED.search(text) and S3.match(url) else ''}"

@@ -5,9 +5,10 @@
             ...  # as `find_runs.find` yields them
 
 An entry belongs to files by their sizes, inodes and times, which are looked at each time; any write
-changes the time of the last change, which nobody can set. Files written just now are not entered,
-because a second write could leave the same time. A run that continues or was cut off, and one that
-cannot be read, is read each time.
+changes the time of the last change, which nobody can set. Metrics that a recorder or a report left
+belong to manifest, annotations and what was left; others to all files of the record. Files written
+just now are not entered, because a second write could leave the same time. A run that continues or
+was cut off, and one that cannot be read, is read each time.
 
 No entry is the truth: `check` and `report` read no index, `where-used` hashes again what it names,
 and ``--no-cache`` does without.
@@ -28,6 +29,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar, get_type_hints
 import msgspec
 
 from jbclog.app.index.index_file import DIGEST, NAME, IndexFile, cache_folder
+from jbclog.core.rows import TABLES
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT
 from jbclog.record.find_runs import (
@@ -43,13 +45,12 @@ from jbclog.record.find_runs import (
 from jbclog.record.folder import FOLDER as RECIPES
 from jbclog.record.folder import METRICS_CACHE
 from jbclog.record.manifest import NAME as MANIFEST
-from jbclog.record.schema import TABLES
 
 if TYPE_CHECKING:
     from jbclog.analysis.stored_tables import MetricRow
 
-# beside the tables and the recipes
-OF_METRICS: Final = (MANIFEST, ANNOTATIONS, REPORT, METRICS_CACHE)
+# what `Records.known` reads
+LEFT: Final = (MANIFEST, ANNOTATIONS, REPORT, METRICS_CACHE)
 FOUND: Final = "run"  # the kind of entries of runs
 SETTLED_NS: Final = 2_000_000_000  # the coarsest clock of a file system
 _TYPES: Final = {name: kind for name, kind in get_type_hints(Found).items() if name != "folder"}
@@ -107,20 +108,35 @@ class RunIndex:
         """Return at least the metrics `names` of a run, as `Records` gives them. Raises
         `RecordError`.
         """
+        if run.state == SEALED:
+            rows = self._of_sealed(run, names)
+        else:
+            from jbclog.analysis.runs import Records
+
+            rows = Records(cache=True).metrics(run, names)
+        return [row for row in rows if station in (None, row.station)]
+
+    def _of_sealed(self, run: Found, names: Collection[str]) -> list[MetricRow]:
         from jbclog.analysis.runs import Records
         from jbclog.analysis.stored_tables import METRIC_NAMES
 
-        seen = _look_at_record(run.folder) if run.state == SEALED else None
-        records = Records(cache=True)
-        if seen is None:
-            return records.metrics(run, names, station)
         place, name = self._place(run.folder.parent), os.fsencode(run.folder.name)
-        rows = self._metrics(place, name, seen.stamp, names)
+        left = _look_at_left(run.folder)
+        known = self._metrics(place, name, left.stamp, names)
+        if known is not None:
+            return known
+        whole = _look_at_record(run.folder)
+        known = None if whole is None else self._metrics(place, name, whole.stamp, names)
+        if known is not None:
+            return known
+        records = Records(cache=True)
+        rows = records.known(run)
+        seen = whole if rows is None else left
         if rows is None:
             rows = records.metrics(run, METRIC_NAMES)
-            if seen.is_settled:
-                self._put_metrics(place, name, seen.stamp, rows)
-        return [row for row in rows if station in (None, row.station)]
+        if seen is not None and seen.is_settled:
+            self._put_metrics(place, name, seen.stamp, rows)
+        return rows
 
     def _put_metrics(
         self, place: bytes, run: bytes, stamp: bytes, rows: Iterable[MetricRow]
@@ -191,20 +207,27 @@ def run_index() -> Iterator[RunIndex]:
         file.close()
 
 
+def _look_at_left(run: Path) -> Look:
+    """Look at the files from which metrics are read that somebody left."""
+    from jbclog.analysis.stored_tables import METHODS_TEXT
+
+    return _look([f"{run}/{name}" for name in LEFT], len(str(run)), METHODS_TEXT)
+
+
 def _look_at_record(run: Path) -> Look | None:
     """Look at all files on which the metrics of a run can depend; None where that is not
     possible.
     """
     from jbclog.analysis.stored_tables import METHODS_TEXT
 
-    there = [f"{run}/{name}" for name in OF_METRICS]
+    there = [f"{run}/{name}" for name in LEFT]
     try:
         for name in (*TABLES, RECIPES):
             with suppress(FileNotFoundError):
                 there += [f"{run}/{name}/{part}" for part in sorted(os.listdir(f"{run}/{name}"))]  # noqa: PTH208  # as below
     except OSError:
         return None
-    return _look(there, len(str(run)), METHODS_TEXT)
+    return _look(there, len(str(run)), f"all of the record, {METHODS_TEXT}")
 
 
 def _look(paths: Iterable[str], run: int, by: str = "") -> Look:

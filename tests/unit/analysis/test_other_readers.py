@@ -17,7 +17,8 @@ import pandas as pd
 import pytest
 
 import jbclog
-from jbclog.record.schema import SCHEMAS, TABLES
+from jbclog.core.rows import TABLES
+from jbclog.record.schema import SCHEMAS
 from support.lazy import duckdb
 from support.lazy import polars as pl
 from support.records import small_run

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import RecordError
+from jbclog.core.rows import TABLES
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
@@ -22,7 +23,6 @@ from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
 from jbclog.record.recover import Outcome, recover, recover_all
-from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import META, Segment, segments
 from support.links.small_wire import write_wire

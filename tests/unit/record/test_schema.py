@@ -15,12 +15,13 @@ from jbclog.core.rows import (
     SAMPLE_COLUMNS,
     SIGNAL_COLUMNS,
     SIGNAL_OF_COLUMN,
+    TABLES,
     CounterRow,
     EventRow,
     SettingRow,
 )
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.record.schema import FLAG, INT, SCHEMAS, TABLES, TEXT, TIME
+from jbclog.record.schema import FLAG, INT, SCHEMAS, TEXT, TIME
 
 CONTRACT = (
     "seq, time, earliest, station, port, kind, severity, code, text, value, limit, raw, prev_sha256"

@@ -16,11 +16,12 @@ import pytest
 
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import FolderLock
+from jbclog.core.rows import TABLES
 from jbclog.record import parts
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.parts import part_paths, part_through, through, write_part
-from jbclog.record.schema import SCHEMAS, TABLES
+from jbclog.record.schema import SCHEMAS
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import Segment
 from support.records import few_rows

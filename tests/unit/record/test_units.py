@@ -12,10 +12,11 @@ import pytest
 from jbclog.analysis.run import open_run
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import LIMITS, Kind
-from jbclog.record.annotations import append, late_serials, only_unit, units_of
+from jbclog.record.annotations import append, late_serials
 from jbclog.record.check import check
 from jbclog.record.manifest import Metadata, Unit, iso, read_manifest, write_manifest
 from jbclog.record.recover import recover
+from jbclog.record.units import only_unit, units_of
 from support.records import event_run
 from support.records.event_run import Told
 from support.records.few_rows import T0

@@ -33,6 +33,7 @@ from jbclog.app.index.index_file import NAME, IndexFile
 from jbclog.app.index.run_index import FOUND, RunIndex
 from jbclog.cli.app import app
 from jbclog.core.locks import FolderLock
+from jbclog.core.rows import TABLES
 from jbclog.maintenance.suspect_runs import where_used
 from jbclog.record.annotations import append
 from jbclog.record.find_runs import ALL, Filter, Found, find
@@ -96,7 +97,7 @@ def add(model: Path, out: Path, name: str, order: str) -> Path:
     run = Path(shutil.copytree(model, out / name))
     amend(run, order)
     shutil.copy(model / "metrics.parquet", run / "metrics.parquet")
-    rows = Records(cache=True)._known(next(one for one in find(model) if isinstance(one, Found)))
+    rows = Records(cache=True).known(next(one for one in find(model) if isinstance(one, Found)))
     assert rows
     cache_metrics(run, rows, manifest_sha256(run))
     return run
@@ -169,6 +170,46 @@ def test_metrics_are_measured_once(home: Path, monkeypatch: pytest.MonkeyPatch) 
                 3
             ]
     assert measured == []
+
+
+def measured_again(home: Path, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """The runs whose metrics are read or computed by a trend over an index that is up to date."""
+    asked: list[Path] = []
+    with monkeypatch.context() as patch:
+        for name in ("known", "metrics"):
+            whole = getattr(Records, name)
+            patch.setattr(
+                Records,
+                name,
+                lambda records, run, *more, whole=whole: (
+                    asked.append(run.folder) or whole(records, run, *more)
+                ),
+            )
+        with run_index.run_index() as index:
+            trends(open_runs(home).through(index), "idle_error_c")
+    return sorted({*asked})
+
+
+def test_metrics_that_were_left_depend_on_the_files_that_were_left(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left, computed, _ = sorted(home.iterdir())
+    (computed / "metrics.parquet").unlink()
+    time.sleep(A_TICK_S)
+    expect_same(home)
+    assert measured_again(home, monkeypatch) == []
+    for run in (left, computed):
+        os.utime(run / "samples" / "part-0000.parquet")
+    time.sleep(A_TICK_S)
+    assert measured_again(home, monkeypatch) == [computed]
+    os.utime(left / "metrics.parquet")
+    time.sleep(A_TICK_S)
+    assert measured_again(home, monkeypatch) == [left]
+    (left / "metrics.parquet").unlink()
+    assert measured_again(home, monkeypatch) == [left]
+    for table in TABLES:
+        shutil.rmtree(left / table)  # then both looks see the same files
+    assert run_index._look_at_left(left).stamp != run_index._look_at_record(left).stamp
 
 
 def test_what_was_written_just_now_is_read_again(
