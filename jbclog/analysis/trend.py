@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from jbclog.analysis import spc
 from jbclog.analysis.metrics.definitions import DEFINITIONS
-from jbclog.analysis.run_tables import utc
 from jbclog.analysis.runs import WHAT_A_RATE_CHANGES, Runs, rate_text
 from jbclog.analysis.stored_tables import MetricRow
 from jbclog.core.errors import UsageError
@@ -179,8 +178,10 @@ def _dithered(rows: Iterable[MetricRow]) -> set[tuple[str, int]]:
 
 
 def _started(run: Found) -> datetime | None:
-    started = utc(run.started)
-    return None if started is None else started.to_pydatetime()
+    if run.started is None:
+        return None
+    began = datetime.fromisoformat(run.started)  # a `Timestamp` takes far longer
+    return began.replace(tzinfo=UTC) if began.tzinfo is None else began.astimezone(UTC)
 
 
 def expect_limits(lower: float | None, upper: float | None) -> None:
@@ -246,7 +247,7 @@ def _changes(
     before: tuple[Sequence[str], Sequence[str]] | None = None
     for name in names:
         one = found[name]
-        now = (one.recipes, tips_of(one, station, port))
+        now = (one.recipes, tips_of(one.tips, station, port))
         if before is not None and now[0] != before[0]:
             yield (
                 f"{name}: the recipe is {', '.join(now[0]) or 'not known'}, before it was"
@@ -260,10 +261,12 @@ def _changes(
         before = now
 
 
-def tips_of(one: Found, station: str, port: int) -> tuple[str, ...]:
-    """Return the tips named for this port, else for its station, else for the whole run."""
+def tips_of(tips: Sequence[str], station: str, port: int) -> tuple[str, ...]:
+    """Return those of a run's tips named for this port, else for its station, else for all of
+    it.
+    """
     for prefix in (f"{station}:{port}=", f"{station}="):
-        named = tuple(text.removeprefix(prefix) for text in one.tips if text.startswith(prefix))
+        named = tuple(text.removeprefix(prefix) for text in tips if text.startswith(prefix))
         if named:
             return named
-    return tuple(text for text in one.tips if "=" not in text)
+    return tuple(text for text in tips if "=" not in text)

@@ -19,7 +19,6 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -30,10 +29,10 @@ import pyarrow as pa
 from common import at_least, judge, show
 
 from jbclog.analysis.fleet.scheduler import Scheduler
-from jbclog.analysis.store.parts import PART_ROWS, FilePart
+from jbclog.analysis.store.parts import PART_ROWS, FilePart, together
 from jbclog.analysis.store.place import Place, place_of
 from jbclog.analysis.store.reader import Store
-from jbclog.analysis.store.statistics import Part, Task, finish, partial
+from jbclog.analysis.store.statistics import Owner, Part, Task, finish, partial
 from jbclog.app.publish.folder import publish_all
 from jbclog.app.publish.publisher import Publisher
 from support.faults.dask_cluster import cluster
@@ -44,22 +43,20 @@ BY = ("station", "port")
 
 
 def tasks_of(place: Place, rows: int) -> list[Task]:
-    """The parts of the run's file, repeated until there are so many rows; each has a file of its
-    own.
-    """
+    """What reads the run's file, copied until there are so many rows, in parts as of any store."""
     store = Store(place)
     (run,) = store.runs()
     (path,) = [fragment.path for fragment in store.dataset("samples").get_fragments()]
     whole = Path(place.of("samples"), path)
-    tasks = []
+    files = []
     for number in range(max(1, rows // run.rows["samples"])):
         copy = whole.with_name(f"copy-{number}.parquet")
         copy.write_bytes(whole.read_bytes())
-        part = FilePart(
-            place, "samples", str(Path(path).with_name(copy.name)), 0, 1, frozenset([run.record])
-        )
-        tasks.append(Task(part, "temperature_c", BY, {run.record: replace(run.found, units=())}))
-    return tasks
+        name = str(Path(path).with_name(copy.name))
+        part = FilePart(place, "samples", name, 0, 1, frozenset([run.record]))
+        files.append((part, run.rows["samples"]))
+    owners = {run.record: Owner.of(run.found)}
+    return [Task(part, "temperature_c", BY, owners) for part in together(files)]
 
 
 def merged(parts: Sequence[Part]) -> Part:

@@ -1,4 +1,4 @@
-"""A table of a store in parts that are read apart, also on other computers: a file, or some row
+"""A table of a store in parts that are read apart, also on other computers: some files, or some row
 groups of a large one.
 """
 
@@ -20,7 +20,11 @@ from jbclog.analysis.store.reader import Published, Store, actions_of, chosen_ro
 from jbclog.analysis.store.schema import schema_of
 
 PART_ROWS: Final = 2_000_000
-"""Rows of a file from which on it is divided."""
+"""A larger file is divided, and smaller ones are read together: a task costs a scheduler, a worker
+and who asks 6 ms in all, and these rows take 0.3 s.
+"""
+MOST_FILES: Final = 32
+"""Files that are read together. One of some rows takes some ms, from S3 some ten."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,15 +71,54 @@ class FilePart:
             yield fragment.subset(row_group_ids=mine)
 
 
+@dataclass(frozen=True, slots=True)
+class Files:
+    """What one task reads."""
+
+    files: tuple[FilePart, ...]
+
+    @property
+    def publications(self) -> frozenset[str]:
+        """The publications whose rows count."""
+        return frozenset().union(*(one.publications for one in self.files))
+
+    def pieces(
+        self, columns: Sequence[str], condition: pc.Expression | None = None
+    ) -> Iterator[pa.Table]:
+        """Yield the rows that count and match, file by file. Raises `RecordError`."""
+        for one in self.files:
+            yield from one.pieces(columns, condition)
+
+
+def together(files: Iterable[tuple[FilePart, int]]) -> Iterator[Files]:
+    """Yield parts of `PART_ROWS` rows or fewer, in the order of the files; each comes with the
+    number of its rows.
+    """
+    mine: list[FilePart] = []
+    rows = 0
+    for one, count in files:
+        if mine and (rows + count > PART_ROWS or len(mine) == MOST_FILES):
+            yield Files(tuple(mine))
+            mine, rows = [], 0
+        mine.append(one)
+        rows += count
+    if mine:
+        yield Files(tuple(mine))
+
+
 def table_files(place: Place, table: str) -> pf.FileSystem:
     """Return a table's files, their names relative to it."""
     return Place(place.of(table)).files()
 
 
-def parts_of(store: Store, table: str, runs: Iterable[Published]) -> list[FilePart]:
+def parts_of(store: Store, table: str, runs: Iterable[Published]) -> list[Files]:
     """Return the parts in which rows of these runs can be, by line, month and the files'
     statistics. Raises `RecordError`.
     """
+    return [*together(_files(store, table, runs))]
+
+
+def _files(store: Store, table: str, runs: Iterable[Published]) -> Iterator[tuple[FilePart, int]]:
     wanted: dict[tuple[str | None, str | None], list[str]] = {}
     for one in runs:
         wanted.setdefault((one.line, one.month), []).append(one.publication(table))
@@ -85,20 +128,17 @@ def parts_of(store: Store, table: str, runs: Iterable[Published]) -> list[FilePa
             for fragment in store.dataset(table).get_fragments()
         }
         files = actions_of(store.table(table)).to_pylist()
-    found = []
     for file in sorted(files, key=lambda file: str(file["path"])):
         first, last = file.get("min.publication") or "", file.get("max.publication")
         of_partition = wanted.get((file.get("partition.line"), file.get("partition.month")), ())
         mine = frozenset(
             name for name in of_partition if first <= name and (last is None or name <= last)
         )
-        shares = -(-(file.get("num_records") or 1) // PART_ROWS)
+        rows = file.get("num_records") or 1
+        shares = -(-rows // PART_ROWS)
         path = paths[unquote(file["path"])]
-        found += [
-            FilePart(store.place, table, path, share, shares, mine)
-            for share in range(shares if mine else 0)
-        ]
-    return found
+        for share in range(shares if mine else 0):
+            yield FilePart(store.place, table, path, share, shares, mine), -(-rows // shares)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +148,7 @@ class MetricRows:
     station: str | None
     names: Collection[str] | None
 
-    def __call__(self, part: FilePart) -> tuple[Counter[str], pa.Table]:
+    def __call__(self, part: Files) -> tuple[Counter[str], pa.Table]:
         """Return the count of all rows of each publication, and the chosen rows. Raises
         `RecordError`.
         """

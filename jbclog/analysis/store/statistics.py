@@ -1,9 +1,8 @@
 """Statistics of a column over the runs of a store, for each run, line, station, port or tip.
 
-A partial result for each file, or each part of a large one. `partial`, `Part.add` and `finish` know
-nothing of each other's
-place: parts are computed anywhere, merged in any order, and the answer is the same to the last
-digit (`jbclog.analysis.fleet.moments`).
+A partial result for some files, or a part of a large one. `partial`, `Part.add` and `finish` know
+nothing of each other's place: parts are computed anywhere, merged in any order, and the answer is
+the same to the last digit (`jbclog.analysis.fleet.moments`).
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ import pyarrow.types as pt
 from jbclog.analysis.fleet.engine import MUCH_ROWS, engine_of
 from jbclog.analysis.fleet.moments import QUANTILE_ERROR, Moments, moments_of
 from jbclog.analysis.run_metrics import joints_of
-from jbclog.analysis.store.parts import FilePart, expect_all, parts_of
+from jbclog.analysis.store.parts import Files, expect_all, parts_of
 from jbclog.analysis.store.place import Place
 from jbclog.analysis.store.reader import Published, Store
 from jbclog.analysis.store.run import StoredRun
@@ -38,16 +37,29 @@ PERCENTS: Final = (5, 50, 95)
 Key = tuple[str | int | None, ...]
 
 
-def key_of(found: Found, by: Sequence[str], station: str, port: int) -> Key:
+@dataclass(frozen=True, slots=True)
+class Owner:
+    """What is sent with rows of the run that they belong to; its serials can be thousands."""
+
+    run: str
+    line: str | None
+    tips: tuple[str, ...]
+
+    @classmethod
+    def of(cls, found: Found) -> Owner:
+        return cls(found.folder.name, found.line, found.tips)
+
+
+def key_of(owner: Owner, by: Sequence[str], station: str, port: int) -> Key:
     """Return the group of a row of a run. A tip that nobody named is None."""
     facts: dict[str, str | int | None] = {
-        "run": found.folder.name,
-        "line": found.line,
+        "run": owner.run,
+        "line": owner.line,
         "station": station,
         "port": port,
     }
     if "tip" in by:
-        facts["tip"] = ", ".join(tips_of(found, station, port)) or None
+        facts["tip"] = ", ".join(tips_of(owner.tips, station, port)) or None
     return tuple(facts[name] for name in by)
 
 
@@ -84,7 +96,7 @@ class Task:
     rows: Rows
     column: str
     by: tuple[str, ...]
-    owners: Mapping[str, Found]
+    owners: Mapping[str, Owner]
 
 
 @dataclass(slots=True)
@@ -147,7 +159,7 @@ def statistics(
     is_much = sum(one.rows[table] for one in read) >= MUCH_ROWS
     tasks = [*_tasks(parts_of(store, table, read), read, column, tuple(by))]
     tasks += [
-        Task(JointsAnew(store.place, one), column, tuple(by), {one.findings: one.found})
+        Task(JointsAnew(store.place, one), column, tuple(by), {one.findings: Owner.of(one.found)})
         for one in others
     ]
     whole = Part()
@@ -158,9 +170,9 @@ def statistics(
 
 
 def _tasks(
-    parts: Iterable[FilePart], runs: Iterable[Published], column: str, by: tuple[str, ...]
+    parts: Iterable[Files], runs: Iterable[Published], column: str, by: tuple[str, ...]
 ) -> Iterator[Task]:
-    owners = {one.publication(table): one.found for one in runs for table in TABLES}
+    owners = {one.publication(table): Owner.of(one.found) for one in runs for table in TABLES}
     for part in parts:
         yield Task(part, column, by, {name: owners[name] for name in part.publications})
 

@@ -4,6 +4,7 @@ that is missing is an error.
 
 from __future__ import annotations
 
+import pickle
 import re
 from pathlib import Path
 
@@ -41,7 +42,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
         place_of(tmp_path_factory.mktemp("plant") / "store"),
     )
     for number, tips in enumerate((["dde-1=T-1"], ["dde-1:1=T-2"], [])):
-        one_run(home, number, 0.3 * number, metadata=told(tips=tips))
+        one_run(home, number, 0.3 * number, metadata=told(tips=tips, order="88123"))
     _published(home, found)
     return found
 
@@ -94,6 +95,24 @@ def test_parts_of_a_file_in_any_order_and_in_processes_give_the_same(
     pd.testing.assert_frame_equal(
         jbclog.open_runs(place.url).statistics(by=by), expected, check_exact=True
     )
+
+
+def test_small_files_are_read_together_without_what_only_the_runs_need(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store, by = Store(place), ("station", "port")
+    runs = store.runs()
+    (task,) = _tasks(store, by)
+    assert len(task.rows.files) == len(runs) == 3
+    assert task.owners.keys() == {one.record for one in runs}
+    assert all(b"88123" not in pickle.dumps(one) for one in (task, task.owners))
+    expected = finish(partial(task), by)
+    for name, value in (("MOST_FILES", 2), ("PART_ROWS", 2 * runs[0].rows["samples"])):
+        with monkeypatch.context() as patch:
+            patch.setattr(parts, name, value)
+            tasks = [*_tasks(store, by)]
+        assert [len(one.rows.files) for one in tasks] == [2, 1], name
+        pd.testing.assert_frame_equal(finish(partial_of(tasks), by), expected, check_exact=True)
 
 
 def _tasks(store: Store, by: tuple[str, ...]) -> list[statistics.Task]:
