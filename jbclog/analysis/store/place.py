@@ -10,15 +10,24 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
-from pathlib import Path, PosixPath
+from pathlib import Path, PosixPath, PurePosixPath
 from typing import TYPE_CHECKING, Final
+from urllib.parse import unquote
 
 from jbclog.core.errors import StoreError, UsageError
-from jbclog.core.foreign.files import expect_answer
+from jbclog.core.foreign.files import (
+    Kind,
+    NotReadable,
+    expect_answer,
+    expect_regular,
+    is_plain_folder,
+    plain_files,
+)
 from jbclog.core.text import clean, shortened
 from jbclog.record.folder import RUN_NAME
 
@@ -44,6 +53,7 @@ REFUSED: Final = re.compile(
     r"|403 "
 )
 LOG: Final = "_delta_log"
+HINT: Final = "_last_checkpoint"
 MOST_SAID: Final = 400  # characters of an error
 MARKS: Final = re.compile(r"\x1b\[[0-9;]*m|↳")
 CODE: Final = re.compile(r"<Code>([^<]*)</Code>")
@@ -100,6 +110,7 @@ class Place:
         from deltalake import DeltaTable
         from deltalake.exceptions import TableNotFoundError
 
+        self._expect_plain_log(name)
         with explained(self.url):
             try:
                 return DeltaTable(self.of(name), storage_options=self.options)
@@ -107,6 +118,58 @@ class Place:
                 raise StoreError(
                     f"{self.url}: its table {name} is missing; this is no store, or a damaged one"
                 ) from None
+
+    def has_table(self, name: str) -> bool:
+        """Whether there is a table of that name. Raises `StoreError`."""
+        from deltalake import DeltaTable
+
+        self._expect_plain_log(name)
+        with explained(self.url):
+            return DeltaTable.is_deltatable(self.of(name), storage_options=self.options)
+
+    # The library waits for a pipe without end, deaf to signals, reads a hint of any size, and
+    # follows links: its vacuum deletes what they lead to. So a folder is looked at first. S3 has
+    # neither pipes nor links.
+
+    def _expect_plain_log(self, name: str) -> None:
+        if self.is_remote:
+            return
+        with explained(self.url):
+            for path in self._plain_files(f"{name}/{LOG}"):
+                with suppress(FileNotFoundError):  # a draft of a commit, which has its name now
+                    expect_regular(
+                        path, Kind.CHECKPOINT_HINT if path.name == HINT else Kind.STORE_LOG
+                    )
+
+    def expect_plain(self, name: str) -> None:
+        """Raise `StoreError` if there is anything but files and folders below a table."""
+        if not self.is_remote:
+            with explained(self.url):
+                deque(self._plain_files(name), maxlen=0)
+
+    def _plain_files(self, name: str) -> Iterator[Path]:
+        """Yield the files below a folder of the store. Raises `NotReadable`, also where a link
+        leads to it.
+        """
+        for above in (Path(self.of(str(one))) for one in [*PurePosixPath(name).parents][:-1]):
+            if os.path.lexists(above) and not is_plain_folder(above):
+                raise NotReadable(f"{above}: is not a folder of its own")
+        yield from plain_files(Path(self.of(name)))
+
+    def expect_below(self, name: str, paths: Iterable[str]) -> None:
+        """Raise `StoreError` if a path that a table's log names leads out of the table."""
+        outside = next((path for path in paths if ".." in unquote(path).split("/")), None)
+        if outside is not None:
+            with explained(self.url):
+                raise NotReadable(f"{name}: its log names a file elsewhere, {outside}")
+
+    def expect_files(self, name: str, paths: Sequence[str]) -> None:
+        """Raise `StoreError` unless these paths of a table's log are those of its own files."""
+        self.expect_below(name, paths)
+        if not self.is_remote:
+            with explained(self.url):
+                for path in paths:
+                    expect_regular(Path(self.of(name), path), Kind.PART)
 
     def files(self) -> pf.FileSystem:
         """Return the store as a file system, in which names are relative to it."""
@@ -138,6 +201,7 @@ class Place:
         """Remove a folder of the store, if it is there. Raises `StoreError`."""
         import pyarrow.fs as pf
 
+        self.expect_plain(folder)
         with explained(self.url):
             files = self.files()
             if files.get_file_info(pf.FileSelector(folder, allow_not_found=True)):

@@ -95,7 +95,10 @@ class Store:
                     if self.place.is_remote
                     else pf.SubTreeFileSystem(self.place.of(name), pf.LocalFileSystem())
                 )
-                self._datasets[name] = self.table(name).to_pyarrow_dataset(filesystem=files)
+                found = self.table(name).to_pyarrow_dataset(filesystem=files)
+            self.place.expect_below(name, found.files)
+            self.place.expect_plain(name)
+            self._datasets[name] = found
         return self._datasets[name]
 
     def runs(self, wanted: Filter = ALL) -> list[Published]:
@@ -145,6 +148,7 @@ class Store:
         schema, form = pa.schema(table.schema().to_arrow()), ds.ParquetFileFormat()
         files = pf.SubTreeFileSystem(RUNS, self.place.files())
         chosen = [one for one in actions_of(table).to_pylist() if _may_have(one, "run", name)]
+        self.place.expect_files(RUNS, [unquote(one["path"]) for one in chosen])
         fragments = [
             form.make_fragment(unquote(one["path"]), files, partition_expression=_partition(one))
             for one in chosen

@@ -41,12 +41,8 @@ def create_tables(place: Place) -> None:
     """Create what is missing of the tables. Raises `StoreError`, also for a store of a newer
     jbclog.
     """
-    from deltalake import DeltaTable
-
     for name in TABLES:
-        with explained(place.url):
-            is_there = DeltaTable.is_deltatable(place.of(name), storage_options=place.options)
-        if not is_there:
+        if not place.has_table(name):
             _create(place, name)
         opened(place, name)
 

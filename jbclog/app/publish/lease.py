@@ -97,6 +97,7 @@ class Lease:
     def _made(self) -> DeltaTable:
         from deltalake import DeltaTable
 
+        self._place.expect_plain(self._name)
         said = json.dumps(asdict(Holder(socket.gethostname(), boot_id(), os.getpid())))
         return DeltaTable.create(
             self._place.of(self._name),
@@ -128,15 +129,10 @@ class Lease:
         """Commit to the lease; make it anew if it was swept away. Where the whole store is gone, as
         a share is, make nothing.
         """
-        if self._is_table(self._name):
+        if self._place.has_table(self._name):
             self._table.create_write_transaction([], "append", SCHEMA)
-        elif self._is_table(RUNS):
+        elif self._place.has_table(RUNS):
             self._table = self._made()
-
-    def _is_table(self, name: str) -> bool:
-        from deltalake import DeltaTable
-
-        return DeltaTable.is_deltatable(self._place.of(name), storage_options=self._place.options)
 
     def release(self) -> None:
         """Remove the lease, if the store can be written; otherwise it ends by itself."""

@@ -226,6 +226,7 @@ def compact(place: Place) -> dict[str, tuple[int, int]]:
 
 def _compacted(place: Place, name: str) -> dict[str, int]:
     table = Store(place).table(name)
+    place.expect_plain(name)
     return dict(
         table.optimize.compact(
             max_concurrent_tasks=1, writer_properties=writer(), commit_properties=properties()
@@ -257,6 +258,7 @@ def vacuum(place: Place, days: float = LEAST_DAYS) -> dict[str, int]:
 
 def _vacuumed(place: Place, name: str, days: float) -> int:
     table = Store(place).table(name)
+    place.expect_plain(name)  # it would follow links
     with explained(place.url):
         return len(table.vacuum(retention_hours=round(days * 24), dry_run=False, full=True))
 

@@ -123,6 +123,8 @@ class Kind(StrEnum):
     RECORD = "a file of a record"
     CACHE = "a cache of metrics"
     INDEX = "an index of runs"
+    STORE_LOG = "a file of a store's log"
+    CHECKPOINT_HINT = "a hint at a checkpoint"
 
 
 LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
@@ -146,6 +148,8 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
         Kind.RECORD: 16 * GIB,
         Kind.INDEX: 2 * GIB,  # 10 000 runs of three ports take 130 MB
         Kind.CACHE: 4 * MIB,  # the metrics of 256 ports take 60 kB
+        Kind.STORE_LOG: 64 * MIB,  # a commit of a run takes 3 kB, joining 10 000 files 8 MB
+        Kind.CHECKPOINT_HINT: MIB,  # takes 10 kB
     }
 )
 """The maximum size of each kind in bytes. Text kinds are read whole, a ledger by lines, the others
@@ -196,11 +200,14 @@ def expect_regular(path: Path, kind: Kind, *, links: bool = False) -> int:
 
 def _size(there: os.stat_result, kind: Kind) -> int:
     if not stat.S_ISREG(there.st_mode):
-        what = next((name for fits, name in _WHAT if fits(there.st_mode)), "no file")
-        raise NotReadable(f"is {what}, not a file")
+        raise NotReadable(f"is {_what(there)}, not a file")
     if there.st_size > LIMITS[kind]:
         raise NotReadable(f"has {there.st_size} bytes; {kind} has at most {LIMITS[kind]}")
     return there.st_size
+
+
+def _what(there: os.stat_result) -> str:
+    return next((name for fits, name in _WHAT if fits(there.st_mode)), "no file")
 
 
 def expect_opened(descriptor: int, kind: Kind) -> int:
@@ -273,6 +280,26 @@ def _long_line(file: BufferedReader, text: bytes) -> Line:
         text = file.readline(LONGEST_LINE)
     found.update(text[:-1])
     return Line(None, found.hexdigest(), is_ended=bool(text))
+
+
+def plain_files(folder: Path) -> Iterator[Path]:
+    """Yield all files below `folder`, which may be missing. Raises `NotReadable` for whatever is
+    neither a regular file nor a folder, a link included.
+    """
+    folders = [folder] if os.path.lexists(folder) else []
+    while folders:
+        here = folders.pop()
+        if not is_plain_folder(here):
+            raise NotReadable(f"{here}: is not a folder of its own")
+        with os.scandir(here) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(here / entry.name)
+                elif entry.is_file(follow_symlinks=False):
+                    yield here / entry.name
+                else:
+                    what = _what(entry.stat(follow_symlinks=False))
+                    raise NotReadable(f"{entry.path}: is {what}, not a file")
 
 
 def is_plain_folder(path: Path) -> bool:

@@ -1,0 +1,178 @@
+"""A store is anybody's folder: pipes and huge files in it are refused before the library opens
+them, no link is followed, and nothing outside of it is read or deleted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from jbclog.analysis.store.place import Place, place_of
+from jbclog.analysis.store.reader import Store
+from jbclog.app.publish.publisher import Publisher
+from jbclog.app.publish.upkeep import check, compact, vacuum
+from jbclog.core.errors import StoreError
+from support.records.many_runs import many_runs
+
+LONG_AGO_S = 1_000_000_000
+HINT = "runs/_delta_log/_last_checkpoint"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return many_runs(tmp_path_factory.mktemp("runs"), [0.2])[0]
+
+
+@pytest.fixture(scope="module")
+def filled(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = place_of(tmp_path_factory.mktemp("plant") / "store")
+    with Publisher(place) as publisher:
+        publisher.publish(run)
+    return Path(place.url)
+
+
+@pytest.fixture
+def store(filled: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(filled, tmp_path / "store")
+
+
+@pytest.fixture
+def mine(tmp_path: Path) -> Path:
+    """A folder that has nothing to do with the store, with files old enough for `vacuum`."""
+    (tmp_path / "mine").mkdir()
+    for name in ("thesis.parquet", "thesis.txt"):
+        (tmp_path / "mine" / name).write_bytes(b"mine")
+        os.utime(tmp_path / "mine" / name, (LONG_AGO_S, LONG_AGO_S))
+    return tmp_path / "mine"
+
+
+def data_file(store: Path, table: str) -> Path:
+    return next((store / table).rglob("part-*.parquet"))
+
+
+def put(path: Path, made: Callable[[Path], None]) -> None:
+    path.unlink(missing_ok=True)
+    made(path)
+
+
+def one_gigabyte(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(1 << 30)
+
+
+def opens_at_once(store: Path, words: list[str]) -> tuple[int, str]:
+    """How a command of its own ends: the library would wait in this process, deaf to signals."""
+    done = subprocess.run(
+        [sys.executable, "-m", "jbclog", *(word.format(store) for word in words)],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["runs", "{}"], ["trend", "{}"], ["store", "compact", "{}"], ["store", "vacuum", "{}"]],
+    ids=" ".join,
+)
+def test_no_command_waits_for_a_pipe(store: Path, words: list[str]) -> None:
+    put(store / HINT, os.mkfifo)
+    code, said = opens_at_once(store, words)
+    assert (code, said.count("\n")) == (4, 1)
+    assert "_last_checkpoint" in said or "is a pipe, not a file" in said
+
+
+@pytest.mark.parametrize("reads", [lambda place: Store(place).runs(), check, compact, vacuum])
+@pytest.mark.parametrize(
+    ("name", "made", "why"),
+    [
+        (HINT, lambda path: path.symlink_to("/dev/zero"), "is a link, not a file"),
+        (HINT, one_gigabyte, "a hint at a checkpoint has at most"),
+        ("runs/_delta_log/00000000000000000009.json", one_gigabyte, "a store's log has at most"),
+        ("runs/_delta_log/00000000000000000009.json", os.mkfifo, "is a pipe, not a file"),
+        ("runs/line=bench/pipe", os.mkfifo, "is a pipe, not a file"),
+    ],
+)
+def test_what_is_no_file_is_refused(
+    store: Path,
+    reads: Callable[[Place], object],
+    name: str,
+    made: Callable[[Path], None],
+    why: str,
+) -> None:
+    put(store / name, made)
+    with pytest.raises(StoreError, match=why):
+        reads(place_of(store))
+
+
+def test_a_data_file_that_is_a_pipe_is_refused(store: Path) -> None:
+    put(data_file(store, "runs"), os.mkfifo)
+    with pytest.raises(StoreError, match="is a pipe, not a file"):
+        Store(place_of(store)).runs()
+
+
+def test_one_that_a_publisher_would_read_is_refused(store: Path, run: Path) -> None:
+    put(data_file(store, "runs"), os.mkfifo)
+    with pytest.raises(StoreError, match="is a pipe, not a file"):
+        Store(place_of(store)).newest(run.name)
+
+
+def test_check_removes_nothing_behind_a_link(store: Path, mine: Path) -> None:
+    (mine / "abcdefabcdef" / "sub").mkdir(parents=True)
+    (mine / "abcdefabcdef" / "sub" / "file").write_bytes(b"mine")
+    os.utime(mine / "abcdefabcdef" / "sub" / "file", (LONG_AGO_S, LONG_AGO_S))
+    shutil.rmtree(store / "_publishers")
+    (store / "_publishers").symlink_to(mine)
+    with pytest.raises(StoreError, match="is not a folder of its own"):
+        check(place_of(store))
+    assert (mine / "abcdefabcdef" / "sub" / "file").exists()
+
+
+@pytest.mark.parametrize("where", ["samples/more", "samples/line=bench/more", "units/line=x"])
+def test_vacuum_deletes_nothing_behind_a_link(store: Path, mine: Path, where: str) -> None:
+    (store / where).parent.mkdir(exist_ok=True)
+    (store / where).symlink_to(mine)
+    with pytest.raises(StoreError, match="is a link, not a file"):
+        vacuum(place_of(store))
+    assert sorted(path.name for path in mine.iterdir()) == ["thesis.parquet", "thesis.txt"]
+
+
+@pytest.mark.parametrize("table", ["runs", "samples", "samples/_delta_log", "_publishers"])
+def test_nothing_is_written_behind_a_link(store: Path, mine: Path, run: Path, table: str) -> None:
+    held = mine / "elsewhere"
+    shutil.move(store / table, held)
+    (store / table).symlink_to(held)
+    before = sorted(held.rglob("*"))
+    with (
+        pytest.raises(StoreError, match="is not a folder of its own"),
+        Publisher(place_of(store)) as publisher,
+    ):
+        publisher.publish(run)
+    assert sorted(held.rglob("*")) == before
+
+
+@pytest.mark.parametrize("path", ["../../pipe", "%2e%2e/%2e%2e/pipe", "line=bench/../../../pipe"])
+def test_a_log_names_no_file_elsewhere(store: Path, path: str) -> None:
+    os.mkfifo(store.parent / "pipe")
+    log = store / "runs" / "_delta_log"
+    added = {
+        "path": path,
+        "partitionValues": {"line": "bench", "month": "2026-11"},
+        "size": 5000,
+        "modificationTime": 1,
+        "dataChange": True,
+        "stats": '{"numRecords": 1}',
+    }
+    (log / f"{len([*log.glob('*.json')]):020}.json").write_text(json.dumps({"add": added}))
+    for reads in (Store.runs, lambda store: store.newest("x")):
+        with pytest.raises(StoreError, match="its log names a file elsewhere"):
+            reads(Store(place_of(store)))
