@@ -373,7 +373,7 @@ def alarms_in_run(run: Run, every_s: float) -> Counted:
     raised = np.clip([one.onset_us / 1e6 for one in _episodes(run)], begin, end)
     counts = np.histogram(raised, edges)[0].astype(np.float64) if len(edges) > 1 else np.zeros(0)
     names = [f"{pd.Timestamp(at, unit='s'):%Y-%m-%d %H:%M:%S}" for at in edges[:-1]]
-    return _u("alarms", "stretches", names, counts, np.diff(edges) / 3600)
+    return _u_chart("stretches", names, counts, np.diff(edges) / 3600)
 
 
 def alarms_in_runs(runs: Runs) -> Counted:
@@ -384,7 +384,7 @@ def alarms_in_runs(runs: Runs) -> Counted:
             names.append(one.folder.name)
             counts.append(float(episodes))
             sizes.append((span[1] - span[0]) / 3600)
-    return _u("alarms", "runs", names, np.array(counts), np.array(sizes))
+    return _u_chart("runs", names, np.array(counts), np.array(sizes))
 
 
 def _counted_in(run: Run) -> tuple[tuple[float, float] | None, int]:
@@ -457,9 +457,9 @@ def ranked(metric: str, counted: Mapping[str, int]) -> Ranked:
     return Ranked(metric, total, rows)
 
 
-def _u(metric: str, what: str, names: list[str], counts: Floats, hours: Floats) -> Counted:
+def _u_chart(what: str, names: list[str], counts: Floats, hours: Floats) -> Counted:
     return Counted(
-        metric, "u", names, counts, hours, _too_few(len(names), what) or spc.rates(counts, hours)
+        "alarms", "u", names, counts, hours, _too_few(len(names), what) or spc.rates(counts, hours)
     )
 
 

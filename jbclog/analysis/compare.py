@@ -33,7 +33,6 @@ from jbclog.record.manifest import Manifest
 
 MARGIN_C: Final = 2.0
 KEY: Final = ["station", "port"]
-IDLE: Final = "idle_error_c"
 METADATA: Final = ("operator", "order", "product")
 
 

@@ -190,15 +190,18 @@ def _unreadable(line: Line, what: str) -> str:
 MOST_FAULTS: Final = 100
 
 
-def first_faults(wrong: list[tuple[int, str]], most: int = MOST_FAULTS) -> list[tuple[int, str]]:
+def first_faults(wrong: list[tuple[int, str]]) -> list[tuple[int, str]]:
     """Return the first faults of a file, and one entry for all later ones: a file of nothing but
     faults must not fill a page.
     """
-    if len(wrong) <= most:
+    if len(wrong) <= MOST_FAULTS:
         return wrong
     return [
-        *wrong[:most],
-        (wrong[most][0], f"is wrong, too, as {len(wrong) - most - 1} later lines are"),
+        *wrong[:MOST_FAULTS],
+        (
+            wrong[MOST_FAULTS][0],
+            f"is wrong, too, as {len(wrong) - MOST_FAULTS - 1} later lines are",
+        ),
     ]
 
 

@@ -69,11 +69,11 @@ class LineFormat:
         """Duration of `characters`."""
         return characters * self.character_s
 
-    def read_s(self, addressed: bool = True) -> float:
-        """Duration of one read and its five-digit answer, without response time: 14.06 ms at 19200
-        8N1.
+    def read_s(self) -> float:
+        """Duration of one addressed read and its five-digit answer, without response time: 14.06 ms
+        at 19200 8N1.
         """
-        return self.seconds(2 * (FRAMING + CODE + (ADDRESSES if addressed else 0)) + DIGITS)
+        return self.seconds(2 * (FRAMING + CODE + ADDRESSES) + DIGITS)
 
 
 NETWORK: Final = ("socket", "rfc2217")

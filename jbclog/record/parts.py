@@ -222,14 +222,14 @@ def _compare(path: Path, groups: Groups) -> None:
         raise RecordError(f"{path} would not be read again: it {error}") from error
 
 
-def regroup(tables: Iterable[pa.Table], rows: int = ROWS_A_GROUP) -> Iterator[pa.Table]:
-    """Yield small tables joined to groups of at least `rows` rows, or of `BYTES_A_GROUP`."""
+def regroup(tables: Iterable[pa.Table]) -> Iterator[pa.Table]:
+    """Yield small tables joined to groups of at least `ROWS_A_GROUP` rows or `BYTES_A_GROUP`."""
     held: list[pa.Table] = []
     count = size = 0
     for table in tables:
         held.append(table)
         count, size = count + table.num_rows, size + table.nbytes
-        if count >= rows or size >= BYTES_A_GROUP:
+        if count >= ROWS_A_GROUP or size >= BYTES_A_GROUP:
             yield pa.concat_tables(held).combine_chunks()
             held, count, size = [], 0, 0
     if count:

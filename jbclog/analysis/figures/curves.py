@@ -183,10 +183,10 @@ def runs(seconds: Floats, words: Words, period_s: float) -> list[Span]:
     return [Span(start, end, names[code]) for start, end, code in edges]
 
 
-def missing_ticks(seconds: Floats, period_s: float, word: str = "skipped") -> list[Span]:
+def missing_ticks(seconds: Floats, period_s: float) -> list[Span]:
     """Return where ticks have no rows at all: the host stood still."""
     edges = np.flatnonzero(np.diff(seconds) > 1.5 * period_s)
-    return [Span(float(seconds[i]) + period_s, float(seconds[i + 1]), word) for i in edges]
+    return [Span(float(seconds[i]) + period_s, float(seconds[i + 1]), "skipped") for i in edges]
 
 
 def merged(spans: Iterable[Span], nearer_than_s: float) -> list[Span]:

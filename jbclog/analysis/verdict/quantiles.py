@@ -51,11 +51,6 @@ def censored_quantile(times: Sequence[tuple[float | None, bool]], share: float) 
     return None
 
 
-def p95(values: Sequence[float]) -> float:
-    """Return the 95 % quantile, interpolated linearly."""
-    return round(float(np.percentile(values, 100 * SHARE)), 6)
-
-
 def upper_p95(values: Sequence[float | None]) -> Bound | str:
     """Return the upper 95 % bound of the 95 % quantile, or a sentence why there is none. None: a
     value that is not known.

@@ -60,12 +60,10 @@ class Journal:
     seconds since 1970.
     """
 
-    def __init__(
-        self, folder: Path, utc: Callable[[], float], entries: list[Entry] | None = None
-    ) -> None:
+    def __init__(self, folder: Path, utc: Callable[[], float]) -> None:
         self.folder = folder
         self.store = BatchStore(folder)
-        self.state: BatchState = batch_state(entries or ())
+        self.state: BatchState = batch_state(())
         self._utc = utc
 
     def note(self, entry: Entry) -> None:

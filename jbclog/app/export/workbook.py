@@ -45,7 +45,7 @@ def write(source: Source, path: Path) -> dict[str, int]:
     try:
         about = book.add_worksheet(ABOUT)  # shown first; its rows are known last
         sheets = {table: _write_table(book, table, source.pieces(table)) for table in source.tables}
-        _write_rows(about, 0, _about(source, sheets))
+        _write_rows(about, _about(source, sheets))
     finally:
         _close(book)
     return {table: sum(rows.values()) for table, rows in sheets.items()}
@@ -91,7 +91,7 @@ def _write_table(book: Workbook, table: str, pieces: Iterable[pa.Table]) -> dict
 def _next_sheet(book: Workbook, table: str, names: list[str], filled: dict[str, int]) -> Worksheet:
     sheet = book.add_worksheet(table if not filled else f"{table} {len(filled) + 1}")
     sheet.freeze_panes(1, 0)
-    _write_rows(sheet, 0, [names])
+    _write_rows(sheet, [names])
     filled[sheet.name] = 0
     return sheet
 
@@ -117,9 +117,9 @@ def _writer(sheet: Worksheet, kind: pa.DataType) -> WriteCell:
     return writer
 
 
-def _write_rows(sheet: Worksheet, row: int, rows: Iterable[Iterable[object]]) -> None:
-    """Write rows of texts and numbers."""
-    for number, values in enumerate(rows, row):
+def _write_rows(sheet: Worksheet, rows: Iterable[Iterable[object]]) -> None:
+    """Write rows of texts and numbers, from the first on."""
+    for number, values in enumerate(rows):
         for place, value in enumerate(values):
             if isinstance(value, int):
                 sheet.write_number(number, place, value)

@@ -47,9 +47,9 @@ def json_of(data: bytes | str, *, in_utf8: bool = False) -> Any:
     return parsed
 
 
-def read_json(path: Path, kind: Kind, *, links: bool = False, in_utf8: bool = False) -> Any:
+def read_json(path: Path, kind: Kind, *, in_utf8: bool = False) -> Any:
     """Read and parse the file at `path`. Raises OSError or ValueError."""
-    return json_of(read_foreign(path, kind, links=links), in_utf8=in_utf8)
+    return json_of(read_foreign(path, kind), in_utf8=in_utf8)
 
 
 def _whole(text: str) -> int:

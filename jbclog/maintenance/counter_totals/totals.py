@@ -33,6 +33,7 @@ class DifferenceKind(StrEnum):
 
 DOUBTFUL: Final = frozenset({DifferenceKind.IMPOSSIBLE, DifferenceKind.SUSPECT})
 PLAIN: Final = frozenset({DifferenceKind.NORMAL, DifferenceKind.ZERO})
+RATE_DAYS: Final = 28.0
 
 
 class Difference(msgspec.Struct, frozen=True, gc=False):
@@ -162,16 +163,16 @@ class Trace:
         )
 
 
-def per_day(trace: Trace, times: Sequence[float], days: float = 28.0) -> Interval | None:
-    """Return the rate from the latest point at least `days` old, or from the first; None for less
-    than a day.
+def per_day(trace: Trace, times: Sequence[float]) -> Interval | None:
+    """Return the rate from the latest point at least `RATE_DAYS` old, or from the first; None for
+    less than a day.
 
     `times` are those of the points in seconds since 1970, NaN for a wrong clock.
     """
     last = len(times) - 1
     right = [place for place, time in enumerate(times) if not math.isnan(time)]
     begin = max(
-        (place for place in right if times[last] - times[place] >= days * 86400),
+        (place for place in right if times[last] - times[place] >= RATE_DAYS * 86400),
         default=right[0] if right else 0,
     )
     lasted = (times[last] - times[begin]) / 86400

@@ -36,8 +36,8 @@ def values_of(defaults: Iterable[Default], model: str = "") -> dict[str, Value]:
     return {one.command: one.value for one in sorted(rows, key=lambda one: len(one.model))}
 
 
-def _printed(command: str, value: Value, printed: str, note: str = "", model: str = "") -> Default:
-    return Default(command, value, printed, PRINTED_AT, note, model)
+def _printed(command: str, value: Value, printed: str, note: str = "") -> Default:
+    return Default(command, value, printed, PRINTED_AT, note)
 
 
 _DELAY_NOTE = (

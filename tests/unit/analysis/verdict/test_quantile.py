@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jbclog.analysis.verdict.quantiles import effective_size, most_above, p95, upper_p95
+from jbclog.analysis.verdict.quantiles import effective_size, most_above, upper_p95
 
 WILKS = (59, 93, 124, 153, 181, 208, 234, 260, 286, 311)
 """Sample sizes for 95 % / 95 %, the greatest, the second, ... the tenth value being the bound: the
@@ -59,7 +59,3 @@ def test_a_recovery_that_is_not_known_counts_as_the_longest() -> None:
     assert (
         text == "The recovery of 2 of them is not known and may be longer; a 95 % bound allows 1."
     )
-
-
-def test_a_limit_in_tenths_is_met_by_the_same_tenths() -> None:
-    assert p95([1.7] * 10) == 1.7
