@@ -16,15 +16,18 @@ from jbclog.config.durations import EXAMPLES, span_s
 from jbclog.config.job_order import AT_ALLOWED, OnFailure, circle, read_at
 from jbclog.config.schema import (
     NAME_ALLOWED,
+    FamilyName,
     FromList,
     Name,
     Table,
+    read_file,
     read_table,
     said,
+    shared,
     shown,
     unknown,
 )
-from jbclog.config.toml_reader import KeyPath, TomlText, hidden, parse, read_text, shortened
+from jbclog.config.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
 from jbclog.protocol.commands.family import FAMILIES
 
@@ -51,12 +54,6 @@ def _at(value: str) -> str:
     if read_at(value) is None:
         raise said(f"{shown(value)} is not allowed; {AT_ALLOWED}")
     return value
-
-
-def _family(name: str) -> str:
-    if name not in FAMILIES:
-        raise said(f"{shown(name)} is {unknown(name, [*FAMILIES])}")
-    return name
 
 
 def _rate(value: object) -> object:
@@ -90,12 +87,10 @@ class JobTable(Table):
     stations: Annotated[tuple[Name, ...], FromList] | None = Field(
         None, min_length=1, description="a list of stations of the line, by name"
     )
-    families: Annotated[tuple[Annotated[str, AfterValidator(_family)], ...], FromList] | None = (
-        Field(
-            None,
-            min_length=1,
-            description=f"a list of some of {', '.join(FAMILIES)}: all stations of these",
-        )
+    families: Annotated[tuple[FamilyName, ...], FromList] | None = Field(
+        None,
+        min_length=1,
+        description=f"a list of some of {', '.join(FAMILIES)}: all stations of these",
     )
     duration: Annotated[str, AfterValidator(_span)] | None = Field(None, description=EXAMPLES)
     units: int | None = Field(
@@ -147,7 +142,7 @@ class JobsFile:
 
     @property
     def path(self) -> Path:
-        return Path(self.source.file)
+        return self.source.path
 
     def policy(self, job: JobTable) -> OnFailure:
         return self.on_failure if job.on_failure is None else OnFailure(job.on_failure)
@@ -184,10 +179,8 @@ def parse_jobs(text: str, path: Path, line: Path | None = None) -> JobsFile:
     source = parse(text, str(path))
     if not {"batch", "job"} & source.tables.keys():
         raise Problems([Problem(source.file, None, "", IS_NO_BATCH)])
-    problems = hidden(source)
-    tables, wrong, _ = read_table(BatchTables, source, (), source.tables)
-    problems += wrong
-    jobs = [_read_job(source, place, table, problems) for place, table in _job_tables(source)]
+    tables, problems, _ = read_file(BatchTables, source)
+    jobs = [_read_job(source, place, table, problems) for place, table in source.rows("job")]
     problems += _between(source)
     if problems or tables is None:
         raise Problems(shortened(problems))
@@ -198,13 +191,6 @@ def parse_jobs(text: str, path: Path, line: Path | None = None) -> JobsFile:
         tuple(job for job in jobs if job is not None),
         OnFailure(tables.batch.on_failure),
     )
-
-
-def _job_tables(source: TomlText) -> Iterator[tuple[int, dict[str, object]]]:
-    tables = source.tables.get("job")
-    for place, table in enumerate(tables if isinstance(tables, list) else ()):
-        if isinstance(table, dict):
-            yield place, table
 
 
 def _read_job(
@@ -238,16 +224,13 @@ def _of_one(source: TomlText, at: KeyPath, table: dict[str, object]) -> Iterator
 
 def _between(source: TomlText) -> Iterator[Problem]:
     """Yield names given twice, and jobs that wait for unknown jobs or for each other."""
-    tables = list(_job_tables(source))
+    tables = list(source.rows("job"))
+    names = [(place, table.get("name")) for place, table in tables]
     places: dict[str, int] = {}
-    for place, table in tables:
-        name = table.get("name")
-        if isinstance(name, str) and places.setdefault(name, place) != place:
-            line = source.lines.get(("job", places[name], "name"))
-            yield source.problem(
-                ("job", place, "name"),
-                f"{shown(name)} is the name of two jobs, first in line {line}",
-            )
+    for place, name in names:
+        if isinstance(name, str):
+            places.setdefault(name, place)
+    yield from shared(source, "job", "name", names, "is the name of two jobs")
     after = {str(table.get("name")): _after(table) for _, table in tables}
     for place, table in tables:
         for number, other in enumerate(_after(table)):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import re
@@ -16,16 +15,19 @@ from pydantic import AfterValidator, Field, PlainValidator
 
 from jbclog.config.schema import (
     NAME_ALLOWED,
+    CheckedFile,
     FromList,
     Name,
     Table,
+    read_file,
     read_table,
     said,
+    shared,
     shown,
     unknown,
 )
 from jbclog.config.sim_spec import SimSpec
-from jbclog.config.toml_reader import KeyPath, TomlText, hidden, parse, read_text, shortened
+from jbclog.config.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
 from jbclog.core.serial_line import BAUDRATES, SCHEMES, LineFormat, scheme_of
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family, model_problem
@@ -253,34 +255,16 @@ class LineTables(Table):
     )
 
 
-class Line(Table):
+class Line(CheckedFile):
     """The stations that one recorder drives, in the file's order, and the file's text."""
 
     name: str
     stations: tuple[StationSpec, ...]
-    source: TomlText = Field(repr=False)
     replay: Replay | None = None
-
-    @property
-    def path(self) -> Path:
-        return Path(self.source.file)
-
-    @property
-    def text(self) -> str:
-        """The file's text: ``text.encode()`` gives its bytes."""
-        return self.source.text
-
-    @property
-    def sha256(self) -> str:
-        return hashlib.sha256(self.text.encode()).hexdigest()
 
     def station(self, name: str) -> StationSpec:
         """Return the station `name`. Raises KeyError."""
         return {station.name: station for station in self.stations}[name]
-
-    def problem(self, key: KeyPath, text: str) -> Problem:
-        """Return a problem of a key, with file and line."""
-        return self.source.problem(key, text)
 
 
 def load_line(path: Path) -> Line:
@@ -293,24 +277,15 @@ def parse_line(text: str, path: Path) -> Line:
     source = parse(text, str(path))
     if "recipe" in source.tables and not {"line", "station"} & source.tables.keys():
         raise Problems([Problem(source.file, None, "", IS_A_RECIPE)])
-    problems = hidden(source)
-    tables, wrong, _ = read_table(LineTables, source, (), source.tables)
-    problems += wrong
+    tables, problems, _ = read_file(LineTables, source)
     stations = [
-        _read_station(source, place, table, problems) for place, table in _station_tables(source)
+        _read_station(source, place, table, problems) for place, table in source.rows("station")
     ]
     problems += _between_stations(source, path)
     if problems or tables is None:
         raise Problems(shortened(problems))
     found = tuple(_placed(station, path) for station in stations if station is not None)
     return Line(name=tables.line.name, stations=found, source=source, replay=tables.replay)
-
-
-def _station_tables(source: TomlText) -> Iterator[tuple[int, dict[str, object]]]:
-    tables = source.tables.get("station")
-    for place, table in enumerate(tables if isinstance(tables, list) else ()):
-        if isinstance(table, dict):
-            yield place, table
 
 
 def _read_station(
@@ -368,25 +343,11 @@ def _within_family(
 
 def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
     """Yield names and ports that two stations share."""
-    tables = list(_station_tables(source))
+    tables = list(source.rows("station"))
     names = [(place, table.get("name")) for place, table in tables]
     urls = [(place, _same_port(table.get("url"), path)) for place, table in tables]
-    yield from _shared(source, "name", names, "is the name of two stations")
-    yield from _shared(source, "url", urls, "is the port of two stations", ONE_EACH)
-
-
-def _shared(
-    source: TomlText, key: str, values: Iterable[tuple[int, object]], text: str, why: str = ""
-) -> Iterator[Problem]:
-    first: dict[str, int] = {}
-    tables = dict(_station_tables(source))
-    for place, value in values:
-        if isinstance(value, str) and first.setdefault(value, place) != place:
-            line = source.lines.get(("station", first[value], key))
-            written = tables[place].get(key)
-            yield source.problem(
-                ("station", place, key), f"{shown(written)} {text}, first in line {line}{why}"
-            )
+    yield from shared(source, "station", "name", names, "is the name of two stations")
+    yield from shared(source, "station", "url", urls, "is the port of two stations", ONE_EACH)
 
 
 def _same_port(url: object, path: Path) -> object:

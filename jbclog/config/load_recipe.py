@@ -9,8 +9,8 @@ from typing import Final
 
 from jbclog.config.recipe import COMMAND_OF, Asked, Recipe, asked_in
 from jbclog.config.recipe_sections import RecipeTables
-from jbclog.config.schema import read_table
-from jbclog.config.toml_reader import KeyPath, TomlText, hidden, parse, read_text, shortened
+from jbclog.config.schema import read_file, read_table
+from jbclog.config.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
 from jbclog.core.quantities import OFF
 from jbclog.protocol.commands.family import FAMILIES
@@ -286,9 +286,7 @@ def parse_recipe(text: str, path: Path = Path("recipe.toml")) -> Recipe:
     source = parse(text, str(path))
     if "recipe" not in source.tables and {"line", "station"} & source.tables.keys():
         raise Problems([Problem(source.file, None, "", IS_A_LINE)])
-    problems = hidden(source)
-    tables, wrong, keys = read_table(RecipeTables, source, (), source.tables)
-    problems += wrong
+    tables, problems, keys = read_file(RecipeTables, source)
     whole = tables if tables is not None else _what_is_left(source, keys)
     if whole is not None:
         problems += problems_between(_recipe(whole, source))

@@ -6,18 +6,13 @@ between keys.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from pydantic import Field
-
 from jbclog.config.recipe_sections import PortSettings, RecipeTables
-from jbclog.config.schema import Table
-from jbclog.config.toml_reader import KeyPath, TomlText
-from jbclog.core.errors import Problem
+from jbclog.config.schema import CheckedFile, Table
+from jbclog.config.toml_reader import KeyPath
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.family import FAMILIES, Family
 
@@ -127,10 +122,8 @@ def asked_in(table: Table, at: KeyPath = ()) -> Iterator[Asked]:
             yield Asked(".".join(map(str, key[2:] if at[:1] == ("port",) else key)), key, value)
 
 
-class Recipe(RecipeTables):
-    """A checked recipe, with the file's text."""
-
-    source: TomlText = Field(repr=False)
+class Recipe(RecipeTables, CheckedFile):
+    """A checked recipe."""
 
     @property
     def name(self) -> str:
@@ -143,19 +136,6 @@ class Recipe(RecipeTables):
     @property
     def families(self) -> tuple[str, ...]:
         return self.recipe.families
-
-    @property
-    def path(self) -> Path:
-        return Path(self.source.file)
-
-    @property
-    def text(self) -> str:
-        """The file's text: ``text.encode()`` gives its bytes."""
-        return self.source.text
-
-    @property
-    def sha256(self) -> str:
-        return hashlib.sha256(self.text.encode()).hexdigest()
 
     def ports_named(self) -> tuple[int, ...]:
         """Return the ports with tables of their own."""
@@ -211,7 +191,3 @@ class Recipe(RecipeTables):
     @staticmethod
     def _usual_hz(family: Family | None) -> float:
         return USUAL_HZ if family is None else family.rate_hz
-
-    def problem(self, key: KeyPath, text: str) -> Problem:
-        """Return a problem of a key, with file and line."""
-        return self.source.problem(key, text)

@@ -6,8 +6,10 @@ A field's `description` states what is allowed; it ends every message about that
 from __future__ import annotations
 
 import difflib
+import hashlib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar, get_args
 
 from pydantic import (
@@ -22,7 +24,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from jbclog.config.toml_reader import MAX_PROBLEMS, KeyPath, TomlText
+from jbclog.config.toml_reader import MAX_PROBLEMS, KeyPath, TomlText, hidden
 from jbclog.core.errors import Problem
 from jbclog.core.quantities import OFF, Off
 from jbclog.protocol.commands.family import FAMILIES
@@ -36,6 +38,29 @@ class Table(BaseModel):
     """A table of a file: no unknown keys, no conversion between types, immutable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class CheckedFile(Table):
+    """A checked file, with its text."""
+
+    source: TomlText = Field(repr=False)
+
+    @property
+    def path(self) -> Path:
+        return self.source.path
+
+    @property
+    def text(self) -> str:
+        """The file's text: ``text.encode()`` gives its bytes."""
+        return self.source.text
+
+    @property
+    def sha256(self) -> str:
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def problem(self, key: KeyPath, text: str) -> Problem:
+        """Return a problem of a key, with file and line."""
+        return self.source.problem(key, text)
 
 
 Row = TypeVar("Row", bound=Table)
@@ -60,6 +85,12 @@ NAME_ALLOWED = (
 )
 
 
+def read_file(row: type[Row], source: TomlText) -> tuple[Row | None, list[Problem], list[KeyPath]]:
+    """Return what `read_table` does of the whole file; its hidden characters are problems, too."""
+    tables, wrong, keys = read_table(row, source, (), source.tables)
+    return tables, hidden(source) + wrong, keys
+
+
 def read_table(
     row: type[Row], source: TomlText, at: KeyPath, table: object
 ) -> tuple[Row | None, list[Problem], list[KeyPath]]:
@@ -70,6 +101,26 @@ def read_table(
         details = error.errors(include_url=False, include_context=False)
         problems = [_problem(row, source, at, detail) for detail in details[: MAX_PROBLEMS + 1]]
         return None, problems, [detail["loc"] for detail in details]
+
+
+def shared(
+    source: TomlText,
+    rows: str,
+    key: str,
+    values: Iterable[tuple[int, object]],
+    text: str,
+    why: str = "",
+) -> Iterator[Problem]:
+    """Yield a problem of each table ``[[rows]]`` whose value at `key` an earlier one has, too;
+    `values` are compared, by their places.
+    """
+    first: dict[str, int] = {}
+    tables = dict(source.rows(rows))
+    for place, value in values:
+        if isinstance(value, str) and first.setdefault(value, place) != place:
+            line = source.lines.get((rows, first[value], key))
+            written = shown(tables[place].get(key))
+            yield source.problem((rows, place, key), f"{written} {text}, first in line {line}{why}")
 
 
 def _problem(row: type[Table], source: TomlText, at: KeyPath, detail: ErrorDetails) -> Problem:
@@ -278,9 +329,8 @@ LimitC = Annotated[int, PlainValidator(_limit)]
 Rate = Annotated[float | str, PlainValidator(_rate)]
 Confidence = Annotated[float | Literal["none"], PlainValidator(_confidence)]
 Switch = Annotated[str, PlainValidator(_on_off)]
-Families = Annotated[
-    tuple[Annotated[str, AfterValidator(_family)], ...], FromList, AfterValidator(_no_repeats)
-]
+FamilyName = Annotated[str, AfterValidator(_family)]
+Families = Annotated[tuple[FamilyName, ...], FromList, AfterValidator(_no_repeats)]
 Required = Annotated[
     tuple[Annotated[str, AfterValidator(_metadata)], ...], FromList, AfterValidator(_no_repeats)
 ]

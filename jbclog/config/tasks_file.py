@@ -24,9 +24,9 @@ from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
-from jbclog.config.schema import NAME_ALLOWED, Families, FromList, Name, Table, read_table
+from jbclog.config.schema import NAME_ALLOWED, Families, FromList, Name, Table, read_file
 from jbclog.config.task_names import STATED
-from jbclog.config.toml_reader import KeyPath, TomlText, hidden, parse, read_text, shortened
+from jbclog.config.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
 
 DAYS: Final = "days"
@@ -115,10 +115,8 @@ def load_tasks(path: Path) -> tuple[Task, ...]:
 def parse_tasks(text: str, path: Path = Path("tasks.toml")) -> tuple[Task, ...]:
     """Parse a tasks file; `path` appears in messages."""
     source = parse(text, str(path))
-    problems = hidden(source)
-    file, wrong, _ = read_table(TasksFile, source, (), source.tables)
-    problems += wrong
-    problems += _between(source, source.tables.get("task"))
+    file, problems, _ = read_file(TasksFile, source)
+    problems += _between(source)
     if problems or file is None:
         raise Problems(shortened(problems))
     return tuple(map(_task, file.task))
@@ -138,15 +136,14 @@ def _task(table: TaskTable) -> Task:
     )
 
 
-def _between(source: TomlText, tables: object) -> Iterator[Problem]:
+def _between(source: TomlText) -> Iterator[Problem]:
     """Yield conflicts between the keys of a task, and between tasks."""
     names: dict[object, int] = {}
-    if tables == []:
+    if source.tables.get("task") == []:
         yield source.problem(("task",), "there is none; at least one [[task]]")
-    for place, table in enumerate(tables if isinstance(tables, list) else []):
-        if isinstance(table, dict):
-            yield from _of_one(source, ("task", place), table)
-            yield from _named(source, ("task", place, "name"), table.get("name"), names)
+    for place, table in source.rows("task"):
+        yield from _of_one(source, ("task", place), table)
+        yield from _named(source, ("task", place, "name"), table.get("name"), names)
 
 
 def _of_one(source: TomlText, at: KeyPath, table: dict[str, object]) -> Iterator[Problem]:

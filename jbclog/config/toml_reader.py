@@ -279,6 +279,17 @@ class TomlText:
     tables: dict[str, object]
     lines: Mapping[KeyPath, int]
 
+    @property
+    def path(self) -> Path:
+        return Path(self.file)
+
+    def rows(self, name: str) -> Iterator[tuple[int, dict[str, object]]]:
+        """Yield the tables ``[[name]]`` with their places; other values are no tables."""
+        found = self.tables.get(name)
+        for place, table in enumerate(found if isinstance(found, list) else ()):
+            if isinstance(table, dict):
+                yield place, table
+
     def known(self, key: KeyPath) -> KeyPath:
         """Return the longest prefix of `key` that the text contains."""
         while key and key not in self.lines:
