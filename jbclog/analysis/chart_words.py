@@ -11,6 +11,7 @@ import numpy as np
 from jbclog.analysis import spc
 from jbclog.analysis.charts import Charted, Counted, Ranked
 from jbclog.analysis.trend_words import capability_text
+from jbclog.core.text import count_text
 
 MOST: Final = 10
 
@@ -57,11 +58,7 @@ def _charted(one: Charted) -> Iterator[str]:
 
 def _chart(chart: spc.Chart, names: list[str], unit: str, name: str | None = None) -> Iterator[str]:
     shape = "" if chart.distribution == "normal" else f" ({chart.distribution})"
-    signals = (
-        f"{len(chart.signals)} signal{'s' * (len(chart.signals) > 1)}"
-        if chart.signals
-        else "no signal"
-    )
+    signals = count_text(len(chart.signals), "signal") if chart.signals else "no signal"
     limits = f"limits {chart.lower[-1]:.4g} to {chart.upper[-1]:.4g}"
     yield f"  {name or chart.name}: centre {chart.centre:.4g}, {limits} {unit}{shape}; {signals}"
     # a moving range belongs to the later one of its two values

@@ -27,6 +27,7 @@ from jbclog.analysis.spc.refusal import there_are
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA
 from jbclog.analysis.trend import metric_unit, trends
 from jbclog.core.errors import UsageError
+from jbclog.core.text import count_text
 
 KINDS: Final = ("imr", "ewma", "cusum", "xbar-s", "u", "p", "pareto")
 OF_VALUES: Final = KINDS[:4]
@@ -281,7 +282,7 @@ def too_many_late(late: int, back: int) -> spc.Refused | None:
 
 
 def _left_out(late: int) -> str:
-    return f"{late} joint{'s' * (late != 1)} left out: the next one came before the tip was back."
+    return f"{count_text(late, 'joint')} left out: the next one came before the tip was back."
 
 
 def _charted(

@@ -7,6 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.text import count_text
 from jbclog.record.find_runs import Found, Unreadable, ending
 from jbclog.record.manifest import Manifest
 
@@ -57,7 +58,7 @@ def runs_html(folder: Path, found: Sequence[Found], unreadable: Sequence[Unreada
     rows = [_row(one) for one in found[:MOST_RUNS]]
     more = f"<p>and {len(found) - MOST_RUNS} more</p>" if len(found) > MOST_RUNS else ""
     failed = f"<p>{len(unreadable)} folders cannot be read (.unreadable)</p>" if unreadable else ""
-    count = f"{len(found)} run{'' if len(found) == 1 else 's'} in {folder}"
+    count = f"{count_text(len(found), 'run')} in {folder}"
     return f"<div><b>{text(count)}</b>{table(HEADS, rows) if rows else ''}{more}{failed}</div>"
 
 

@@ -20,6 +20,7 @@ from jbclog.analysis.figures.trace import JOINED_PERIODS
 from jbclog.analysis.run import Run
 from jbclog.analysis.trend import Trend, title_of
 from jbclog.core.errors import UsageError
+from jbclog.core.text import count_text
 
 HIGH_IN: Final = 2.3  # of a panel
 PARETO_IN: Final = 3.2
@@ -152,7 +153,7 @@ def _trend(axes: Axes, trend: Trend, lower: float | None, upper: float | None) -
 
 def _note(chart: spc.Chart) -> str:
     ringed = len(_signals(chart))
-    found = f"{ringed} point{'s' * (ringed > 1)} with a signal (ringed)" if ringed else "no signal"
+    found = f"{count_text(ringed, 'point')} with a signal (ringed)" if ringed else "no signal"
     return f"Grey: mean {chart.centre:.3g} and control limits (individuals, moving range); {found}."
 
 

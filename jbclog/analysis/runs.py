@@ -33,7 +33,7 @@ from jbclog.analysis.stored_tables import (
     stored_metrics,
 )
 from jbclog.core.errors import RecordError, UsageError, unexpected_error_text
-from jbclog.core.text import shortened
+from jbclog.core.text import count_text, shortened
 from jbclog.record.find_runs import ALL, SEALED, Filter, Found, Unreadable, find
 from jbclog.record.manifest import manifest_sha256
 
@@ -222,7 +222,7 @@ class Runs(Sequence[Run]):
 
     def __repr__(self) -> str:
         more = f", {len(self.unreadable)} unreadable" if self.unreadable else ""
-        return f"<Runs {self.folder}: {len(self)} run{'' if len(self) == 1 else 's'}{more}>"
+        return f"<Runs {self.folder}: {count_text(len(self), 'run')}{more}>"
 
     def _repr_html_(self) -> str:
         return runs_html(self.folder, self.found, self.unreadable)

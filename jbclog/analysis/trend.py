@@ -27,7 +27,7 @@ from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.runs import WHAT_A_RATE_CHANGES, Runs, rate_text
 from jbclog.analysis.stored_tables import MetricRow
 from jbclog.core.errors import UsageError
-from jbclog.core.text import exact
+from jbclog.core.text import count_text, exact
 from jbclog.record.find_runs import Found
 
 DEFAULT: Final = "idle_error_c"
@@ -232,8 +232,7 @@ def _other_rates(runs: Iterable[Found], station: str) -> Iterator[str]:
     counts = Counter(rate_text(one.periods_s[station]) for one in runs if station in one.periods_s)
     if len(counts) > 1:
         rates = ", ".join(
-            f"{rate} in {count} run{'' if count == 1 else 's'}"
-            for rate, count in counts.most_common()
+            f"{rate} in {count_text(count, 'run')}" for rate, count in counts.most_common()
         )
         yield f"rates differ: {rates}; {WHAT_A_RATE_CHANGES}"
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 from jbclog.analysis import spc
 from jbclog.analysis.notebook_html import table, text
 from jbclog.analysis.trend import Point, Trend, metric_text, title_of
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,7 +47,7 @@ def lines(trend: Trend) -> Iterator[str]:
     for reason, count in Counter(
         point.why for point in trend.points if point.value is None
     ).most_common():
-        yield f"  no value in {count} run{'' if count == 1 else 's'}: {reason}"
+        yield f"  no value in {count_text(count, 'run')}: {reason}"
 
 
 def chart_text(trend: Trend) -> str:
@@ -54,11 +55,7 @@ def chart_text(trend: Trend) -> str:
     if isinstance(trend.chart, spc.Refused):
         return f"none. {trend.chart.text}"
     values = trend.chart[0]
-    signals = (
-        f"{len(trend.signals)} signal{'s' * (len(trend.signals) > 1)}"
-        if trend.signals
-        else "no signal"
-    )
+    signals = count_text(len(trend.signals), "signal") if trend.signals else "no signal"
     return (
         f"individuals {values.centre:.4g}, limits {values.lower[0]:.4g} to {values.upper[0]:.4g}"
         f" {trend.unit}; {signals}"

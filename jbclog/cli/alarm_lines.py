@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from jbclog.analysis.alarms import Detector, Episode, Figures, Incident, State
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from jbclog.analysis.run_alarms import Alarms
@@ -102,12 +103,8 @@ def _clock(micros: int | None) -> str:
 
 
 def _figures(one: Figures) -> str:
-    parts = [
-        f"{one.count} alarm{'s' * (one.count != 1)}, at most {one.most_in_10_min} in 10 minutes"
-    ]
-    parts.append(
-        f"{len(one.floods)} flood{'s' * (len(one.floods) != 1)}" if one.floods else "no flood"
-    )
+    parts = [f"{count_text(one.count, 'alarm')}, at most {one.most_in_10_min} in 10 minutes"]
+    parts.append(count_text(len(one.floods), "flood") if one.floods else "no flood")
     parts += [f"{name} chattering ({count} in a minute)" for name, count in one.chattering.items()]
     parts += [
         f"{count} {word}"

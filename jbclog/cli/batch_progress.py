@@ -25,6 +25,7 @@ from jbclog.cli.terminal import (
 )
 from jbclog.config.durations import span_s
 from jbclog.core.rows import JOINTS, EventRow, Goal
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -67,7 +68,7 @@ def seconds(iso: str) -> float:
 def beginning(shift: PreparedBatch) -> Iterator[str]:
     """Return whether the batch starts or resumes, and which jobs wait for a time."""
     jobs = shift.state.jobs
-    count = f"{len(jobs)} job{'' if len(jobs) == 1 else 's'}"
+    count = count_text(len(jobs), "job")
     if shift.is_new:
         yield f"batch of {count} on line {shift.plan.line.name}; journal: {shift.journal.folder}"
     else:

@@ -10,6 +10,7 @@ from jbclog.cli import options
 from jbclog.cli.options import expect_run
 from jbclog.cli.output import echo, echo_json, reports_errors
 from jbclog.core.errors import UsageError
+from jbclog.core.text import count_text
 
 
 @reports_errors
@@ -84,10 +85,9 @@ def check(
             echo(text)
         none = (
             "no differences"
-            + f" in what is covered; {len(bare)} file{'s' * (len(bare) > 1)} not covered"
-            * bool(bare)
+            + f" in what is covered; {count_text(len(bare), 'file')} not covered" * bool(bare)
         )
-        result = f"{len(found)} finding{'s' if len(found) > 1 else ''}" if found else none
+        result = count_text(len(found), "finding") if found else none
         echo(f"{run}: {result} (fingerprint {short_head(own)})")
     if found:
         raise typer.Exit(1)

@@ -9,6 +9,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from jbclog.app.doctor import Looked
@@ -53,11 +54,7 @@ def doctor(
         echo_json({"fine": not findings, "looked": [_facts(one) for one in looked]})
     else:
         _print(looked)
-        echo(
-            f"{len(findings)} finding{'' if len(findings) == 1 else 's'}"
-            if findings
-            else "no findings"
-        )
+        echo(count_text(len(findings), "finding") if findings else "no findings")
     if findings:
         raise typer.Exit(1)
 

@@ -21,7 +21,7 @@ import typer
 
 from jbclog.cli.streams import point_to_null, writes_unicode
 from jbclog.core.errors import JbclogError, Problems, unexpected_error_text
-from jbclog.core.text import clean, json_line, shortened
+from jbclog.core.text import clean, count_text, json_line, shortened
 
 if TYPE_CHECKING:
     from jbclog.analysis.runs import Runs
@@ -211,7 +211,7 @@ def note_thread_error(failed: threading.ExceptHookArgs) -> None:
 def _print_error(error: JbclogError, *, as_json: bool) -> None:
     if isinstance(error, Problems):
         note(*(f"error: {problem}" for problem in error.problems))
-        note(f"{len(error.problems)} problem{'s' if len(error.problems) > 1 else ''}; nothing sent")
+        note(f"{count_text(len(error.problems), 'problem')}; nothing sent")
     else:
         note(f"error: {error}")
     if as_json:

@@ -14,6 +14,7 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import UsageError
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from jbclog.core.serial_line import LineFormat
@@ -139,10 +140,6 @@ def _sent(reports: Iterable[PortReport]) -> dict[bytes, Counter[LineFormat]]:
     return sent
 
 
-def count_of(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
-
-
 def facts_of(reports: list[PortReport], written: Path | None) -> dict[str, object]:
     from jbclog.session.discovery.probe import question_text
 
@@ -256,8 +253,8 @@ def scan(
         print_no_ports(as_json=as_json)
         raise typer.Exit(1)
     note(
-        f"scanning {count_of(len(wanted), 'port')}, {max(plan.seconds for _, plan in wanted):.0f} s"
-        " each at most"
+        f"scanning {count_text(len(wanted), 'port')},"
+        f" {max(plan.seconds for _, plan in wanted):.0f} s each at most"
     )
     reports = search(
         wanted, lambda report: print_progress(report, quiet=as_json), options.port_access(ctx)

@@ -12,6 +12,7 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import UsageError
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from jbclog.analysis.store.place import Place
@@ -84,12 +85,8 @@ def _check(place: Place, older_than: timedelta, *, as_json: bool) -> None:
         note(*found.notes, *found.leftovers, *(f"removed: {text}" for text in found.removed))
         for text in found.findings:
             echo(text)
-        result = (
-            f"{len(found.findings)} finding{'s' * (len(found.findings) > 1)}"
-            if found.findings
-            else "no differences"
-        )
-        echo(f"{place}: {result} ({found.runs} run{'s' * (found.runs != 1)})")
+        result = count_text(len(found.findings), "finding") if found.findings else "no differences"
+        echo(f"{place}: {result} ({count_text(found.runs, 'run')})")
     if found.findings:
         raise typer.Exit(1)
 

@@ -8,6 +8,7 @@ from enum import IntEnum, StrEnum
 from typing import TYPE_CHECKING, Final
 
 from jbclog.core.states import SafetyResult, StationOutcome
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:  # `--help` loads no rows
     from jbclog.core.rows import Goal, StationFacts
@@ -113,21 +114,17 @@ def _of_station(facts: StationFacts) -> Iterable[RunFinding]:
     elif facts.settings_changed:
         yield RunFinding(
             Exit.NOT_FINE,
-            f"{facts.name}: {_count(facts.settings_changed, 'setting')} found changed during"
+            f"{facts.name}: {count_text(facts.settings_changed, 'setting')} found changed during"
             " the run",
         )
     if facts.alarms:
-        yield RunFinding(Exit.NOT_FINE, f"{facts.name}: {_count(facts.alarms, 'alarm')}")
+        yield RunFinding(Exit.NOT_FINE, f"{facts.name}: {count_text(facts.alarms, 'alarm')}")
     if facts.unconfirmed_alarms:
         yield RunFinding(
             Exit.NOT_FINE,
-            f"{facts.name}: {_count(facts.unconfirmed_alarms, 'alarm')} that no temperature"
+            f"{facts.name}: {count_text(facts.unconfirmed_alarms, 'alarm')} that no temperature"
             " bears out",
         )
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def in_order(found: Iterable[RunFinding]) -> list[RunFinding]:

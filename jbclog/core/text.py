@@ -66,6 +66,11 @@ def cleaned(value: object) -> object:
     return value
 
 
+def count_text(count: int, noun: str) -> str:
+    """Format a count: ``1 run``, ``3 runs``."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
 def stamp(text: str | None) -> str:
     """Format an ISO time as ``2026-11-21 01:30:00``."""
     return "not known" if text is None else text[:19].replace("T", " ")

@@ -19,6 +19,7 @@ from scipy.special import ndtr, ndtri, pdtrc, stdtr
 from jbclog.analysis.spc.charts import BEYOND_3, Chart
 from jbclog.analysis.spc.distribution import LOG_ROOT, Fit, Floats
 from jbclog.analysis.spc.nelson import TESTS, signals
+from jbclog.core.text import count_text
 
 CLEARLY: Final = 10.0  # BIC; "very strong" of Kass and Raftery 1995
 APART: Final = 2.0
@@ -128,7 +129,7 @@ def _too_often(number: int, zones: Floats, rate: float) -> Refused | None:
     if not seen or pdtrc(seen - 1, rate * len(zones)) >= BY_CHANCE:
         return None
     text = (
-        f"The process is not stable: {TESTS[number - 1].text}, {seen} time{'s' * (seen > 1)} in"
+        f"The process is not stable: {TESTS[number - 1].text}, {count_text(seen, 'time')} in"
         f" {len(zones)} points"
     )
     return Refused("unstable", f"{text}; an index would describe no process that exists.")

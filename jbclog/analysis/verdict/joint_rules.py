@@ -28,6 +28,7 @@ from jbclog.analysis.verdict.quantiles import SHARE, censored_quantile, upper_p9
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.rules import has_feeder, has_tip, not_applicable
 from jbclog.core.rows import StationFacts
+from jbclog.core.text import count_text
 
 RECOVERY, RECOVERED, AGAINST_COUNTER = (
     "recovery_p95",
@@ -100,7 +101,10 @@ def _bounded_recovery(
     bound = upper_p95(times)
     if seen.hidden and not isinstance(bound, str):
         bound = upper_p95([*times, *[None] * seen.hidden])
-    text = f"95 % of {_joints(len(counted))} recovered within {value:.2f} s, allowed {most_s:g} s."
+    text = (
+        f"95 % of {count_text(len(counted), 'joint')} recovered within {value:.2f} s, allowed"
+        f" {most_s:g} s."
+    )
     if value > most_s:
         result = Result.FAIL
     elif bare:
@@ -141,7 +145,8 @@ def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoint
         return Rule(RECOVERED, facts.name, port, least, None, "%", Result.MISSING, text)
     percent = 100 * back / (back + late)
     text = (
-        f"Recovered before the next joint: {back} of {_joints(back + late)}, required {least:g} %."
+        f"Recovered before the next joint: {back} of {count_text(back + late, 'joint')},"
+        f" required {least:g} %."
     )
     if 100 * (back + undecided) / joints < least:
         result = Result.FAIL
@@ -154,10 +159,6 @@ def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoint
         if seen.hidden:
             text = f"{text} {not_read(seen.unseen_s)}"
     return Rule(RECOVERED, facts.name, port, least, percent, "%", result, text)
-
-
-def _joints(count: int) -> str:
-    return f"{count} joint{'s' * (count != 1)}"
 
 
 def counter_rule(facts: StationFacts, port: int, most: float, seen: PortJoints) -> Rule:

@@ -17,6 +17,7 @@ from jbclog.analysis.verdict.evidence import Event, Evidence, Outcomes, PortLedg
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.samples import TEMPERATURE, WITHOUT_TIP
 from jbclog.core.rows import Goal, StationFacts
+from jbclog.core.text import count_text
 
 COUNTED_ALARMS = ("alarm.high", "alarm.low")
 WITH_FEEDER = ("ale",)
@@ -191,7 +192,7 @@ def alarms_rule(
         return not_applicable("alarms", facts.name, None, most, "", "alarm flags")
     count = sum(event.kind in COUNTED_ALARMS and event.severity in SEVERE for event in events)
     if count > most:
-        text = f"{count} alarm{'s' * (count != 1)} counted; {most} allowed."
+        text = f"{count_text(count, 'alarm')} counted; {most} allowed."
         return Rule("alarms", facts.name, None, most, count, "", Result.FAIL, text)
     unread = [
         port

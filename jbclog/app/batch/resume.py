@@ -17,6 +17,7 @@ from jbclog.app.batch.processes import SystemProcesses
 from jbclog.app.batch.state import BatchState, Entry, EntryKind, JobState, State
 from jbclog.config.job_order import Turn, Zone, due_times, in_turn
 from jbclog.core.errors import Problem, Problems, UsageError
+from jbclog.core.text import count_text
 
 ANEW: Final = "--anew"
 SHOWN_CHANGES: Final = 20
@@ -107,7 +108,7 @@ def _begin(plan: BatchPlan, home: Path, timing: Timing, zone: Zone) -> Journal:
         Entry(
             "",
             EntryKind.BEGIN,
-            f"A batch of {len(turns)} job{'' if len(turns) == 1 else 's'}.",
+            f"A batch of {count_text(len(turns), 'job')}.",
             asked=path,
         )
     )

@@ -38,6 +38,7 @@ from jbclog.core.rows import (
     StationFacts,
     TipCheck,
 )
+from jbclog.core.text import count_text
 from jbclog.maintenance.verification import cited
 from jbclog.record.chains import previous_run
 from jbclog.record.conclude import conclude
@@ -138,7 +139,7 @@ class RunRecord:
         self._store.start()
         self.show(lambda: self.observer.begun(self.folder))
         count = len(self.contexts)
-        stations = f"{count} station{'' if count == 1 else 's'}"
+        stations = count_text(count, "station")
         self.note(
             "run.start", f"Run of {stations} on line {self._plan.line.name}, jbclog {__version__}."
         )
