@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import NO_FOLDER, expect_file_place, expect_run, is_runs
+from jbclog.cli.options import NO_FOLDER, expect_chart_place, expect_run, is_runs
 from jbclog.cli.output import echo, echo_json, note, note_unreadable, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.text import exact_figures
@@ -17,8 +17,6 @@ from jbclog.core.text import exact_figures
 if TYPE_CHECKING:
     from jbclog.analysis.charts import Charted, Counted, Ranked
     from jbclog.analysis.control_limits import Limits
-
-PICTURES = (".png", ".svg", ".pdf")
 
 
 @reports_errors
@@ -41,16 +39,10 @@ def chart(
         help="Chart: imr, ewma, cusum, xbar-s; for counts u, p, pareto.",
         show_default=False,
     ),
-    station: str | None = typer.Option(
-        None, "--station", "-s", metavar="NAME", help="Station; default: all.", show_default=False
-    ),
+    station: str | None = options.STATION_OR_ALL,
     port: int | None = options.PORT,
-    lower: float | None = typer.Option(
-        None, metavar="VALUE", help="Lower specification limit.", show_default=False
-    ),
-    upper: float | None = typer.Option(
-        None, metavar="VALUE", help="Upper specification limit.", show_default=False
-    ),
+    lower: float | None = options.LOWER,
+    upper: float | None = options.UPPER,
     limits: Path | None = typer.Option(
         None,
         "--limits",
@@ -67,9 +59,7 @@ def chart(
     all_tests: bool = typer.Option(
         False, "--all-tests", help="All eight Nelson tests; default: 1, 2, 3, 5."
     ),
-    plot: Path | None = typer.Option(
-        None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."
-    ),
+    plot: Path | None = options.PLOT,
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Show control charts and capability within a run or over runs.
@@ -82,9 +72,7 @@ def chart(
     Example:
       jbclog chart runs/20261121T013000Z-bench-3-k7qd --metric dwell_s --upper 4 --plot dwell.png
     """
-    if plot is not None and plot.suffix.lower() not in PICTURES:
-        raise UsageError(f"--plot {plot}: must end in {', '.join(PICTURES)}")
-    expect_file_place("--plot", plot)
+    expect_chart_place(plot)
     from jbclog.analysis.charts import COUNTED
 
     if metric in COUNTED:

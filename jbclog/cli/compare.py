@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import expect_file_place, expect_run
+from jbclog.cli.options import expect_chart_place, expect_run
 from jbclog.cli.output import echo, echo_json, note, reports_errors
-from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.errors import RecordError
 from jbclog.core.text import exact_figures
 
 if TYPE_CHECKING:
     from jbclog.analysis.compare import Comparison
-
-PICTURES = (".png", ".svg", ".pdf")
 
 
 @reports_errors
@@ -28,9 +26,7 @@ def compare(
         ..., metavar="RUN", help="Other run folder, or STORE/RUN.", show_default=False
     ),
     margin: float = typer.Option(2.0, metavar="C", help="Equivalence margin of idle means, in °C."),
-    plot: Path | None = typer.Option(
-        None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."
-    ),
+    plot: Path | None = options.PLOT,
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Compare two runs side by side.
@@ -48,9 +44,7 @@ def compare(
     for run in (first, second):
         if not is_in_store(run):
             expect_run(run)
-    if plot is not None and plot.suffix.lower() not in PICTURES:
-        raise UsageError(f"--plot {plot}: must end in {', '.join(PICTURES)}")
-    expect_file_place("--plot", plot)
+    expect_chart_place(plot)
     from jbclog.analysis.compare import compare as compared
     from jbclog.analysis.compare_words import facts, lines
     from jbclog.analysis.opening import open_run

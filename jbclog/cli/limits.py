@@ -26,9 +26,7 @@ def limits(
     metric: str = typer.Option(
         "recovery_s", "--metric", "-m", metavar="NAME", help="Metric of joints."
     ),
-    station: str | None = typer.Option(
-        None, "--station", "-s", metavar="NAME", help="Station; default: all.", show_default=False
-    ),
+    station: str | None = options.STATION_OR_ALL,
     port: int | None = options.PORT,
     out: Path = typer.Option(
         Path("limits.json"),

@@ -56,7 +56,7 @@ def maintenance(
     at: str | None = typer.Option(
         None, "--at", metavar="TIME", help="Day or time, UTC; default: now.", show_default=False
     ),
-    remark: str = typer.Option("", "--note", metavar="TEXT", help="Note."),
+    remark: str = options.REMARK,
     ledger: Path = typer.Option(
         Path("counters.jsonl"), "--ledger", metavar="FILE", help="Ledger of `jbclog audit`."
     ),

@@ -30,6 +30,7 @@ def port_access(ctx: typer.Context) -> PortAccess:
 
 # -- paths -----------------------------------------------------------------------------------------
 
+PICTURES = (".png", ".svg", ".pdf")
 NO_FOLDER = "{}: no such folder; runs are in `runs/` or in the folder given by --out"
 
 
@@ -61,6 +62,13 @@ def expect_file_place(option: str, path: Path | None) -> None:
     """
     if path is not None and path.exists() and not path.is_file():
         raise UsageError(f"{option} {path}: not a regular file (folder, pipe or device)")
+
+
+def expect_chart_place(plot: Path | None) -> None:
+    """Raise `UsageError` if --plot names no picture, or no place for a file."""
+    if plot is not None and plot.suffix.lower() not in PICTURES:
+        raise UsageError(f"--plot {plot}: must end in {', '.join(PICTURES)}")
+    expect_file_place("--plot", plot)
 
 
 def expect_run(folder: Path) -> None:
@@ -137,6 +145,10 @@ UNTIL_JOINTS = typer.Option(
     help="End after N joints, all stations together.",
     show_default=False,
 )
+RUNS_OR_STORE = typer.Argument(Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store.")
+STORE = typer.Argument(
+    ..., metavar="STORE", help="Folder, network share, or s3://BUCKET/PATH.", show_default=False
+)
 OUT = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="Folder of runs.")
 RUN = typer.Argument(..., metavar="RUN", help="Run folder.", show_default=False)
 STATION_NAMED = typer.Argument(
@@ -145,6 +157,9 @@ STATION_NAMED = typer.Argument(
     help="Station name.",
     show_default=False,
     autocompletion=complete_station,
+)
+STATION_OR_ALL = typer.Option(
+    None, "--station", "-s", metavar="NAME", help="Station; default: all.", show_default=False
 )
 PORT = typer.Option(
     None,
@@ -192,6 +207,18 @@ NO_CACHE = typer.Option(
     False, "--no-cache", help="Read and compute everything anew, without index and caches."
 )
 AS_JSON = typer.Option(False, "--json", help="Print one JSON object.")
+JSON_PER_RUN = typer.Option(False, "--json", help="Print one JSON object per run.")
+LOWER = typer.Option(None, metavar="VALUE", help="Lower specification limit.", show_default=False)
+UPPER = typer.Option(None, metavar="VALUE", help="Upper specification limit.", show_default=False)
+PLOT = typer.Option(None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf.")
+TCP = typer.Option(None, metavar="HOST:PORT", help="First TCP port; one port per station.")
+REMARK = typer.Option("", "--note", metavar="TEXT", help="Note.")
+# conditions on runs
+ORDER = typer.Option(None, metavar="NUMBER", help="Work order.")
+PRODUCT = typer.Option(None, metavar="NAME", help="Product.")
+RECIPE_NAME = typer.Option(None, metavar="NAME[@REVISION]", help="Recipe name.")
+LINE_NAME = typer.Option(None, metavar="NAME", help="Line name.")
+UNTIL = typer.Option(None, metavar="TIME", help="Latest start, UTC; a day is included.")
 
 LONGEST_TEXT = 200
 SEVERAL = ("--unit", "--wire-lot", "--flux-lot", "--tip")  # may be repeated

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import typer
 
+from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, is_folder
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import UsageError
@@ -31,13 +32,11 @@ def publish(
     path: Path = typer.Argument(
         ..., metavar="RUN|DIR", help="Sealed run, or folder of runs.", show_default=False
     ),
-    store: Path = typer.Argument(
-        ..., metavar="STORE", help="Folder, network share, or s3://BUCKET/PATH.", show_default=False
-    ),
+    store: Path = options.STORE,
     follow: bool = typer.Option(
         False, "--follow", help="Keep publishing what is sealed or annotated in DIR, until Ctrl-C."
     ),
-    as_json: bool = typer.Option(False, "--json", help="Print one JSON object per run."),
+    as_json: bool = options.JSON_PER_RUN,
 ) -> None:
     """Publish sealed runs into a plant's store.
 

@@ -37,9 +37,7 @@ def replay(
         metavar="DIR",
         help=f"Folder for ports and line file.  [default: {SERVED_IN}]",
     ),
-    tcp: str | None = typer.Option(
-        None, metavar="HOST:PORT", help="First TCP port; one port per station."
-    ),
+    tcp: str | None = options.TCP,
     out: Path | None = typer.Option(
         None, "--record", metavar="DIR", help="Reproduce the run at once below DIR and compare."
     ),

@@ -45,12 +45,10 @@ OLD_STATES: Final = ("sealed", "success", "aborted", "failed", "lost")
 
 @reports_errors
 def runs(
-    folder: Path = typer.Argument(
-        Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store."
-    ),
+    folder: Path = options.RUNS_OR_STORE,
     operator: str | None = typer.Option(None, metavar="NAME", help="Operator."),
-    order: str | None = typer.Option(None, metavar="NUMBER", help="Work order."),
-    product: str | None = typer.Option(None, metavar="NAME", help="Product."),
+    order: str | None = options.ORDER,
+    product: str | None = options.PRODUCT,
     unit: str | None = typer.Option(None, metavar="SERIAL", help="Serial of a unit."),
     wire_lot: str | None = typer.Option(None, metavar="LOT", help="Lot of the solder wire."),
     flux_lot: str | None = typer.Option(None, metavar="LOT", help="Lot of the flux."),
@@ -58,8 +56,8 @@ def runs(
     tag: list[str] = typer.Option(
         [], metavar="NAME=VALUE", help="Tag stored with the run; repeatable."
     ),
-    recipe: str | None = typer.Option(None, metavar="NAME[@REVISION]", help="Recipe name."),
-    line: str | None = typer.Option(None, metavar="NAME", help="Line name."),
+    recipe: str | None = options.RECIPE_NAME,
+    line: str | None = options.LINE_NAME,
     station: str | None = typer.Option(None, metavar="NAME", help="Station name."),
     verdict: str | None = typer.Option(
         None, metavar="VERDICT", help="Verdict: ACCEPT, REJECT, ..."
@@ -72,11 +70,9 @@ def runs(
     since: str | None = typer.Option(
         None, metavar="TIME", help="Earliest start: 2026-11-21 or 2026-11-21T08:00, UTC."
     ),
-    until: str | None = typer.Option(
-        None, metavar="TIME", help="Latest start, UTC; a day is included."
-    ),
+    until: str | None = options.UNTIL,
     no_cache: bool = options.NO_CACHE,
-    as_json: bool = typer.Option(False, "--json", help="Print one JSON object per run."),
+    as_json: bool = options.JSON_PER_RUN,
 ) -> None:
     """Find runs by operator, order, unit, time, verdict and more.
 

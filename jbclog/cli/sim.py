@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from jbclog.cli import options
 from jbclog.cli.options import expect_file_place
 from jbclog.cli.output import echo, note, reports_errors
 from jbclog.core.errors import UsageError
@@ -21,9 +22,7 @@ def sim(
     folder: Path = typer.Option(
         Path("virtual"), "--dir", metavar="DIR", help="Folder for ports and line file."
     ),
-    tcp: str | None = typer.Option(
-        None, metavar="HOST:PORT", help="First TCP port; one port per station."
-    ),
+    tcp: str | None = options.TCP,
     no_joints: bool = typer.Option(
         False, "--no-joints", help="Let the tips rest, for example to try `jbclog verify`."
     ),

@@ -25,9 +25,7 @@ def store(
     word: str = typer.Argument(
         ..., metavar="check|compact|vacuum", help="What to do.", show_default=False
     ),
-    store: Path = typer.Argument(
-        ..., metavar="STORE", help="Folder, network share, or s3://BUCKET/PATH.", show_default=False
-    ),
+    store: Path = options.STORE,
     older_than: str = typer.Option(
         "24h",
         "--older-than",

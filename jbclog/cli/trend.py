@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import NO_FOLDER, expect_file_place, is_runs
+from jbclog.cli.options import NO_FOLDER, expect_chart_place, expect_file_place, is_runs
 from jbclog.cli.output import echo, echo_json, echo_table, note, note_unreadable, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.text import exact_figures
@@ -18,36 +18,24 @@ if TYPE_CHECKING:
     from jbclog.analysis.runs import Runs
     from jbclog.analysis.trend import Trend
 
-PICTURES = (".png", ".svg", ".pdf")
-
 
 @reports_errors
 def trend(
-    folder: Path = typer.Argument(
-        Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store."
-    ),
+    folder: Path = options.RUNS_OR_STORE,
     metric: str = typer.Option(
         "idle_error_c", "--metric", "-m", metavar="NAME", help="Metric; `list` shows all."
     ),
-    station: str | None = typer.Option(
-        None, "--station", "-s", metavar="NAME", help="Station; default: all."
-    ),
-    port: int | None = typer.Option(
-        None, "--port", "-p", min=1, max=4, metavar="N", help="Port number; default: all."
-    ),
-    lower: float | None = typer.Option(None, metavar="VALUE", help="Lower specification limit."),
-    upper: float | None = typer.Option(None, metavar="VALUE", help="Upper specification limit."),
-    line: str | None = typer.Option(None, metavar="NAME", help="Line name."),
-    recipe: str | None = typer.Option(None, metavar="NAME[@REVISION]", help="Recipe name."),
-    product: str | None = typer.Option(None, metavar="NAME", help="Product."),
-    order: str | None = typer.Option(None, metavar="NUMBER", help="Work order."),
+    station: str | None = options.STATION_OR_ALL,
+    port: int | None = options.PORT,
+    lower: float | None = options.LOWER,
+    upper: float | None = options.UPPER,
+    line: str | None = options.LINE_NAME,
+    recipe: str | None = options.RECIPE_NAME,
+    product: str | None = options.PRODUCT,
+    order: str | None = options.ORDER,
     since: str | None = typer.Option(None, metavar="TIME", help="Earliest start: 2026-11-21, UTC."),
-    until: str | None = typer.Option(
-        None, metavar="TIME", help="Latest start, UTC; a day is included."
-    ),
-    plot: Path | None = typer.Option(
-        None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."
-    ),
+    until: str | None = options.UNTIL,
+    plot: Path | None = options.PLOT,
     html: Path | None = typer.Option(
         None, "--html", metavar="FILE", help="HTML page with chart and table."
     ),
@@ -55,7 +43,7 @@ def trend(
         None, metavar="ADDRESS", help="Dask scheduler, whose workers read a store: tcp://HOST:8786."
     ),
     no_cache: bool = options.NO_CACHE,
-    as_json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    as_json: bool = options.AS_JSON,
 ) -> None:
     """Show a metric over many runs: control chart, capability.
 
@@ -71,9 +59,8 @@ def trend(
     if metric == "list":
         _list(as_json=as_json)
         return
-    _expect_picture(plot)
-    for option, path in (("--plot", plot), ("--html", html)):
-        expect_file_place(option, path)
+    expect_chart_place(plot)
+    expect_file_place("--html", html)
     from jbclog.analysis.runs import Records
     from jbclog.analysis.trend import trends
     from jbclog.app.index.run_index import run_index
@@ -106,11 +93,6 @@ def _runs(
     return open_runs(
         folder, line=line, recipe=recipe, product=product, order=order, since=begin, until=end
     )
-
-
-def _expect_picture(plot: Path | None) -> None:
-    if plot is not None and plot.suffix.lower() not in PICTURES:
-        raise UsageError(f"--plot {plot}: must end in {', '.join(PICTURES)}")
 
 
 def _list(*, as_json: bool) -> None:

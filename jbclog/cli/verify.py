@@ -52,8 +52,8 @@ def verify(
         help="Expanded uncertainty of the thermometer (k = 2), °C.",
         show_default=False,
     ),
-    remark: str = typer.Option("", "--note", metavar="TEXT", help="Note."),
-    out: Path = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="Folder of runs."),
+    remark: str = options.REMARK,
+    out: Path = options.OUT,
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Record a tip verification against an external thermometer.

@@ -22,9 +22,7 @@ HEADS = ("started", "tips", "order", "units", "verdict", "run")
 
 @reports_errors
 def where_used(
-    folder: Path = typer.Argument(
-        Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store."
-    ),
+    folder: Path = options.RUNS_OR_STORE,
     station: str = typer.Option(
         ..., "--station", "-s", metavar="NAME", help="Station name.", show_default=False
     ),
@@ -48,7 +46,7 @@ def where_used(
         show_default=False,
     ),
     no_cache: bool = options.NO_CACHE,
-    as_json: bool = typer.Option(False, "--json", help="Print one JSON object."),
+    as_json: bool = options.AS_JSON,
 ) -> None:
     """List the runs that used a tip since its last pass.
 
