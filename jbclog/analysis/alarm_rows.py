@@ -11,9 +11,11 @@ from typing import Final, NamedTuple, cast
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from jbclog.analysis.alarms import BEFORE_ALL, WATCHED, Change, FlagRead, Rows, change_of
+from jbclog.analysis.alarms.port_watch import WORKING
 from jbclog.analysis.joints.port_rows import by_port
 from jbclog.analysis.run_tables import RunTables
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
@@ -33,6 +35,7 @@ COLUMNS: Final = [
     "alarm_high",
     "alarm_low",
 ]
+WORKING_WORDS: Final = pa.array(sorted(WORKING))
 CLOCK_STEP: Final = "clock.step"
 
 
@@ -165,13 +168,19 @@ class PortSplitter:
             )
 
     def _rows(self, place: Place, own: pa.Table) -> Rows:
-        times = own["time"].cast(pa.int64()).to_numpy()
-        temperature, status, setpoint = (
-            values(own[name]) for name in ("temperature_c", "status", "set_c")
-        )
+        times, status = own["time"].cast(pa.int64()).to_numpy(), own["status"]
         steps = self._steps_between(place, times, own["tick"][0].as_py()) if self._steps else {}
-        ticks = own["tick"].to_numpy().tolist()
-        return Rows(times.tolist(), ticks, temperature, status, setpoint, steps)  # type: ignore[arg-type]
+        read = pc.and_(pc.is_valid(status), pc.is_valid(own["temperature_c"]))
+        works = pc.fill_null(pc.is_in(status, value_set=WORKING_WORDS), False)
+        return Rows(
+            times,
+            own["tick"].to_numpy(),
+            pc.fill_null(own["temperature_c"], 0).to_numpy(),
+            read.to_numpy(),
+            works.to_numpy(),
+            own["set_c"].cast(pa.float64()).to_numpy(),
+            steps,
+        )
 
     def _steps_between(self, place: Place, times: NDArray[np.int64], tick: int) -> dict[int, int]:
         """Return row -> by how many µs the clock was stepped just before it."""
@@ -203,24 +212,3 @@ def _flags(rows: pa.Table) -> list[FlagRead]:
     read = rows.select(["time", "alarm_high", "alarm_low"]).filter(rows["alarm_high"].is_valid())
     times = read["time"].cast(pa.int64()).to_pylist()
     return [*map(FlagRead, times, read["alarm_high"].to_pylist(), read["alarm_low"].to_pylist())]
-
-
-def values(column: pa.ChunkedArray) -> list[object]:
-    """Return a column as a list, None for a null; several times as fast as `to_pylist`."""
-    array = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
-    if isinstance(array, pa.ChunkedArray):
-        array = pa.concat_arrays(array.chunks)
-    if pa.types.is_string(array.type) or pa.types.is_large_string(array.type):
-        array = array.dictionary_encode()
-    if pa.types.is_dictionary(array.type):
-        words = array.dictionary.to_pylist()
-        return [None if code is None else words[code] for code in values(array.indices)]
-    if not array.null_count:
-        return cast(list[object], array.to_numpy(zero_copy_only=False).tolist())
-    found: list[object] = [None] * len(array)
-    valid = np.flatnonzero(array.is_valid().to_numpy(zero_copy_only=False))
-    for row, value in zip(
-        valid.tolist(), array.drop_null().to_numpy(zero_copy_only=False).tolist(), strict=True
-    ):
-        found[row] = value
-    return found

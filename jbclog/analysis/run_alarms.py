@@ -262,8 +262,9 @@ def _sampled(
                 )
             sampled[place].feed(rows)
             reads.setdefault(place, []).extend(flags)
-            first, last = spans.get(place[0], (rows.time_us[0], rows.time_us[-1]))
-            spans[place[0]] = min(first, rows.time_us[0]), max(last, rows.time_us[-1])
+            begin, end = int(rows.time_us[0]), int(rows.time_us[-1])
+            first, last = spans.get(place[0], (begin, end))
+            spans[place[0]] = min(first, begin), max(last, end)
     return sampled, reads, spans
 
 

@@ -11,7 +11,10 @@ samples: every excursion beyond the limit.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from jbclog.analysis.alarms.port_watch import Change, PortWatch
 from jbclog.analysis.alarms.state_machine import (
@@ -24,7 +27,12 @@ from jbclog.analysis.alarms.state_machine import (
 )
 from jbclog.core.rows import EventRow
 
-Numbers = Sequence[float | None]
+Counts = NDArray[np.int64]
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LOOK_ROWS: Final = 256  # that are looked at together, twice as many after so many quiet ones
+SINGLE_ROWS: Final = 64  # that are taken one by one after one that may change something
 
 SAMPLED = (Detector.SAMPLES, Detector.AFTERWARDS)
 UNKNOWN = "alarm.unknown"
@@ -34,15 +42,17 @@ _ENDED = {"alarm.high.ended": Side.HIGH, "alarm.low.ended": Side.LOW}
 
 
 class Rows(NamedTuple):
-    """The samples of one port as columns; None: not read. `steps_us`: row -> size of the clock step
-    just before it.
+    """The samples of one port as columns. `read`: temperature and status were read. `works`: the
+    tool works. `set_c` is NaN where it was not read. `steps_us`: row -> size of the clock step just
+    before it.
     """
 
-    time_us: Sequence[int]
-    tick: Sequence[int]
-    temperature_c: Numbers
-    status: Sequence[str | None]
-    set_c: Numbers
+    time_us: Counts
+    tick: Counts
+    temperature_c: NDArray[np.number[Any]]
+    read: Flags
+    works: Flags
+    set_c: Floats
     steps_us: dict[int, int]
 
 
@@ -80,15 +90,60 @@ class SampledEpisodes:
         self.found: list[Episode] = []
 
     def feed(self, rows: Rows) -> None:
-        """Take the next rows, oldest first."""
+        """Take the next rows, oldest first. Rows that change nothing are passed by together."""
+        place, count, look = 0, len(rows.time_us), LOOK_ROWS
+        while place < count:
+            quiet = self._watch.quiet_range()
+            if quiet is not None:
+                until = min(place + look, count)
+                first = self._pass_by(rows, slice(place, until), quiet)
+                look, place = 2 * look if first == until else LOOK_ROWS, first
+            if place < count and (quiet is None or place < until):
+                until = min(place + SINGLE_ROWS, count)
+                self._take(rows, slice(place, until))
+                place = until
+
+    def _pass_by(self, rows: Rows, some: slice, quiet: tuple[float, float]) -> int:
+        """Pass by those of these rows that come before the first that may change something, and
+        return its place.
+        """
+        values, read, (low, high) = rows.temperature_c[some], rows.read[some], quiet
+        eventful = read & rows.works[some] & ((values < low) | (values > high))
+        eventful |= rows.time_us[some] > self._watch.due_us
+        places = [place - some.start for place in rows.steps_us if some.start <= place < some.stop]
+        eventful[places] = True
+        count = int(np.argmax(eventful)) if eventful.any() else len(eventful)
+        known, set_c = np.flatnonzero(read[:count]), rows.set_c[some][:count]
+        set_c = set_c[~np.isnan(set_c)]
+        last = None
+        if len(known):
+            place = some.start + int(known[-1])
+            last = (
+                int(rows.time_us[place]),
+                int(rows.tick[place]),
+                rows.temperature_c[place].item(),
+            )
+        self._watch.pass_by(last, float(set_c[-1]) if len(set_c) else None)
+        return int(some.start) + count
+
+    def _take(self, rows: Rows, some: slice) -> None:
+        """Take these rows one by one."""
         take, steps, found = self._watch.row, rows.steps_us, self.found
         columns = zip(
-            rows.time_us, rows.tick, rows.temperature_c, rows.status, rows.set_c, strict=True
+            range(some.start, some.stop),
+            *(column[some].tolist() for column in rows[:-1]),
+            strict=True,
         )
-        for place, (time_us, tick, temperature, status, set_c) in enumerate(columns):
+        for place, time_us, tick, value, is_read, works, set_c in columns:
             if steps and place in steps:
                 self._watch.step(steps[place])
-            reports = take(time_us, tick, temperature, status, set_c)
+            reports = take(
+                time_us,
+                tick,
+                value if is_read else None,
+                works,
+                set_c if set_c == set_c else None,  # NaN
+            )
             if reports:
                 found += [
                     episode for transition, episode in reports if transition is Transition.RAISED

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import Final
 
-from jbclog.analysis.alarms.port_watch import BEFORE_ALL, TOOL, Change, PortWatch
+from jbclog.analysis.alarms.port_watch import BEFORE_ALL, TOOL, WORKING, Change, PortWatch
 from jbclog.analysis.alarms.state_machine import (
     WATCHED,
     Detector,
@@ -73,7 +73,9 @@ class LiveAlarms:
         watch = self._watches.get((row[_STATION], row[_PORT]))  # type: ignore[arg-type]  # a row is a list of anything
         if watch is None:
             watch = self._begin(str(row[_STATION]), int(str(row[_PORT])))
-        reports = watch.row(row[_TIME], row[_TICK], row[_TEMPERATURE], row[_STATUS], row[_SET])  # type: ignore[arg-type]
+        status = row[_STATUS]
+        temperature = None if status is None else row[_TEMPERATURE]
+        reports = watch.row(row[_TIME], row[_TICK], temperature, status in WORKING, row[_SET])  # type: ignore[arg-type]
         if reports:
             self._emit_all(reports, row[_TIME])  # type: ignore[arg-type]
 

@@ -149,20 +149,50 @@ class PortWatch:
         time_us: int,
         tick: int,
         temperature: float | None,
-        status: str | None,
+        works: bool,  # once for each row: keywords cost a third more
         set_c: float | None,
     ) -> Sequence[Report]:
-        """Take the next row of this port and return the transitions of its episodes."""
+        """Take the next row of this port and return the transitions of its episodes. `temperature`
+        is None where it or the status was not read.
+        """
         if self._changes:
             self._apply_changes(time_us - self._stepped_us)
         if set_c is not None:
             self._setpoint = set_c
-        if temperature is None or status is None:
+        if temperature is None:
             return self._miss(tick, time_us) if self._is_raised else ()
-        if self._low <= temperature <= self._high and status in WORKING:
+        if works and self._low <= temperature <= self._high:
             self._tick, self._us, self._arrival.previous_c = tick, time_us, temperature
             return ()
-        return self._evaluate(time_us, tick, temperature, works=status in WORKING)
+        return self._evaluate(time_us, tick, temperature, works=works)
+
+    def quiet_range(self) -> tuple[float, float] | None:
+        """Return the temperatures that change nothing while the tool works (infinity to minus
+        infinity: there are none); None while an alarm is pending or raised.
+
+        Otherwise rows in which the tool does not work, and rows that were not read, change nothing
+        either, before `due_us`.
+        """
+        if all(machine.phase is Phase.NORMAL for machine in self._machines):
+            return self._low, self._high
+        return None
+
+    @property
+    def due_us(self) -> float:
+        """The time of the last row to which the next change does not apply; infinite if there is
+        none.
+        """
+        return self._changes[0].at_us + self._stepped_us if self._changes else inf
+
+    def pass_by(self, last: tuple[int, int, float] | None, set_c: float | None) -> None:
+        """Pass by rows that change nothing: `last` is time, tick and temperature of the last one
+        that was read, `set_c` the last setpoint.
+        """
+        if set_c is not None:
+            self._setpoint = set_c
+        if last is not None:
+            self._us, self._tick, self._arrival.previous_c = last
+            self._has_read = True
 
     def _apply_changes(self, before_us: int) -> None:
         """Apply the changes that were found before a row's time."""

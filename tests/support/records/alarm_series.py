@@ -5,11 +5,14 @@ second way to judge them.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Protocol
+
+import numpy as np
 
 from jbclog.analysis.alarms import (
     BEFORE_ALL,
@@ -20,6 +23,7 @@ from jbclog.analysis.alarms import (
     Rows,
     SampledEpisodes,
 )
+from jbclog.analysis.alarms.port_watch import WORKING
 from jbclog.app.run.run_record import _Tap
 from jbclog.core.rows import (
     COLUMN,
@@ -126,8 +130,11 @@ def replayed(
     series: Series,
     detectors: Sequence[Detector] = (Detector.SAMPLES, Detector.AFTERWARDS),
     pieces: int = 1,
+    steps_us: Mapping[int, int] = MappingProxyType({}),
 ) -> list[Episode]:
-    """The episodes of the series as a record gives them, in some pieces."""
+    """The episodes of the series as a record gives them, in some pieces; `steps_us`: row -> step of
+    the clock before it.
+    """
     from jbclog.analysis.alarms import rules_of
 
     before = [Change(BEFORE_ALL, row.setting, row.readback) for row in setting_rows()]
@@ -137,9 +144,22 @@ def replayed(
     )
     size = len(series.rows) // pieces + 1
     for start in range(0, len(series.rows), size):
-        columns = [list(column) for column in zip(*series.rows[start : start + size], strict=True)]
-        sampled.feed(Rows(*columns, {}))  # type: ignore[arg-type]
+        steps = {row - start: step for row, step in steps_us.items() if start <= row < start + size}
+        sampled.feed(rows_of(series.rows[start : start + size])._replace(steps_us=steps))
     return sampled.found
+
+
+def rows_of(readings: Sequence[Reading]) -> Rows:
+    times, ticks, temperatures, statuses, set_c = zip(*readings, strict=True)
+    return Rows(
+        np.array(times),
+        np.array(ticks),
+        np.array([0 if one is None else one for one in temperatures]),
+        np.array([row[2] is not None and row[3] is not None for row in readings]),
+        np.array([status in WORKING for status in statuses]),
+        np.array([np.nan if one is None else one for one in set_c]),
+        {},
+    )
 
 
 def lived(series: Series) -> list[EventRow]:

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 import random
 import time
+from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -17,12 +19,13 @@ from jbclog.analysis.alarms import (
     Detector,
     Episode,
     LiveAlarms,
-    Rows,
     Rules,
     SampledEpisodes,
     State,
+    from_record,
 )
 from jbclog.analysis.alarms.port_watch import PortWatch
+from jbclog.analysis.alarms.state_machine import Report
 from support.records.alarm_series import (
     PERIOD_S,
     SETTINGS,
@@ -34,6 +37,7 @@ from support.records.alarm_series import (
     plain,
     random_series,
     replayed,
+    rows_of,
     sample_row,
     setting_rows,
 )
@@ -198,9 +202,9 @@ def test_readings_around_a_clock_step_have_times_of_the_new_clock(step_us: int) 
     watch = PortWatch(STATION, 1, PERIOD_S, Rules(), [C])
     for row in setting_rows():
         watch.change(Change(BEFORE_ALL, row.setting, row.readback))
-    watch.row(at(0), 0, 350, "working", None)
+    watch.row(at(0), 0, 350, True, None)
     watch.step(step_us)
-    ((_, episode),) = watch.row(at(1) + step_us, 1, 390, "working", None)
+    ((_, episode),) = watch.row(at(1) + step_us, 1, 390, True, None)
     assert (episode.onset_earliest_us, episode.onset_us) == (at(0) + step_us, at(1) + step_us)
 
 
@@ -233,6 +237,44 @@ def same(series: Series) -> int:
 @given(st.integers(0, 2**32))
 def test_the_recorder_and_a_replay_give_the_same(seed: int) -> None:
     same(random_series(seed))
+
+
+@pytest.mark.parametrize(("look", "single"), [(1, 1), (3, 2), (4096, 1)])
+def test_rows_that_change_nothing_may_be_passed_by(
+    look: int, single: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    series = [random_series(seed) for seed in range(40)]
+    steps = dict.fromkeys(range(50, 600, 83), 2_000_000)
+    monkeypatch.setattr(PortWatch, "quiet_range", lambda _: None)
+    row_by_row = [replayed(one, steps_us=steps) for one in series]
+    monkeypatch.undo()
+    monkeypatch.setattr(from_record, "LOOK_ROWS", look)
+    monkeypatch.setattr(from_record, "SINGLE_ROWS", single)
+    assert [replayed(one, pieces=3, steps_us=steps) for one in series] == row_by_row
+    assert sum(map(len, row_by_row)) > 100
+
+
+def test_an_alarm_may_begin_behind_rows_that_were_passed_by() -> None:
+    series = Series().change("alarm_high_limit", "355 °C").add(None, None, times=100)
+    episode = only(series.add(300, "sleep", times=500).add(358, times=20))
+    assert (episode.onset_earliest_us, episode.onset_us) == (at(599), at(600))
+
+
+def test_rows_in_which_nothing_happens_are_not_looked_at_one_by_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    series = hot().add(350, times=5000, set_c=350).add(40, "sleep", times=5000).add(350, times=5000)
+    series.add(None, None, times=5000).add(350, times=5000).add(390, times=10).add(350, times=5000)
+    taken: list[int] = []
+    row = PortWatch.row
+
+    def counted(watch: PortWatch, time_us: int, *others: Any) -> Sequence[Report]:
+        taken.append(time_us)
+        return row(watch, time_us, *others)
+
+    monkeypatch.setattr(PortWatch, "row", counted)
+    assert [one.detector for one in replayed(series)] == [C, B]
+    assert len(taken) < 500
 
 
 def test_random_series_have_episodes_of_every_kind() -> None:
@@ -313,11 +355,15 @@ def replay_s(rows: int) -> float:
     minute.
     """
     temperature = [390.0 if 300 < place % 600 < 320 else 350.0 for place in range(rows)]
-    times = range(T0_US, T0_US + rows * 100_000, 100_000)
+    readings = [
+        (T0_US + 100_000 * tick, tick, value, "working", None)
+        for tick, value in enumerate(temperature)
+    ]
+    columns = rows_of(readings)
     changes = [Change(row.time, row.setting, row.readback) for row in setting_rows()]
     sampled = SampledEpisodes(STATION, 1, PERIOD_S, changes)
     begun = time.process_time()
-    sampled.feed(Rows(times, range(rows), temperature, ["working"] * rows, [None] * rows, {}))
+    sampled.feed(columns)
     took = time.process_time() - begun
     assert len(sampled.found) == 2 * len(range(300, rows, 600))
     return took
