@@ -1,6 +1,6 @@
 """Judges a sealed run again from its record, and compares the result with its sealed verdict.
 
-The comparison uses the version of the rules that gave the verdict (`verdict/versions.py`). Rules
+The comparison uses the version of the rules that gave the verdict (`rule_versions.py`). Rules
 that this jbclog cannot apply as that version did are listed and never count against the verdict.
 """
 
@@ -13,6 +13,7 @@ from pathlib import Path
 
 from jbclog import __version__
 from jbclog.analysis.joints.evidence import joint_evidence
+from jbclog.analysis.rule_versions import is_known, not_kept
 from jbclog.analysis.verdict import (
     RULES,
     Evidence,
@@ -25,7 +26,6 @@ from jbclog.analysis.verdict import (
     judge,
 )
 from jbclog.analysis.verdict.samples import Measuring, measure
-from jbclog.analysis.verdict.versions import is_known, not_kept
 from jbclog.config.load_recipe import load_recipe
 from jbclog.config.recipe import Recipe
 from jbclog.core.errors import Problems, UsageError

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import signal
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import TYPE_CHECKING, Final
@@ -35,6 +36,13 @@ class Status(StrEnum):
     FAILED = "failed"
     LOST = "lost"
 
+
+CUT_SHORT: Final[Mapping[signal.Signals, Exit]] = {
+    signal.SIGINT: Exit.INTERRUPTED,
+    signal.SIGTERM: Exit.TERMINATED,
+    signal.SIGHUP: Exit.TERMINATED,
+}
+"""The signals that end a run in good order."""
 
 FINE_VERDICTS = (None, "ACCEPT", "NOT JUDGED")
 NEVER_SAMPLED = (

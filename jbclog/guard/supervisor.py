@@ -38,14 +38,23 @@ Report = Callable[[str, str], None]
 
 
 class RunGuard:
-    """The guard of a run from `start` to `end`; does nothing before `start`."""
+    """The guard of a run from `start` to `end`; watches nothing before `start`."""
 
     def __init__(self) -> None:
+        self._begun: GuardProcess | None = None
         self._supervisor: GuardSupervisor | None = None
+
+    def begin(self, folder: Path) -> None:
+        """Begin its process, which needs a tenth of a second until it watches; `start` waits for
+        it.
+        """
+        with suppress(StartRefused):  # `start` tries again, and raises it
+            self._begun = GuardProcess(folder)
 
     def start(self, folder: Path, report: Report) -> None:
         """Start it before anything is sent to a station. Raises StartRefused."""
-        self._supervisor = GuardSupervisor(folder, report)
+        begun, self._begun = self._begun, None
+        self._supervisor = GuardSupervisor(folder, report, begun)
 
     def update(self, facts: StationFacts) -> None:
         """Lease what may be hot. Called before the first write to a tool is sent."""
@@ -57,7 +66,9 @@ class RunGuard:
             self._supervisor.renew()
 
     def end(self) -> None:
-        """End it after all sessions have ended by themselves."""
+        """End it after all sessions have ended by themselves, or none has begun."""
+        if self._begun is not None:
+            self._begun.end()
         if self._supervisor is not None:
             self._supervisor.end()
 
@@ -94,17 +105,17 @@ def lease_of(facts: StationFacts) -> StationLease:
 
 
 class GuardSupervisor:
-    """Keeps one guard alive for the run in `folder`. Raises StartRefused if the first one does not
-    start.
+    """Keeps one guard alive for the run in `folder`, first the one that was `begun`. Raises
+    StartRefused if that does not start.
     """
 
-    def __init__(self, folder: Path, report: Report) -> None:
+    def __init__(self, folder: Path, report: Report, begun: GuardProcess | None = None) -> None:
         self._folder = folder
         self._report = report
         self._leases: dict[str, StationLease] = {}
         self._replaced = 0
         self._is_handed_over = False  # the guard owns the lease file from then on
-        self._guard: GuardProcess | None = GuardProcess(folder)
+        self._guard: GuardProcess | None = begun or GuardProcess(folder)
         self._guard.await_ready()
 
     @property

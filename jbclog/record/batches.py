@@ -17,7 +17,6 @@ from typing import Final, NamedTuple
 
 import pyarrow as pa
 
-from jbclog.core.foreign.values import expect_values
 from jbclog.record.schema import INT, SCHEMAS
 
 BARE: Final = {
@@ -168,6 +167,8 @@ def _expect_whole(table: pa.Table) -> None:
     """Raise Damaged or NotReadable for values that no part may hold: missing where they must not
     be, or out of range.
     """
+    from jbclog.core.foreign.values import expect_values  # a recorder decodes nothing
+
     for field, column in zip(table.schema, table.columns, strict=True):
         if column.null_count and not field.nullable:
             raise Damaged(f"{field.name} has no value in {column.null_count} rows")

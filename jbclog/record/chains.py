@@ -146,12 +146,13 @@ def digits(typed: str) -> int:
     return len(re.sub(r"[\s-]", "", typed))
 
 
-def previous_run(out: Path, line: str) -> Previous:
-    """Return what the next run of `line` below `out` carries. Raises RecordError if the network
-    mount of `out` hangs.
+def previous_run(out: Path, line: str, own: Path | None = None) -> Previous:
+    """Return what the run of `line` in the folder `own` below `out`, or the next one, carries.
+    Raises RecordError if the network mount of `out` hangs.
     """
     expect_answer(out)
-    newest_first = sorted(_runs_of(out, line), key=lambda folder: folder.name, reverse=True)
+    others = [folder for folder in _runs_of(out, line) if own is None or folder.name != own.name]
+    newest_first = sorted(others, key=lambda folder: folder.name, reverse=True)
     for folder in newest_first:
         with suppress(RecordError, OSError):
             if read_manifest(folder).state == RunState.SEALED:

@@ -11,18 +11,18 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
-from typing import Final
-
-import pyarrow as pa
+from typing import TYPE_CHECKING, Final
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.rows import EventRow, Severity, StationFacts
-from jbclog.record.batches import decode, encode
-from jbclog.record.chains import Chain
-from jbclog.record.parts import row_groups, through, write_part
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+# what reads and writes sealed rows is loaded where that is done: a recorder does neither
 
 ACTION_LOG: Final = "guard.jsonl"
 LOCK: Final = "guard.lock"
@@ -62,6 +62,8 @@ def await_guard(folder: Path, patience_s: float) -> None:
 
 def was_lost(folder: Path) -> bool:
     """Whether a run was without its guard for a time, by its sealed events."""
+    from jbclog.record.parts import row_groups
+
     return any(
         LOST in group["kind"].to_pylist() for group in row_groups(folder, "events", ["kind"])
     )
@@ -125,6 +127,9 @@ def take_in(folder: Path, run: str, events: list[EventRow]) -> None:
     """
     if not events:
         return
+    from jbclog.record.chains import Chain
+    from jbclog.record.parts import row_groups, through, write_part
+
     wanted, known, last = (
         {(event.time, event.text) for event in events},
         set[tuple[int, str]](),
@@ -144,12 +149,16 @@ def take_in(folder: Path, run: str, events: list[EventRow]) -> None:
 
 
 def _table(values: list[object]) -> pa.Table:
+    from jbclog.record.batches import decode, encode
+
     batch = encode(0, "events", values)
     return decode(batch, batch.crc)
 
 
 def plain_events(events: pa.Table) -> pa.Table:
     """Return events with times as whole microseconds, as they are hashed."""
+    import pyarrow as pa
+
     for name in ("time", "earliest"):
         place = events.schema.get_field_index(name)
         events = events.set_column(place, name, events[name].cast(pa.int64()))

@@ -41,7 +41,7 @@ from jbclog.core.rows import (
 )
 from jbclog.record.batches import BARE, ROWS_A_BATCH, Batch, NotRows, encode, keep_pandas_out
 from jbclog.record.chains import Chain
-from jbclog.record.seal import SealChild
+from jbclog.record.seal_child import SEAL_S, SealChild
 from jbclog.record.store import FACTS, META, StoreWriter
 
 OnEvent = Callable[[EventRow], None]
@@ -232,7 +232,6 @@ class RowBuffer:
 COMMIT_S: Final = 0.8
 # the most that a kill loses: the pause between two commits, and the commit itself
 AT_RISK_S: Final = 1.0
-SEAL_S: Final = 3600.0
 WAITED_S: Final = 2.0
 STALLED_S: Final = 10.0
 

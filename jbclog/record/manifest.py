@@ -210,7 +210,7 @@ class Manifest:
     during the run; units named at its start are in `metadata`. `verifications`: the tip
     verifications in force when the run began.
     `goals`: the numbers after which it was to end, and their results. `rules`: version of the rules
-    and methods of its verdict (`analysis/verdict/versions.py`); older records have none, which is
+    and methods of its verdict (`analysis/rule_versions.py`); older records have none, which is
     1.
 
     The file has a last key `digest`: the SHA-256 of the file without it.

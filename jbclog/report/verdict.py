@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from jbclog.analysis.rejudge import is_cut_off, judge_again
+from jbclog.analysis.rule_versions import is_known
 from jbclog.analysis.verdict import RULES, Result, Rule, Verdict
 from jbclog.analysis.verdict.rules import CONFIDENCE, JUDGED_BARE
 from jbclog.analysis.verdict.samples import Measuring
-from jbclog.analysis.verdict.versions import is_known
 from jbclog.record.manifest import Manifest
 from jbclog.report.facts import Reason, VerdictFacts
 from jbclog.report.joint_words import jointed, never_back_at

@@ -28,7 +28,7 @@ from jbclog.record.batches import encode, keep_pandas_out
 from jbclog.record.folder import create_run
 from jbclog.record.live import RowBuffer
 from jbclog.record.parts import part_paths
-from jbclog.record.seal import seal_in_child
+from jbclog.record.seal_child import seal_in_child
 from jbclog.record.store import StoreWriter
 
 HZ = 10

@@ -16,7 +16,7 @@ from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.rows import EventRow, Goal
 from jbclog.record.capture import read_rows, wire_paths
-from jbclog.record.live import SEAL_S
+from jbclog.record.seal_child import SEAL_S
 from jbclog.session.run.context import SessionContext
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.analysis.rule_versions import VERSIONS
 from jbclog.analysis.verdict.acceptance import LIMIT_NAMES
 from jbclog.analysis.verdict.rule import Result
-from jbclog.analysis.verdict.versions import VERSIONS
 from jbclog.config.sim_spec import KEYS_OF_FAULT
 from jbclog.core.outcome import Exit
 from jbclog.core.rows import QUALITIES, SettingOutcome

@@ -5,6 +5,7 @@ Start with `verdict.py`, then `rules.py`, `port_rules.py`, `joint_rules.py`, `re
 `quantiles.py` have the statistics.
 """
 
+from jbclog.analysis.rule_versions import RULES
 from jbclog.analysis.verdict.acceptance import Acceptance, Limits, asks_for_joints
 from jbclog.analysis.verdict.bounds import Bound
 from jbclog.analysis.verdict.evidence import Evidence, Feeds, Joints, PortJoints, Recovery
@@ -12,7 +13,6 @@ from jbclog.analysis.verdict.reached import Targets
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.samples import PortMeasure, judged_signals, measure
 from jbclog.analysis.verdict.verdict import Judgement, Verdict, judge
-from jbclog.analysis.verdict.versions import RULES
 
 __all__ = [
     "RULES",

@@ -43,10 +43,10 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from jbclog.analysis.rule_versions import BOUNDS_HOLD, RULES
 from jbclog.analysis.verdict.batch_means import CELL_S as BATCH_CELL_S
 from jbclog.analysis.verdict.batch_means import bounds_by_batches, means_of_batches
 from jbclog.analysis.verdict.bounds import Bound, Bounds, Cells, bounds_of_cells
-from jbclog.analysis.verdict.versions import BOUNDS_HOLD, RULES
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
+from jbclog.analysis.rule_versions import BOUNDS_HOLD
 from jbclog.analysis.verdict.acceptance import REACHED_LIMITS, Acceptance, is_bare
 from jbclog.analysis.verdict.bounds import Bound
 from jbclog.analysis.verdict.evidence import Evidence, PortLedger
@@ -31,7 +32,6 @@ from jbclog.analysis.verdict.reached import RULE as REACHED
 from jbclog.analysis.verdict.rule import RESOLVES, Result, Rule, allowed_misses, floored, shown
 from jbclog.analysis.verdict.rules import not_applicable, reports
 from jbclog.analysis.verdict.samples import SKIPPED, TEMPERATURE, PortMeasure, judged_signals
-from jbclog.analysis.verdict.versions import BOUNDS_HOLD
 from jbclog.core.rows import StationFacts, TipCheck
 
 EXPIRED = "expired"

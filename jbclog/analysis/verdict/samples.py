@@ -21,10 +21,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from jbclog.analysis.rule_versions import RULES
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped, steps_in, steps_of
 from jbclog.analysis.verdict.idle import BLOCK_S, Block, Flags, Floats, IdleError, idle_readings
 from jbclog.analysis.verdict.reached import WITHIN_C, Heat
-from jbclog.analysis.verdict.versions import RULES
 from jbclog.core.foreign.tables import open_table
 from jbclog.core.rows import StationFacts
 

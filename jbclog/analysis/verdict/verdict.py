@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from jbclog.analysis.rule_versions import RULES
 from jbclog.analysis.verdict.acceptance import Acceptance, asks_for_anything
 from jbclog.analysis.verdict.evidence import (
     Event,
@@ -40,7 +41,6 @@ from jbclog.analysis.verdict.rules import (
     used_ports,
 )
 from jbclog.analysis.verdict.samples import TEMPERATURE, Measures, Measuring, measure
-from jbclog.analysis.verdict.versions import RULES
 from jbclog.core.rows import StationFacts
 
 

@@ -19,9 +19,8 @@ from pathlib import Path
 from typing import Protocol
 
 from jbclog import __version__
-from jbclog.analysis.alarms import LiveAlarms
-from jbclog.analysis.verdict import RULES, Evidence, PortJoints, Targets, asks_for_joints, judge
-from jbclog.analysis.verdict.evidence import Joints
+from jbclog.analysis.alarms.live import LiveAlarms
+from jbclog.analysis.rule_versions import RULES
 from jbclog.app.run.plan import PORTS, Plan, StationPlan, station_tasks
 from jbclog.app.run.plan import Metadata as GivenMetadata
 from jbclog.core.clock import Clock, UtcOffset
@@ -41,10 +40,8 @@ from jbclog.core.rows import (
 from jbclog.core.text import count_text
 from jbclog.maintenance.verification import cited
 from jbclog.record.chains import previous_run
-from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
-from jbclog.record.ledger import ledger_of
-from jbclog.record.live import SEAL_S, LiveStore, OnFailure
+from jbclog.record.live import LiveStore, OnFailure
 from jbclog.record.manifest import (
     LineFile,
     Manifest,
@@ -54,7 +51,7 @@ from jbclog.record.manifest import (
     iso,
     write_manifest,
 )
-from jbclog.record.seal import seal_in_child
+from jbclog.record.seal_child import SEAL_S, seal_in_child
 from jbclog.session.run.context import SessionContext
 
 OnFacts = Callable[[StationFacts], None]
@@ -87,7 +84,8 @@ class Result:
 
 
 class RunRecord:
-    """The record of one run of `plan`, in a new folder below `out`. Times are those of `clock`.
+    """The record of one run of `plan`, in the new `folder` below `out`, made here where none is
+    given. Times are those of `clock`.
 
     `on_facts` gets the facts of a session before the session continues. `on_failure` is called in a
     thread of the record when rows cannot be stored. Raises `RecordError` if the record cannot
@@ -103,13 +101,14 @@ class RunRecord:
         on_failure: OnFailure | None = None,
         seal_every_s: float | None = SEAL_S,
         on_facts: OnFacts | None = None,
+        folder: Path | None = None,
     ) -> None:
         self.clock = clock
         self.utc = UtcOffset(clock)
         self.t0 = clock.monotonic()
         self.observer = observer
-        previous = previous_run(out, plan.line.name)
-        self.folder = create_run(out, plan.line.name, clock.utc())
+        self.folder = folder or create_run(out, plan.line.name, clock.utc())
+        previous = previous_run(out, plan.line.name, self.folder)
         self._plan = plan
         self._store = LiveStore(
             self.folder, on_failure, seal_every_s=seal_every_s, on_event=observer.happened
@@ -226,6 +225,9 @@ class RunRecord:
 
     def conclude(self, record: str | None, cut_short: Exit | None = None) -> Result:
         """Judge the sealed rows and write the final manifest. `record` is what the record lacks."""
+        # only now: what reads sealed tables takes memory that hours of recording do without
+        from jbclog.app.run.ending import conclude, judge_run
+
         stations, manifest = [context.facts for context in self.contexts], self.manifest
         manifest.stations = stations  # in the line file's order
         there = {facts.name: facts.ports for facts in stations}
@@ -233,7 +235,7 @@ class RunRecord:
             one for one in manifest.verifications if one.port in (there[one.station] or [one.port])
         ]
         manifest.ended = iso(self.utc.micros(self.clock.monotonic()))
-        self._judge(stations, record, cut_short)
+        judge_run(self.folder, self._plan, manifest, record, cut_short)
         found = findings(
             stations,
             verdict=manifest.verdict,
@@ -258,41 +260,6 @@ class RunRecord:
             f"{error}. If it was moved, `jbclog recover` finishes it where it is now; if it was"
             " deleted, nothing of it is left"
         )
-
-    def _judge(
-        self, stations: list[StationFacts], record: str | None, cut_short: Exit | None
-    ) -> None:
-        exit_status = status(findings(stations, verdict=None, record=record, cut_short=cut_short))
-        ledger, checks = ledger_of(self.folder, stations), self.manifest.verifications
-        acceptance = {one.spec.name: one.recipe.acceptance for one in self._plan.stations}
-        asking = [facts for facts in stations if asks_for_joints(acceptance[facts.name])]
-        joints, goals = self._joints(asking), self.manifest.goals
-        targets = {
-            one.spec.name: Targets(one.recipe.heated_ports(), one.recipe.run.status)
-            for one in self._plan.stations
-        }
-        evidence = Evidence(
-            self.folder, stations, ledger, exit_status, record, checks, joints, goals, targets
-        )
-        judgement = judge(evidence, acceptance)
-        self.manifest.verdict = judgement.verdict.value
-        self.manifest.verdict_rules = judgement.rules_as_dicts()
-
-    def _joints(self, stations: Sequence[StationFacts]) -> Joints:
-        """Return the joints of the stations whose recipes limit them; only these load the
-        analysis.
-        """
-        if not stations:
-            return {}
-        try:
-            from jbclog.analysis.joints.evidence import joint_evidence
-
-            return joint_evidence(self.folder, stations, self.manifest.t0_utc)
-        except Exception as error:  # an internal error; the record must still be concluded
-            unknown = PortJoints(
-                why=f"Its joints could not be looked for: {unexpected_error_text(error)}."
-            )
-            return {(facts.name, port): unknown for facts in stations for port in facts.ports}
 
 
 class _Tap:

@@ -14,7 +14,7 @@ from support.pages.md_table import MADE
 
 DOWN = (
     ("app.run.plan", "line file and recipe become a plan"),
-    ("app.run.runner", "all stations of a run, first to last"),
+    ("app.run.recorder", "all stations of a run, first to last"),
     ("transport.reactor", "pulls sessions, moves bytes"),
     ("session.run.station_run", "one station, first question to safe state"),
     ("protocol.client.robot", "asks, and decides what to believe"),
@@ -27,7 +27,10 @@ BACK = (
     ("record.seal", "Parquet, hourly and at the end"),
     ("record.live", "SQLite, a transaction a second"),
 )
-CHAINS = (("app.run.runner", "protocol.client.robot"), ("protocol.client.robot", "protocol.frame"))
+CHAINS = (
+    ("app.run.recorder", "protocol.client.robot"),
+    ("protocol.client.robot", "protocol.frame"),
+)
 """Pairs that others stand between."""
 WIDTH, HEIGHT, BOX, TALL, STEP, TOP = 760, 560, 270, 48, 76, 24
 LEFT, RIGHT = 70, 460

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from jbclog.analysis.rule_versions import VERSIONS
 from jbclog.analysis.run import Run
 from jbclog.analysis.verdict.rule import Result
 from jbclog.analysis.verdict.rules import NOT_AS_PLANNED
-from jbclog.analysis.verdict.versions import VERSIONS
 from support.pages.md_table import MADE, code, codes, table
 
 VERDICTS = """

@@ -23,7 +23,8 @@ from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest
 from jbclog.record.parts import part_paths
-from jbclog.record.seal import seal_in_child, seal_rows
+from jbclog.record.seal import seal_rows
+from jbclog.record.seal_child import seal_in_child
 from jbclog.record.store import RESERVE, RESERVE_BYTES, Notes, Segment, segments
 from jbclog.record.store_reader import StoreReader
 from support.records import few_rows

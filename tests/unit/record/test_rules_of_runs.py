@@ -13,9 +13,10 @@ import pytest
 from typer.testing import CliRunner
 
 from jbclog.analysis import rejudge
+from jbclog.analysis import rule_versions as versions
 from jbclog.analysis.rejudge import check_verdict, judge_again
-from jbclog.analysis.verdict import RULES, versions
-from jbclog.analysis.verdict.versions import Version
+from jbclog.analysis.rule_versions import Version
+from jbclog.analysis.verdict import RULES
 from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.report.verify import verified

@@ -15,7 +15,7 @@ from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.recover import recover
-from jbclog.record.seal import seal_in_child
+from jbclog.record.seal_child import seal_in_child
 
 EVENT = EventRow(1_790_000_000_000_000, "run.start", Severity.INFO, "It begins.")
 

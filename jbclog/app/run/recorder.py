@@ -1,0 +1,347 @@
+"""Carries out one run on real ports, from the record's begin to the exit code.
+
+::
+
+    RunRecord -> Reactor(run_station × n) -> close -> seal -> judge -> manifest
+
+Nothing is sent to a station before the record takes writes; the tools are in their safe state
+before the record is closed.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+from jbclog import __version__
+from jbclog.app.run.goals import Goals
+from jbclog.app.run.plan import Plan
+from jbclog.app.run.run_record import Observer, Result, RunRecord
+from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
+from jbclog.app.run.unit_feed import UnitFeed
+from jbclog.core.clock import SystemClock
+from jbclog.core.errors import (
+    RecordError,
+    StartRefused,
+    unexpected_error_text,
+)
+from jbclog.core.locks import is_held
+from jbclog.core.outcome import CUT_SHORT, Exit
+from jbclog.core.rows import EventRow, Severity, StationFacts
+from jbclog.guard.open_leases import settle
+from jbclog.guard.supervisor import RunGuard
+from jbclog.guard.watch import RENEW_S
+from jbclog.record.capture import WHOLE, Head
+from jbclog.record.capture_recorder import WireRecorder
+from jbclog.record.guard_actions import LOCK as GUARD_LOCK
+from jbclog.record.guard_actions import action_log
+from jbclog.record.manifest import iso
+from jbclog.session.run.context import SessionContext
+from jbclog.session.run.station_run import run_station
+from jbclog.transport.opening import open_port
+from jbclog.transport.port import Port
+from jbclog.transport.reactor import Reactor
+from jbclog.transport.session_history import Tee, captured
+from jbclog.transport.signals import Signals
+from jbclog.transport.system_ports import SharedPortWatch
+from jbclog.transport.typed_lines import LineSource
+
+GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # values in the manifest
+RUNNING = "running"  # outcome of a session in progress
+FIRST_PROCESS = 1  # of a container; the system ends all other processes with it
+OF_A_CONTAINER = (
+    "This recorder is the first process of its container: whatever kills it ends its guard with it."
+    " Start the container with an init process (`docker run --init`)."
+)
+LOOK_EVERY_S = 1.0
+LOOK_AT_PORTS_EVERY_S = 10.0  # for other programs that have them open
+
+
+class Recorder:
+    """The state of a run in progress in `folder`, whose guard `guarding` may have begun."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        out: Path,
+        observer: Observer,
+        seal_every_s: float,
+        missed: Callable[[], int],
+        units: LineSource | None,
+        folder: Path,
+        guarding: RunGuard,
+    ) -> None:
+        self._plan = plan
+        self._missed = missed
+        self._clock = SystemClock()
+        self._guarding = guarding
+        self._left_over = settle(out, {station.spec.url for station in plan.stations}, is_held)
+        self._run_record = RunRecord(
+            plan,
+            out,
+            observer,
+            self._clock,
+            self._on_record_failure,
+            seal_every_s,
+            on_facts=self._guarding.update,
+            folder=folder,
+        )
+        self._note = self._run_record.note
+        self._contexts = self._run_record.contexts
+        self._reactor = Reactor(allow_missing=plan.starts_without_missing)
+        self._sharers = SharedPortWatch(context.order.url for context in self._contexts)
+        self._wires = WireRecorder(self._run_record.folder) if plan.wanted.wire else None
+        wanted = plan.wanted
+        refuses = any(one.recipe.units.repeat == "refuse" for one in plan.stations)
+        self._units = (
+            None
+            if units is None
+            else UnitFeed(
+                units, self._keep_at_once, self._micros, wanted.until_units, refuses_repeats=refuses
+            )
+        )
+        self._goals = Goals(wanted.goals(), self._note, self._reactor.end, self._units)
+        self._cut_short: Exit | None = None
+        self._have_all_begun = False
+
+    @property
+    def stations(self) -> list[StationFacts]:
+        """What is known of each."""
+        return [context.facts for context in self._contexts]
+
+    def conduct(self, signals: Signals) -> Result:
+        signals.notify(self._on_signal)
+        try:
+            self._start_guard()
+        except StartRefused as refusal:
+            return self._refuse(str(refusal))
+        self._begin()
+        broken = self._pull()
+        self._end_units()
+        self._close_captures()
+        self._note_missed()
+        record = self._run_record.close() or broken
+        self._run_record.manifest.goals = self._goals.reached()
+        return self._run_record.conclude(record, self._cut_short)
+
+    def _begin(self) -> None:
+        manifest = self._run_record.manifest
+        # others can now see whose ports this run holds
+        manifest.stations = [context.facts for context in self._contexts]
+        manifest.wire = None if self._wires is None else "open"
+        manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
+        self._run_record.begin()
+        self._goals.begin(self._run_record.folder)
+        for left in self._left_over:
+            # of an earlier run: an event here, not a deviation of this one
+            self._note(
+                "guard.left_over",
+                left.text,
+                Severity.WARNING if left.is_safe else Severity.CRITICAL,
+            )
+        if not self._plan.wanted.guard:
+            self._note(
+                "guard.none",
+                "There is no guard: if this recorder dies, the tools stay as they are.",
+                Severity.WARNING,
+            )
+        elif os.getpid() == FIRST_PROCESS:
+            self._note("guard.weak", OF_A_CONTAINER, Severity.WARNING)
+
+    def _start_guard(self) -> None:
+        """Wait for the guard before the record begins and long before anything heats. Raises
+        `StartRefused`.
+        """
+        if self._plan.wanted.guard:
+            self._guarding.start(self._run_record.folder, self._note_guard)
+
+    def _refuse(self, why: str) -> Result:
+        self._guarding.end()
+        self._reactor.run()  # without sessions: it closes what it opened
+        with suppress(OSError):
+            (self._run_record.folder / GUARD_LOCK).unlink(missing_ok=True)
+        return self._run_record.refuse(
+            {context.name: f"{context.name}: {why}" for context in self._contexts}
+        )
+
+    def _note_guard(self, kind: str, text: str) -> None:
+        self._run_record.manifest.guard = GUARD_LOST
+        self._note(kind, text, Severity.CRITICAL)
+
+    # -- during ------------------------------------------------------------------------------------
+
+    def _pull(self) -> str | None:
+        """Run all sessions to their ends; return the internal error that ended them, or None."""
+        for context in self._contexts:
+            self._add(context)
+        if self._wires is not None:
+            self._wires.start()
+        self._reactor.every(LOOK_EVERY_S, self._look)
+        self._reactor.every(LOOK_AT_PORTS_EVERY_S, self._sharers.look)
+        self._reactor.every(RENEW_S, self._guarding.renew)
+        if self._units is not None:
+            self._reactor.every(LOOK_FOR_UNITS_S, self._look_for_units)
+        try:
+            self._reactor.run(self._guarding.end)
+        except Exception as error:  # the record so far must still be closed
+            text = f"internal error, {unexpected_error_text(error)}"
+            self._note("run.failed", text, Severity.CRITICAL)
+            self._have_guard_take_over()
+            return text
+        finally:
+            gc.unfreeze()
+        return None
+
+    def _have_guard_take_over(self) -> None:
+        """Let the guard make the tools safe, as sessions may be unfinished; its actions become
+        events of this record.
+        """
+        self._guarding.take_over()
+        for event in action_log(self._run_record.folder):
+            self._run_record.journal.event(event)
+
+    def _add(self, context: SessionContext) -> None:
+        """Add a station's session to the reactor, with a serial capture if requested."""
+        order = context.order
+
+        def opened() -> Port:
+            return open_port(order.url, order.line)
+
+        if self._wires is None:
+            self._reactor.add(run_station(context), opened, order.name)
+            return
+        keep, now = self._wires.begin(self._head(context)), self._clock.monotonic
+        self._reactor.add(
+            captured(run_station(context), keep, now),
+            lambda: Tee.opened(opened, keep, now),
+            order.name,
+        )
+
+    def _head(self, context: SessionContext) -> Head:
+        order, manifest = context.order, self._run_record.manifest
+        return Head(
+            station=order.name,
+            url=order.url,
+            recipe=order.recipe_file,
+            t0_mono=order.t0,
+            t0_utc=manifest.t0_utc or 0.0,
+            duration_s=order.duration_s,
+            rate=order.rate,
+            allow_omega_write=order.allow_omega_write,
+            allow_missing=order.may_be_missing,
+            jbclog=__version__,
+        )
+
+    def _look(self) -> None:
+        if not self._have_all_begun:
+            self._keep_from_collector()
+        self._look_at_clock()
+        self._note_captures()
+        self._note_sharers()
+        self._run_record.look()
+        self._goals.look()
+        self._run_record.show(
+            lambda: self._run_record.observer.second(self._contexts, self._goals.so_far())
+        )
+
+    def _note_sharers(self) -> None:
+        for url, who in self._sharers.news():
+            for context in self._contexts:
+                if context.order.url == url and context.facts.outcome == RUNNING:
+                    text = (
+                        f"{url} is open in {who}, too, which may take answers that were meant for"
+                        " this run; end that program."
+                    )
+                    context.note("link.contention", Severity.ERROR, text)
+
+    def _look_at_clock(self) -> None:
+        utc, now = self._run_record.utc, self._clock.monotonic()
+        before = iso(utc.micros(now))
+        step = utc.check()
+        if step:
+            text = (
+                f"The host's clock was stepped by {step:+.3f} s, from {before} to"
+                f" {iso(utc.micros(now))}; "
+            )
+            text += "ticks and durations are not affected."
+            self._note("clock.step", text, Severity.WARNING, value=step)
+
+    def _keep_from_collector(self) -> None:
+        """Exclude the sessions from garbage collection: a full pass would delay 250 stations by 40
+        ms.
+        """
+        gc.freeze()
+        self._have_all_begun = all(
+            context.facts.first_tick is not None or context.facts.outcome != RUNNING
+            for context in self._contexts
+        )
+
+    def _note_captures(self) -> None:
+        for text in self._wires.news() if self._wires is not None else ():
+            self._note("wire.failed", text, Severity.WARNING)
+
+    def _close_captures(self) -> None:
+        if self._wires is not None:
+            self._wires.close()
+            self._note_captures()
+            self._run_record.manifest.wire = " ".join(self._wires.troubles()) or WHOLE
+
+    def _look_for_units(self) -> None:
+        if self._units is not None:
+            self._units.look()
+            self._goals.look()
+
+    def _keep_at_once(self, event: EventRow) -> None:
+        self._run_record.journal.event(event, at_once=True)
+
+    def _micros(self) -> int:
+        return self._run_record.utc.micros(self._clock.monotonic())
+
+    def _end_units(self) -> None:
+        """Finish the feed of serials; note a required unit that never came."""
+        if self._units is None:
+            return
+        self._units.finish()
+        given = self._plan.wanted.metadata and self._plan.wanted.metadata.units
+        if not (self._units.has_had_any or given) and any(
+            "unit" in one.recipe.metadata.required for one in self._plan.stations
+        ):
+            self._note(
+                "unit.missing",
+                "The recipe requires a unit, and no serial came during the run.",
+                Severity.ERROR,
+            )
+
+    def _note_missed(self) -> None:
+        missed = self._missed()
+        if missed:
+            text = (
+                f"{missed} notes on this run were not shown: nobody took them from the terminal,"
+                " pipe or file. They are all here."
+            )
+            self._note("notes.missed", text, value=missed)
+
+    def _on_record_failure(self, error: RecordError) -> None:
+        """End the run, called from the store's thread: no tool may stay hot unrecorded."""
+        self._in_loop(self._reactor.end, f"the record cannot be kept: {error}")
+
+    def _in_loop(self, call: Callable[[str], None], what: str) -> None:
+        """Call it in the loop's thread; does nothing after the loop's end."""
+        with suppress(RuntimeError):
+            self._reactor.loop.call_soon_threadsafe(call, what)
+
+    def _on_signal(self, number: signal.Signals) -> None:
+        self._in_loop(self._end_on, number.name)
+
+    def _end_on(self, name: str) -> None:
+        if self._plan.wanted.states_an_end and not self._goals.is_met and self._cut_short is None:
+            self._cut_short = CUT_SHORT[signal.Signals[name]]
+        self._note(
+            "run.signal",
+            f"{name} received; the tools are put in their safe state and the run ends.",
+        )
+        self._reactor.end(f"ended by {name}")
