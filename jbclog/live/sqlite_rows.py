@@ -12,7 +12,8 @@ from jbclog.live.sqlite_pages import DatabasePages, Malformed
 INTERIOR, LEAF = 5, 13  # kinds of pages of a table
 FILE_HEADER: Final = 100  # bytes before the content of page 1
 DEEPEST: Final = 20
-LONGEST: Final = 256 << 20  # bytes of a row
+LONGEST: Final = 96 << 20  # bytes of a row, as in `core/foreign/database.py`
+MOST_TABLES: Final = 1 << 20  # bytes of the list of tables
 WIDTHS: Final = (0, 1, 2, 3, 4, 6, 8)  # bytes of a whole number by its serial type
 
 Value = None | int | float | str | bytes
@@ -35,11 +36,18 @@ class Row:
 
     def first_values(self, count: int) -> list[Value]:
         """Return the first columns, which must be within the first page. Raises Malformed."""
-        return _values(self.start, count)
+        found = _values(self.start, count)
+        if len(found) < count:
+            raise Malformed(f"row {self.number} has {len(found)} columns")
+        return found
 
     def _whole(self, pages: DatabasePages) -> bytes:
         pieces, page, missing = [self.start], self.rest, self.size - len(self.start)
+        seen: set[int] = set()
         while missing > 0:
+            if page in seen:
+                raise Malformed(f"row {self.number} has page {page} twice")
+            seen.add(page)
             data = pages.page(page)
             piece = data[4 : min(pages.usable, 4 + missing)]
             pieces.append(piece)
@@ -50,18 +58,25 @@ class Row:
 def roots(pages: DatabasePages) -> dict[str, int]:
     """Return the first page of each table by its name. Raises Malformed."""
     found: dict[str, int] = {}
-    for row in rows(pages, 1):
-        kind, name, _, root, *_ = row.values(pages)
-        if kind == "table" and isinstance(name, str) and isinstance(root, int):
-            found[name] = root
+    for row in rows(pages, 1, most_bytes=MOST_TABLES):
+        match row.values(pages):
+            case ["table", str(name), _, int(root), *_]:
+                found[name] = root
     return found
 
 
-def rows(pages: DatabasePages, root: int, after: int = 0) -> Iterator[Row]:
+def rows(
+    pages: DatabasePages, root: int, after: int = 0, *, most_bytes: int | None = None
+) -> Iterator[Row]:
     """Yield the rows of the table at `root` with a number above `after`, ascending. Raises
-    Malformed.
+    Malformed, also where they have more than `most_bytes`: a file of 2 kB can declare gigabytes.
     """
-    return _rows(pages, root, after, set(), 0)
+    total = 0
+    for found in _rows(pages, root, after, set(), 0):
+        total += found.size
+        if most_bytes is not None and total > most_bytes:
+            raise Malformed(f"its table at page {root} has more than {most_bytes >> 20} MiB")
+        yield found
 
 
 def row(pages: DatabasePages, root: int, number: int) -> Row | None:
@@ -130,6 +145,8 @@ def _values(data: bytes, count: int | None = None) -> list[Value]:
     kinds: list[int] = []
     while at < end and (count is None or len(kinds) < count):
         kind, at = _varint(data, at)
+        if kind < 0:
+            raise Malformed(f"a column of kind {kind}")
         kinds.append(kind)
     found, at = list[Value](), end
     for kind in kinds:

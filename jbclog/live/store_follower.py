@@ -14,7 +14,7 @@ from jbclog.core.rows import SCHEMA_VERSION, TABLES
 from jbclog.live.sqlite_pages import DatabasePages, Malformed
 from jbclog.live.sqlite_rows import Row, Value, roots, row, rows
 from jbclog.record.batches import Batch, Damaged, decode
-from jbclog.record.store import FACTS, META, segments
+from jbclog.record.store import FACTS, META, MOST_NOTES_BYTES, segments
 
 MOST_DAMAGE: Final = 100  # entries that are kept
 
@@ -163,7 +163,8 @@ class StoreFollower:
                 (one.number, one.first_values(2)[1])
                 for one in rows(pages, tables["batch"], self.last)
             ]
-            return tables, batches, [one.values(pages) for one in rows(pages, tables["note"])]
+            notes = rows(pages, tables["note"], most_bytes=MOST_NOTES_BYTES)
+            return tables, batches, [one.values(pages) for one in notes]
 
         segment.tables, batches, notes = segment.pages.snapshot(read)
         for note in notes:

@@ -15,6 +15,7 @@ from jbclog.app.batch.single_batch import LOCK
 from jbclog.app.batch.state import Attempt, BatchState, JobState, State, batch_state
 from jbclog.app.batch.store import NAME
 from jbclog.config.durations import span_s
+from jbclog.core.foreign.files import LIMITS, Kind
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import is_locked
 from jbclog.core.text import clean
@@ -113,7 +114,10 @@ def _read(path: Path) -> tuple[BatchState, dict[str, JobProgress]]:
 
 def _values(pages: DatabasePages, table: str) -> list[list[Value]]:
     found = roots(pages)
-    return [row.values(pages) for row in rows(pages, found[table])] if table in found else []
+    if table not in found:
+        return []
+    most = LIMITS[Kind.JOURNAL]
+    return [row.values(pages) for row in rows(pages, found[table], most_bytes=most)]
 
 
 def _progress(text: Value) -> JobProgress:

@@ -311,3 +311,122 @@ def test_only_files_are_opened(tmp_path: Path, made_of: str) -> None:
     }[made_of]()
     with pytest.raises(OSError, match=made_of):
         DatabasePages(path)
+
+
+# -- files that nobody's SQLite has written --------------------------------------------------------
+
+PAGE = 512
+TABLE = ("table", "t", "t", 3, "CREATE TABLE t (value)")
+
+
+def varint(number: int) -> bytes:
+    if number >= 1 << 56 or number < 0:
+        number &= (1 << 64) - 1
+        high = [(number >> shift & 0x7F) | 0x80 for shift in range(57, 7, -7)]
+        return bytes([*high, number & 0xFF])
+    digits = [number & 0x7F]
+    while number := number >> 7:
+        digits.append(number & 0x7F | 0x80)
+    return bytes(reversed(digits))
+
+
+def record(*columns: int | str) -> bytes:
+    kinds = b"".join(varint(6 if isinstance(one, int) else 13 + 2 * len(one)) for one in columns)
+    data = b"".join(
+        one.to_bytes(8, "big") if isinstance(one, int) else one.encode() for one in columns
+    )
+    return varint(len(kinds) + 1) + kinds + data
+
+
+def cell(number: int, payload: bytes) -> bytes:
+    return varint(len(payload)) + varint(number) + payload
+
+
+def endless(number: int, size: int, page: int) -> bytes:
+    """A row of `size` bytes whose rest begins at `page`."""
+    least = (PAGE - 12) * 32 // 255 - 23
+    here = least + (size - least) % (PAGE - 4)
+    here = here if here <= PAGE - 35 else least
+    kinds = varint(13 + 2 * (size - 20))
+    start = varint(len(kinds) + 1) + kinds + b"x" * here
+    return varint(size) + varint(number) + start[:here] + page.to_bytes(4, "big")
+
+
+def leaf(*cells: bytes, base: int = 0) -> bytes:
+    data, end = bytearray(PAGE), PAGE
+    data[base], data[base + 4] = 13, len(cells)
+    for place, one in enumerate(cells):
+        end -= len(one)
+        data[end : end + len(one)] = one
+        data[base + 8 + 2 * place : base + 10 + 2 * place] = end.to_bytes(2, "big")
+    return bytes(data)
+
+
+def first(*cells: bytes) -> bytes:
+    data = bytearray(leaf(*cells, base=100))
+    data[:20] = b"SQLite format 3\0" + PAGE.to_bytes(2, "big") + b"\2\2"
+    return bytes(data)
+
+
+def ring(page: int) -> bytes:
+    """A page of a row's rest that leads to itself."""
+    return page.to_bytes(4, "big") + b"y" * (PAGE - 4)
+
+
+FORGED = {
+    "the rest of a row leads to itself": [
+        first(cell(1, record(*TABLE))),
+        ring(2),
+        leaf(endless(1, 80 << 20, 2)),
+    ],
+    "a list of tables of gigabytes": [
+        first(endless(1, 80 << 20, 2), endless(2, 80 << 20, 2)),
+        ring(2),
+    ],
+    "a row longer than any": [
+        first(cell(1, record(*TABLE))),
+        ring(2),
+        leaf(endless(1, 200 << 20, 2)),
+    ],
+    "a column of a kind below zero": [
+        first(cell(1, record(*TABLE))),
+        ring(2),
+        leaf(cell(1, varint(11) + varint(-100) + b"zz")),
+    ],
+}
+
+
+@pytest.mark.parametrize("forged", FORGED.values(), ids=FORGED)
+def test_a_forged_file_is_malformed(tmp_path: Path, forged: list[bytes]) -> None:
+    (tmp_path / "a.sqlite").write_bytes(b"".join(forged))
+    with pytest.raises(Malformed):
+        read_once(tmp_path / "a.sqlite")
+
+
+def test_a_list_of_tables_with_too_few_columns_names_none(tmp_path: Path) -> None:
+    (tmp_path / "a.sqlite").write_bytes(first(cell(1, record("table"))))
+    with closing(DatabasePages(tmp_path / "a.sqlite")) as pages:
+        assert pages.snapshot(roots) == {}
+
+
+def test_the_first_columns_of_an_empty_row_are_malformed(tmp_path: Path) -> None:
+    forged = [first(cell(1, record(*TABLE))), ring(2), leaf(cell(1, varint(1)))]
+    (tmp_path / "a.sqlite").write_bytes(b"".join(forged))
+    with closing(DatabasePages(tmp_path / "a.sqlite")) as pages, pytest.raises(Malformed):
+        pages.snapshot(lambda pages: [one.first_values(2) for one in rows(pages, 3)])
+
+
+def test_rows_have_no_more_than_the_bytes_that_a_reader_takes(tmp_path: Path) -> None:
+    with (
+        closing(made(tmp_path / "a.sqlite", *["x" * 400_000] * 4)),
+        closing(DatabasePages(tmp_path / "a.sqlite")) as pages,
+    ):
+        read = [
+            pages.snapshot(
+                lambda pages: [*rows(pages, roots(pages)["t"], most_bytes=most)]  # noqa: B023
+            )
+            for most in (None, 2_000_000)
+        ]
+        assert [len(found) for found in read] == [4, 4]
+        with pytest.raises(Malformed, match="more than 1 MiB"):
+            pages.snapshot(lambda pages: [*rows(pages, roots(pages)["t"], most_bytes=1 << 20)])
