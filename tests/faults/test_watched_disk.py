@@ -1,0 +1,167 @@
+"""A disk that fills while a run on it is followed: by somebody who looks, by somebody without write
+permission, and by somebody who was stopped in the middle of a read.
+
+docs/reference/faults.md, F-23. The recorder must not notice them, and they show what has happened.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from jbclog.analysis.run import open_run
+from jbclog.live import Condition, Follower, Phase, RunState
+from jbclog.record.check import check
+from jbclog.record.manifest import read_manifest
+from jbclog.record.recover import recover
+from support.command import until
+from support.faults.guarded import TOLD_S, TOOLS, begun, only_run
+from support.faults.small_disk import small_disk
+from support.oracles.invariants import Ended, violations
+from support.virtual.served_line import ServedLine
+from support.virtual.station_log import heard_in
+
+MOST_LOG: Final = 5 << 20
+WAIT_S: Final = 60.0
+NOBODY: Final = 65_534
+ENDED = (Phase.CRASHED, Phase.FINALIZED)
+LOOKING = """
+import os, sys
+from jbclog.live import Phase, follow
+with follow(sys.argv[1]) as follower:
+    follower.poll()  # what is imported late may be in a place that only this user can read
+os.setgid(int(sys.argv[2]))
+os.setuid(int(sys.argv[2]))
+with follow(sys.argv[1]) as follower:
+    for run in follower.stream(0.1):
+        if not run.ports:
+            continue
+        print(run.phase, *run.problems, flush=True)
+        if run.phase in (Phase.CRASHED, Phase.FINALIZED):
+            break
+"""
+STOPPED = """
+import os, signal, sys
+from jbclog.live import follow, store_follower
+plain = store_follower.roots
+def stopping(pages):
+    print("reading", flush=True)
+    os.kill(os.getpid(), signal.SIGSTOP)
+    return plain(pages)
+store_follower.roots = stopping
+follow(sys.argv[1]).poll()
+"""
+
+
+@contextmanager
+def process(code: str, *words: object) -> Iterator[subprocess.Popen[str]]:
+    """A follower of its own, which has begun to read."""
+    command = [sys.executable, "-c", code, *map(str, words)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as one:
+        try:
+            assert one.stdout is not None
+            assert one.stdout.readline(), one.stderr and one.stderr.read()
+            yield one
+        finally:
+            one.kill()
+
+
+def fill(disk: Path) -> Path:
+    """Take all room that there is; give what holds it."""
+    filler = disk / "filler"
+    with filler.open("wb", buffering=0) as file:
+        for size in (1 << 16, 512):
+            try:
+                while True:
+                    file.write(bytes(size))
+            except OSError:
+                continue
+    return filler
+
+
+class Watcher:
+    """Looks at a run again and again; `log` is the largest log that it saw, `shown` how many
+    readings of each port it has shown.
+    """
+
+    def __init__(self, follower: Follower) -> None:
+        self._follower, self.log = follower, 0
+        self.shown: dict[tuple[str, int], int] = {}
+
+    def look(self) -> RunState | None:
+        run = self._follower.poll()
+        if run is None:
+            return None
+        with suppress(FileNotFoundError):
+            self.log = max(self.log, (run.folder / "live.sqlite-wal").stat().st_size)
+        for port in run.ports:
+            place = port.station, port.port
+            self.shown[place] = max(self.shown.get(place, 0), port.coverage.obtained)
+        return run
+
+    def until_ended(self) -> RunState:
+        end = time.monotonic() + WAIT_S
+        while (run := self.look()) is None or run.phase not in ENDED or not run.is_whole:
+            assert time.monotonic() < end, run
+            if run is not None and run.phase is not Phase.RECORDING:
+                assert Condition.NORMAL not in {port.condition for port in run.ports}
+            time.sleep(0.1)
+        return run
+
+
+def test_a_disk_that_fills_while_the_run_is_followed(tmp_path: Path) -> None:
+    with (
+        ServedLine(tmp_path, logs=True) as line,
+        TemporaryDirectory() as place,  # pytest keeps its own folders from other users
+        small_disk(Path(place) / "disk", "24m") as disk,
+    ):
+        out = disk / "runs"
+        out.mkdir()
+        Path(place).chmod(0o755)
+        run = begun(line, out)
+        try:
+            with Follower(out) as follower:
+                watcher = Watcher(follower)
+                assert until(
+                    lambda: (
+                        line.at_work() == TOOLS
+                        and watcher.look() is not None
+                        and len(watcher.shown) == TOOLS
+                        and min(watcher.shown.values()) > 0
+                    ),
+                    WAIT_S,
+                ), run.communicate(timeout=5)
+                with process(LOOKING, out, NOBODY) as other, process(STOPPED, out) as stopped:
+                    filler = fill(disk)
+                    last = watcher.until_ended()
+                    told, wrong = other.communicate(timeout=WAIT_S)
+                    assert stopped.poll() is None  # in the middle of its read all the time
+                _, said = run.communicate(timeout=WAIT_S)
+        finally:
+            run.kill()
+            run.communicate()
+        assert (run.returncode, "full" in said) == (4, True), said
+        assert until(lambda: line.at_work() == 0, TOLD_S)
+        assert watcher.log < MOST_LOG
+        assert Condition.NORMAL not in {port.condition for port in last.ports}
+        assert "full" in f"{last.problems} {[one.event.text for one in last.events]}"
+        assert (wrong, told.splitlines()[-1].split()[0]) == ("", str(last.phase))
+        folder = only_run(out)
+        filler.unlink()
+        recover(folder)
+        assert line.log is not None
+        assert violations(folder, heard_in(line.log, 0), ended=Ended(run.returncode, said)) == []
+        assert check(folder) == []
+        samples = open_run(folder).samples(columns=["station", "port", "temperature_c"])
+        kept = samples.dropna().groupby(["station", "port"], observed=True).size()
+        for place, shown in watcher.shown.items():  # what was shown was acknowledged: it stays
+            assert kept[place] >= shown
+        assert read_manifest(folder).exit_status in ("failed", "lost")
