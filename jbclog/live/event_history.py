@@ -4,7 +4,7 @@ on the bench.
 
 from __future__ import annotations
 
-from collections import deque
+import collections
 from typing import Final
 
 import pyarrow as pa
@@ -62,10 +62,11 @@ class EventHistory:
     """Takes events in their order."""
 
     def __init__(self) -> None:
-        self.newest: deque[NumberedEvent] = deque(maxlen=MOST_EVENTS)
+        self.newest: collections.deque[NumberedEvent] = collections.deque(maxlen=MOST_EVENTS)
         self.unit: str | None = None
         self.has_units = False  # serials are read during the run
         self._alarms: dict[Place, dict[str, str]] = {}
+        self._counts: collections.Counter[Place] = collections.Counter()
         self._problems: dict[Place, dict[str, str]] = {}
         self._flags_lost: dict[Place, int] = {}
 
@@ -77,6 +78,10 @@ class EventHistory:
     def alarms(self, place: Place) -> tuple[str, ...]:
         """Return the texts of the alarms that hold at a place."""
         return tuple(self._alarms.get(place, {}).values())
+
+    def alarms_so_far(self, place: Place) -> int:
+        """Return how many alarms of a station there were at a place, by its flags."""
+        return self._counts[place]
 
     def problems(self, place: Place) -> tuple[str, ...]:
         """Return the texts of the problems that hold at a place."""
@@ -96,6 +101,7 @@ class EventHistory:
         alarms, problems = self._alarms.setdefault(place, {}), self._problems.setdefault(place, {})
         if kind in ALARMS_BEGIN:
             alarms[kind] = event.text
+            self._counts[place] += 1
         elif kind == EPISODE_BEGINS:
             alarms[event.raw or kind] = event.text
         elif kind == EPISODE_ENDS:

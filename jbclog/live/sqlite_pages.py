@@ -60,6 +60,10 @@ class DatabasePages:
         """Whether the path still leads to the opened file."""
         return _is_same_file(self._file, self.path)
 
+    def is_empty(self) -> bool:
+        """Whether the file has no byte yet: SQLite writes the first page with the first commit."""
+        return os.fstat(self._file.fileno()).st_size == 0
+
     def snapshot(self, read: Callable[[DatabasePages], T]) -> T:
         """Return what `read` returns when it read from one committed state. Raises Malformed,
         OSError.
@@ -75,7 +79,7 @@ class DatabasePages:
             else:
                 if self._is_consistent():
                     return found
-        raise Malformed(f"{self.path.name} changed {TRIES} times while it was read")
+        raise Malformed(f"it changed {TRIES} times while it was read")
 
     @property
     def usable(self) -> int:
@@ -116,10 +120,10 @@ class DatabasePages:
     def _read_page_size(self) -> None:
         self._size, self._reserved = self._log_page_size or self._file_page_size(), 0
         if self._size not in PAGE_SIZES:
-            raise Malformed(f"{self.path.name} has pages of {self._size} bytes")
+            raise Malformed(f"it has pages of {self._size} bytes")
         first = self.page(1)
         if not first.startswith(MAGIC):
-            raise Malformed(f"{self.path.name} is no SQLite database")
+            raise Malformed("it is no SQLite database")
         self._reserved = first[20]
 
     def _file_page_size(self) -> int:

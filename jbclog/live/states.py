@@ -148,7 +148,7 @@ class Counter:
 @dataclass(frozen=True, slots=True)
 class PortState:
     """A port. `readings` by column of the samples; `alarms` and `problems` are sentences that hold
-    now.
+    now; `alarms_so_far`: how many alarms it has had, those that are over as well.
 
     `trace` is the last minute; `hour` the last hour, a mean for each five seconds.
     """
@@ -166,6 +166,7 @@ class PortState:
     trace: Trace
     hour: Trace = Trace()
     joints: Joints = NOT_COUNTED
+    alarms_so_far: int = 0
 
     def reading(self, column: str) -> Reading:
         return self.readings.get(column, NOT_READ)

@@ -10,6 +10,7 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.core.errors import RecordError
+from jbclog.core.locks import commit_status
 from jbclog.core.rows import SCHEMA_VERSION, TABLES
 from jbclog.live.sqlite_pages import DatabasePages, Malformed
 from jbclog.live.sqlite_rows import Row, Value, roots, row, rows
@@ -26,20 +27,19 @@ class Sealed(Exception):
 @dataclass(slots=True)
 class _Segment:
     pages: DatabasePages
+    trouble: str | None = None  # why nothing of it can be read now
     tables: dict[str, int] = field(default_factory=dict)  # name -> first page
 
 
 class StoreFollower:
-    """The live store of the run in `folder`. `damage` holds a sentence for each thing that could
-    not be read.
-
-    `last` is the number of the newest batch that `refresh` has named.
+    """The live store of the run in `folder`. `last` is the number of the newest batch that
+    `refresh` has named.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.last = 0
-        self.damage: list[str] = []
+        self._damage: list[str] = []
         self.notes: dict[str, str] = {}
         self._segments: dict[Path, _Segment] = {}
         self._where: dict[int, Path] = {}
@@ -50,6 +50,11 @@ class StoreFollower:
         for segment in self._segments.values():
             segment.pages.close()
         self._segments.clear()
+
+    @property
+    def damage(self) -> list[str]:
+        """A sentence for each thing that could not be read; a file that is read again has none."""
+        return [*filter(None, (one.trouble for one in self._segments.values())), *self._damage]
 
     @property
     def exists(self) -> bool:
@@ -79,12 +84,14 @@ class StoreFollower:
         self._open_segments()
         found: dict[int, str] = {}
         for path, segment in self._segments.items():
+            segment.trouble = None
             try:
                 for number, table in self._read(segment):
                     if number not in found and (through is None or number <= through):
                         found[number], self._where[number] = table, path
             except Malformed as error:
-                self._add_damage(f"{path.name}: {error}")
+                if not (segment.pages.is_empty() and not commit_status(self.folder).last):
+                    segment.trouble = f"{path.name}: {error}"
             except OSError as error:
                 raise RecordError(
                     f"{path} cannot be read now: {error.strerror or error}"
@@ -206,8 +213,8 @@ class StoreFollower:
         return int(text) if text.isdigit() and len(text) < 20 else 0
 
     def _add_damage(self, text: str) -> None:
-        if text not in self.damage and len(self.damage) < MOST_DAMAGE:
-            self.damage.append(text)
+        if text not in self._damage and len(self._damage) < MOST_DAMAGE:
+            self._damage.append(text)
 
 
 def _values(pages: DatabasePages, found: Row | None) -> list[Value]:

@@ -35,6 +35,8 @@ NO_GRID_S: Final = 3.0  # the longest distance of two rows of a station that is 
 # a row that is this far in the future was written before the clock was set back
 CLOCK_S: Final = 2.0
 FLAG: Final = "alarm_high"
+SETTING: Final = "set_c"
+DISCONNECTED: Final = "disconnected"  # as a row's reason says it
 NOT_SUPPORTED: Final = Reading(why="not supported", is_stale=False)
 
 
@@ -119,14 +121,11 @@ class RunView:
     def _port(self, facts: StationFacts, number: int, phase: Phase, ages: _Ages) -> PortState:
         place = facts.name, number
         history = self.samples.ports.get(place) or PortHistory()
+        is_lost = phase is Phase.RECORDING and self.events.is_link_lost(facts.name)
         is_live = phase is Phase.RECORDING and facts.outcome == StationOutcome.RUNNING
-        is_live = (
-            is_live
-            and not self.events.is_link_lost(facts.name)
-            and not ages.is_behind(history.newest, ages.newest)
-        )
+        is_live = is_live and not is_lost and not ages.is_behind(history.newest, ages.newest)
         is_old = not is_live or ages.is_old(history.newest)
-        why_old = RUN_ENDED if phase is Phase.FINALIZED else None
+        why_old = RUN_ENDED if phase is Phase.FINALIZED else DISCONNECTED if is_lost else None
         readings = {
             column: ages.reading(history, column, why_old, is_old=is_old)
             for column in {*history.values, *history.failures}
@@ -140,8 +139,10 @@ class RunView:
             *self._flags(place, history),
         )
         row_age = None if history.newest is None else ages.age_s(history.newest.moment)
-        quality = None if history.newest is None else str(history.newest.value)
         is_fresh = is_live and row_age is not None and row_age <= ages.limit_s
+        if is_fresh and SETTING in facts.signals and readings.get(MAIN, NOT_READ).is_known:
+            problems += _unknown_setting(readings.get(SETTING, NOT_READ))
+        quality = None if history.newest is None else str(history.newest.value)
         main = readings.get(MAIN, NOT_READ)
         return PortState(
             station=facts.name,
@@ -165,6 +166,7 @@ class RunView:
             trace=history.points.trace(),
             hour=history.means.trace(),
             joints=self.joints.get(place, self.not_counted),
+            alarms_so_far=self.events.alarms_so_far(place),
         )
 
     def _flags(self, place: Key, history: PortHistory) -> tuple[str, ...]:
@@ -246,6 +248,11 @@ class _Ages:
         """Whether a value is too old to be shown as known."""
         age = None if last is None else self.age_s(last.moment)
         return age is None or age > self.limit_s
+
+
+def _unknown_setting(setting: Reading) -> tuple[str, ...]:
+    """A temperature says nothing without the one that was set."""
+    return () if setting.is_known else (f"The set temperature is not known: {setting.why}.",)
 
 
 def _condition(

@@ -10,7 +10,7 @@ from typing import Final
 
 from jbclog.app.watch import words
 from jbclog.app.watch.batch_queue import BatchQueue
-from jbclog.core.text import clean, cleaned, json_line
+from jbclog.core.text import cleaned, json_line
 from jbclog.live import PortState, RunState, StationState, Trace
 
 SHOWN_EVENTS: Final = 200
@@ -94,12 +94,13 @@ def _port(port: PortState, sent_s: float | None) -> Json:
         "known": port.temperature.is_known,
         "set": words.reading_text(port.setpoint, "°C"),
         "power": words.power_text(port.power),
-        "status": words.reading_text(port.status),
+        "status": words.status_text(port.status),
         "row": words.row_text(port),
         "joints": words.joints_text(port.joints),
+        "counts": " · ".join(words.counts(port)),
         "joints_why": words.joints_why(port.joints),
         "coverage": words.coverage_text(port.coverage),
-        "wrong": [clean(text) for text in (*port.alarms, *port.problems)],
+        "wrong": words.wrong(port),
         "trace": _points(port.trace, sent_s),
     }
 

@@ -32,6 +32,7 @@ PLOT_LINES: Final = 8
 LINES_OF_TILES: Final = 14  # with the lines above and below them
 MOST_LINES, FEWEST_LINES = 9, 3  # of the events, with their title
 READING: Final = "reading …"
+NOT_READABLE: Final = "not readable"
 
 Source = Callable[[], RunState | None]
 Queues = Callable[[], Sequence[BatchQueue]]
@@ -252,6 +253,8 @@ class WatchApp(App[None]):
     def _show_trouble(self, text: str) -> None:
         with suppress(NoMatches):  # as in `_take`
             self._show_head(clean(text))
+            for tile in self.screen_stack[0].query(Tile):
+                tile.show(words.not_known(tile.port, NOT_READABLE))
 
     def _show_head(self, text: str) -> None:
         self.screen_stack[0].query_one("#head", Static).update(Content(text))

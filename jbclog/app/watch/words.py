@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from bisect import bisect_left
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -72,6 +73,12 @@ def power_text(reading: Reading) -> str:
     )
 
 
+def status_text(reading: Reading) -> str:
+    """The tool's status: ``working``, or ``status unknown (timeout; …)``."""
+    text = reading_text(reading)
+    return text if reading.is_known else f"status {text}"
+
+
 def coverage_text(coverage: Coverage) -> str:
     """``99.8 % of 1200``; without a share where nothing was due."""
     if coverage.share is None:
@@ -128,13 +135,32 @@ def port_lines(port: PortState, width: int) -> list[str]:
         f"now {reading_text(port.temperature, '°C')}",
         f"set {reading_text(port.setpoint, '°C')}",
     ]
-    lines += [f"power {power_text(port.power)} · {reading_text(port.status)}"]
+    lines += [f"power {power_text(port.power)} · {status_text(port.status)}"]
     lines += [sparkline(port.trace, width)]
     lines += [
-        f"{row_text(port)} · {joints_text(port.joints)}",
+        " · ".join([row_text(port), *counts(port)]),
         coverage_text(port.coverage),
     ]
-    return lines + [f"! {clean(text)}" for text in (*port.alarms, *port.problems)]
+    return lines + [f"! {text}" for text in wrong(port)]
+
+
+def counts(port: PortState) -> list[str]:
+    """``joints 12``, and ``alarms 1`` where there was one, which may be over."""
+    alarms = [f"alarms {port.alarms_so_far}"] if port.alarms_so_far else []
+    return [joints_text(port.joints), *alarms]
+
+
+def wrong(port: PortState) -> list[str]:
+    """The sentences of a port's alarms and problems; the port is named once, by its tile."""
+    return [
+        clean(text.removeprefix(f"Port {port.port}: ")) for text in (*port.alarms, *port.problems)
+    ]
+
+
+def not_known(port: PortState, why: str) -> PortState:
+    """Return a port of which nothing is known any more."""
+    readings = {name: replace(one, age_s=None, why=why) for name, one in port.readings.items()}
+    return replace(port, condition=Condition.STALE, readings=readings, row_age_s=None)
 
 
 def run_line(run: RunState) -> str:
@@ -244,8 +270,8 @@ def queue_lines(queues: Sequence[BatchQueue]) -> list[str]:
 
 
 def zone_text() -> str:
-    """The zone of the times that are shown."""
-    return time.strftime("%Z (UTC%z)")
+    """The zone of the times that are shown: ``UTC``, ``CET (UTC+0100)``."""
+    return time.strftime("%Z (UTC%z)").removesuffix(" (UTC+0000)")
 
 
 def at_least(severity: Severity, event: NumberedEvent) -> bool:

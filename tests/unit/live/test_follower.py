@@ -30,6 +30,7 @@ from jbclog.record.folder import create_run
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.record.recover import recover
 from jbclog.record.seal import seal_rows
+from jbclog.record.store import Segment
 from support import program
 from support.records.few_rows import vanish
 from support.records.live_rows import NAME, PERIOD_S, Recording
@@ -402,6 +403,43 @@ def test_lost_alarm_flags_are_a_problem_until_they_are_read(
     assert [port.condition for port in polled(follower).ports] == [Condition.NORMAL] * 2
 
 
+def test_alarms_are_counted_when_they_are_over(recording: Recording, follower: Follower) -> None:
+    recording.rows(1)
+    for kind in ("alarm.high", "alarm.high.ended", "alarm.low", "alarm.low.ended", "alarm.high"):
+        recording.event(kind, "above", 1)
+    recording.commit()
+    first, second = polled(follower).ports
+    assert (first.alarms, first.alarms_so_far) == (("above",), 3)
+    assert (second.alarms, second.alarms_so_far) == ((), 0)
+
+
+def test_a_temperature_whose_setpoint_is_not_known_is_not_normal(
+    recording: Recording, follower: Follower
+) -> None:
+    """As just after an outage: the temperature is read at once, the setpoint seconds later."""
+    recording.facts.signals.append("set_c")
+    recording.store.facts(recording.facts)
+    recording.rows(1)
+    recording.commit()
+    assert polled(follower).ports[0].condition is Condition.NORMAL
+    recording.rows(1, set_c=None, reasons="set_c=disconnected")
+    recording.rows(1, set_c=None)
+    recording.commit()
+    port = polled(follower).ports[0]
+    assert (port.condition, port.problems) == (
+        Condition.ATTENTION,
+        ("The set temperature is not known: disconnected.",),
+    )
+    recording.rows(1)
+    recording.commit()
+    assert polled(follower).ports[0].condition is Condition.NORMAL
+    recording.facts.signals.remove("set_c")  # of a recipe that does not record it
+    recording.store.facts(recording.facts)
+    recording.rows(1, set_c=None, reasons="set_c=disconnected")
+    recording.commit()
+    assert polled(follower).ports[0].condition is Condition.NORMAL
+
+
 def test_a_tool_that_is_not_safe_is_a_failure(recording: Recording, follower: Follower) -> None:
     recording.rows(1)
     recording.facts.unsafe = ["dde-1 port 1: not confirmed"]
@@ -676,6 +714,31 @@ def test_a_run_that_begins(tmp_path: Path, clock: LaterClock) -> None:
         assert polled(follower).phase is Phase.STARTING
         clock.ahead_s = 10.0
         assert polled(follower).phase is Phase.CRASHED  # nobody holds it
+
+
+def test_a_store_without_a_page_yet_is_not_damaged(tmp_path: Path, clock: LaterClock) -> None:
+    """SQLite makes an empty file, and writes into it a moment later."""
+    folder = create_run(tmp_path, "bench", time.time())
+    write_manifest(folder, Manifest(folder.name))
+    store = folder / "live.sqlite"
+    store.touch()
+    with Follower(tmp_path, clock) as follower:
+        assert (polled(follower).phase, polled(follower).problems) == (Phase.STARTING, ())
+        store.write_bytes(bytes(512))
+        assert polled(follower).problems == ("Damaged: live.sqlite: it has pages of 0 bytes",)
+
+
+def test_a_file_that_can_be_read_again_is_not_damaged_any_more(
+    recording: Recording, follower: Follower
+) -> None:
+    recording.rows(1)
+    recording.commit()
+    assert polled(follower).problems == ()
+    more = recording.folder / "live-2.sqlite"
+    more.touch()
+    assert polled(follower).problems == ("Damaged: live-2.sqlite: it has pages of 0 bytes",)
+    Segment.create(more).close()
+    assert polled(follower).problems == ()
 
 
 # -- the recorder does not notice ------------------------------------------------------------------

@@ -73,6 +73,8 @@
     pen.stroke();
   }
 
+  const facts = (port) => `set ${port.set} · power ${port.power} · ${port.status}`;
+
   function showPort(port) {
     const tile = tileOf(port.key);
     tile.port = port;
@@ -81,8 +83,8 @@
     put(tile.condition, port.condition);
     put(tile.now, port.now);
     tile.now.classList.toggle("unknown", !port.known);
-    put(tile.facts, `set ${port.set} · power ${port.power} · ${port.status}`);
-    put(tile.row, `${port.row} · ${port.joints} · ${port.coverage}`);
+    put(tile.facts, facts(port));
+    put(tile.row, `${port.row} · ${port.counts} · ${port.coverage}`);
     put(tile.wrong, port.wrong.join(" · "));
     tile.button.setAttribute("aria-label", `Details of ${port.name}`);
     addPoints(tile.trace, port.trace);
@@ -122,7 +124,7 @@
   function take(message) {
     heard = performance.now();
     document.body.classList.remove("lost");
-    if (message.trouble) { put(find("status"), message.trouble); document.body.dataset.worst = "stale"; document.title = "NOT READABLE – jbclog watch"; return; }
+    if (message.trouble) { nothingKnown(message.trouble, "NOT READABLE", "not readable"); return; }
     if (message.whole) for (const tile of tiles.values()) tile.trace.seconds.length = tile.trace.temperature.length = tile.trace.power.length = 0;
     if (last && last.folder !== message.folder) { hour = null; if (open) plot.whole(); find("span").value = "minute"; }
     last = message;
@@ -140,17 +142,21 @@
     if (open) refresh();
   }
 
-  function lost(text) {
+  function nothingKnown(text, title, why) {
     document.body.classList.add("lost");
     document.body.dataset.worst = "stale";
     put(find("status"), text);
     put(find("detail-state"), text); // it may cover the line at the top
-    document.title = "NO CONNECTION – jbclog watch";
+    document.title = `${title} – jbclog watch`;
     for (const tile of tiles.values()) {
+      const { port } = tile;
       tile.box.dataset.condition = "stale";
       put(tile.condition, "stale");
       tile.now.classList.add("unknown");
-      if (tile.port) put(tile.now, tile.port.known ? `unknown (no connection; last ${tile.port.now})` : tile.port.now);
+      if (!port) continue;
+      put(tile.now, port.known ? `unknown (${why}; last ${port.now})` : port.now);
+      put(tile.facts, `last: ${facts(port)}`);
+      put(tile.row, `${why} · ${port.counts} · ${port.coverage}`);
     }
   }
 
@@ -264,5 +270,5 @@
     };
   }
   connect();
-  setInterval(() => { if (performance.now() - heard > SILENT_MS) lost("NO CONNECTION to jbclog watch: what is shown is old."); }, 1000);
+  setInterval(() => { if (performance.now() - heard > SILENT_MS) nothingKnown("NO CONNECTION to jbclog watch: what is shown is old.", "NO CONNECTION", "no connection"); }, 1000);
 })();

@@ -461,6 +461,14 @@ def test_trouble_with_the_record_is_shown(browser: Chromium) -> None:
         served.answer = RecordError("the disk is away")
         opened.until("document.getElementById('status').textContent === 'the disk is away'")
         assert opened.js("document.title") == "NOT READABLE – jbclog watch"
+        assert {opened.js(f"{TILE.format(number)}.dataset.condition") for number in range(6)} == {
+            "stale"
+        }
+        assert tile(opened, 0, ".now") == "unknown (not readable; last 349 °C)"
+        assert tile(opened, 0, ".facts") == "last: set 350 °C · power 12 % · working"
+        served.answer = live_states.run()
+        opened.until(f"{TILE.format(0)}.dataset.condition === 'normal'")
+        assert tile(opened, 0, ".now") == "349 °C"
         opened.close()
 
 

@@ -206,6 +206,18 @@ def test_it_reads_in_a_thread_and_again_after_trouble() -> None:
     play(steps, source, every_s=0.3)
 
 
+def test_while_the_record_cannot_be_read_nothing_is_known() -> None:
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        assert "NORMAL" in await shown(app, pilot, live_states.run())
+        app._show_trouble("the disk is away")
+        await pilot.pause()
+        assert {str(tile.border_subtitle) for tile in app.query(Tile)} == {"STALE"}
+        assert "now unknown (not readable; last" in text_of(app)
+        assert "NORMAL" in await shown(app, pilot, live_states.run())
+
+    play(steps)
+
+
 def test_arrows_and_tab_choose_a_tile_and_the_footer_says_so() -> None:
     async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
         assert "Tab ←↑↓→ choose" in await shown(app, pilot, live_states.run())

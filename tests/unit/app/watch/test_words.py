@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import pytest
@@ -134,6 +135,37 @@ def test_of_an_ended_run_no_row_is_awaited() -> None:
     assert words.row_text(over) == "no more rows"
     assert words.row_text(replace(port, row_age_s=None)) == "row of unknown age"
     assert words.row_text(replace(port, row_age_s=3.0)) == "row 3.0 s ago"
+
+
+def test_a_status_that_is_not_known_has_its_name() -> None:
+    """Beside the power, "unknown" alone would not say of what."""
+    status = Reading("working", 3.0, "timeout", is_stale=False)
+    assert words.status_text(Reading("working", 0.2, None, is_stale=False)) == "working"
+    assert words.status_text(status) == "status unknown (timeout; last working, 3.0 s ago)"
+
+
+def test_a_tile_names_its_port_once_and_counts_alarms_that_are_over() -> None:
+    port = live_states.port(
+        2,
+        Condition.ALARM,
+        live_states.known(392),
+        alarms=("Port 2: high-temperature alarm.",),
+        alarms_so_far=3,
+    )
+    lines = words.port_lines(port, 30)
+    assert lines[-1] == "! high-temperature alarm."
+    assert lines[4] == "row 0.3 s ago · joints 128 · alarms 3"
+
+
+@pytest.mark.parametrize(
+    ("zone", "text"), [("UTC", "UTC"), ("CET-1", "CET (UTC+0100)"), ("EST5", "EST (UTC-0500)")]
+)
+def test_a_zone_is_named_once(zone: str, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as changed:
+        changed.setenv("TZ", zone)
+        time.tzset()
+        assert words.zone_text() == text
+    time.tzset()
 
 
 def test_an_event_names_its_port_once() -> None:
