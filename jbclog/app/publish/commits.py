@@ -32,7 +32,7 @@ APPLICATION: Final = "jbclog.runs"
 FENCE: Final = "jbclog.removed."
 TRIES: Final = 40
 GROUP_ROWS: Final = 32_768
-BATCHES: Final = 32  # of a commit, about a million rows
+BATCHES: Final = 16  # of a commit, about half a million rows
 LARGEST_PAUSE_S: Final = 0.5
 CONFIGURATION: Final = {PROPERTY: str(SCHEMA)}
 

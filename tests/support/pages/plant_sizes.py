@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from jbclog.app.publish.commits import BATCHES, GROUP_ROWS
 from support.pages.md_table import MADE, table
 
 STATIONS = (250, 1_000, 10_000, 100_000)
@@ -12,7 +13,7 @@ RUN_STATIONS = 250  # of one run, on one host
 READS, RATE_HZ = 4, 10.0  # of each tick of a station with one port
 SHIFT_S = 8 * 3600
 SHIFTS_A_YEAR, SHIFTS_A_MONTH = 250, 21
-COMMIT_ROWS = 1_000_000
+COMMIT_ROWS = BATCHES * GROUP_ROWS
 OTHER_COMMITS = 8  # of a run, beside those of its samples
 ANSWER_S = 60.0
 
