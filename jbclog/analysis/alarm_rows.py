@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from jbclog.analysis.alarms import BEFORE_ALL, WATCHED, Change, FlagRead, Rows, change_of
 from jbclog.analysis.alarms.port_watch import WORKING
+from jbclog.analysis.coded_texts import is_one_of
 from jbclog.analysis.joints.port_rows import by_port
 from jbclog.analysis.run_tables import RunTables
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
@@ -35,7 +36,6 @@ COLUMNS: Final = [
     "alarm_high",
     "alarm_low",
 ]
-WORKING_WORDS: Final = pa.array(sorted(WORKING))
 CLOCK_STEP: Final = "clock.step"
 
 
@@ -171,13 +171,12 @@ class PortSplitter:
         times, status = own["time"].cast(pa.int64()).to_numpy(), own["status"]
         steps = self._steps_between(place, times, own["tick"][0].as_py()) if self._steps else {}
         read = pc.and_(pc.is_valid(status), pc.is_valid(own["temperature_c"]))
-        works = pc.fill_null(pc.is_in(status, value_set=WORKING_WORDS), False)
         return Rows(
             times,
             own["tick"].to_numpy(),
             pc.fill_null(own["temperature_c"], 0).to_numpy(),
             read.to_numpy(),
-            works.to_numpy(),
+            is_one_of(status, WORKING),
             own["set_c"].cast(pa.float64()).to_numpy(),
             steps,
         )

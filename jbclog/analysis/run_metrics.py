@@ -8,9 +8,9 @@ feeder is measured as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, astuple, replace
-from itertools import groupby, islice
+from itertools import groupby
 from math import inf
 from typing import Final, NamedTuple
 
@@ -19,6 +19,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from jbclog.analysis.joints.packed import column_of
 from jbclog.analysis.joints.parameters import JointOptions, options_of
 from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once
 from jbclog.analysis.joints.port_rows import CYCLES, Clock, Key, cycles_of, kind_of
@@ -44,29 +45,30 @@ from jbclog.core.rows import StationFacts
 from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import manifest_sha256
 
-Moments = Mapping[float, int]
-"""Seconds on a port's grid -> UTC in microseconds."""
-
 ROWS_AT_ONCE: Final = 4096
 # status words of W-PS (manuals 000, 001, 002)
 ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}
 
 
 class MeasuredPort(NamedTuple):
-    """The joints and metrics of one port, and the UTC of its joints' starts and ends."""
+    """The joints and metrics of one port, and the UTC of each joint's start and end, one after the
+    other.
+    """
 
     facts: StationFacts
     port: int
     measured: Measured
-    moments: Moments
+    edges_us: Counts
 
     def joint_table(self) -> pa.Table:
-        """Return a row for each joint; a few thousand of them are plain rows at once."""
-        rows = (
-            _joint_row(self, number, joint) for number, joint in enumerate(self.measured.joints, 1)
+        """Return a row for each joint; a few thousand of them are Python's values at once."""
+        joints = self.measured.joints
+        return _concatenated(
+            [
+                _joint_rows(self, first, joints[first : first + ROWS_AT_ONCE])
+                for first in range(0, len(joints), ROWS_AT_ONCE)
+            ]
         )
-        some = iter(lambda: list(islice(rows, ROWS_AT_ONCE)), [])
-        return _concatenated([pa.Table.from_pylist(these, schema=JOINTS_SCHEMA) for these in some])
 
     def metric_rows(self) -> list[MetricRow]:
         """Return a row for each metric."""
@@ -191,7 +193,9 @@ def _as_a_whole(
     """Measure the ports of a station with a feeder."""
     for port, series, wire, utc_us in _whole_ports(run, facts, settings, counters):
         measured = measure_port(series, kind_of(facts), wire, _parameters(run, facts))
-        yield MeasuredPort(facts, port, measured, _moments(series.seconds, utc_us, measured.joints))
+        edges = np.searchsorted(series.seconds, _edges(measured.joints) - 1e-6)
+        places = np.clip(edges, 0, len(series.seconds) - 1)
+        yield MeasuredPort(facts, port, measured, utc_us[places])
 
 
 def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[MeasuredPort]:
@@ -212,11 +216,11 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
             measuring[facts.name, port] = PortMeasuring(kind_of(facts), like, parameters)
     reader.sweep(measuring)
     measured = {key: measuring.pop(key).measured for key in [*measuring]}
-    moments = reader.utc_us({key: _edges(one.joints) for key, one in measured.items()})
+    edges_us = reader.utc_us({key: _edges(one.joints) for key, one in measured.items()})
     for facts in stations:
         for port in facts.ports:
             yield MeasuredPort(
-                facts, port, measured.pop((facts.name, port)), moments.pop((facts.name, port))
+                facts, port, measured.pop((facts.name, port)), edges_us.pop((facts.name, port))
             )
 
 
@@ -224,7 +228,7 @@ def _reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
     steps = clock_steps(run) if any(not facts.period_s for facts in stations) else []
     t0_us = round((run.manifest.t0_utc or 0.0) * 1e6)
     return PortReader(
-        stations, lambda columns: run.groups("samples", columns), steps, t0_us, MOST_ROWS
+        stations, lambda columns: run.coded("samples", columns), steps, t0_us, MOST_ROWS
     )
 
 
@@ -238,15 +242,10 @@ def clock_steps(run: RunTables) -> list[Step]:
     ]
 
 
-def _edges(joints: Sequence[Joint]) -> list[float]:
-    return [moment for joint in joints for moment in (joint.start_s, joint.end_s)]
-
-
-def _moments(seconds: Floats, utc_us: Counts, joints: Sequence[Joint]) -> Moments:
-    """Return the UTC of the first row at or after each start and end of a joint."""
-    edges = _edges(joints)
-    places = np.clip(np.searchsorted(seconds, np.array(edges) - 1e-6), 0, len(seconds) - 1)
-    return dict(zip(edges, utc_us[places].tolist(), strict=True)) if edges else {}
+def _edges(joints: Sequence[Joint]) -> Floats:
+    """Return start and end of each joint in s, one after the other."""
+    edges = [column_of(joints, name) for name in ("start_s", "end_s")]
+    return np.array(edges, dtype=np.float64).ravel(order="F")
 
 
 def _whole_ports(
@@ -314,43 +313,49 @@ def _concatenated(joints: Sequence[pa.Table]) -> pa.Table:
     return pa.concat_tables([JOINTS_SCHEMA.empty_table(), *joints]).combine_chunks()
 
 
-def _joint_row(one: MeasuredPort, number: int, joint: Joint) -> dict[str, object]:
-    draw, energy, rated_w = joint.draw, joint.energy, one.facts.rated_power_w
-    return {
-        "station": one.facts.name,
-        "port": one.port,
-        "joint": number,
-        "start": one.moments[draw.start_s],
-        "end": one.moments[draw.end_s],
-        "start_s": round(draw.start_s, 6),
-        "end_s": round(draw.end_s, 6),
-        "touches": draw.contacts,
-        "dwell_s": _rounded(joint.dwell_s),
-        "depth_c": _rounded(joint.depth_c),
-        "recovery_s": _rounded(joint.recovery_s),
-        "peak_permille": _rounded(draw.peak),
-        "heat_permille_s": _rounded(draw.heat),
-        "energy_permille_s": _rounded(energy),
-        "energy_j": (
-            None if energy is None or rated_w is None else _rounded(energy * rated_w / 1000)
+def _joint_rows(one: MeasuredPort, before: int, joints: Sequence[Joint]) -> pa.Table:
+    """Return rows for some joints of a port, of which `before` come before them."""
+    draws, rated_w, count = [joint.draw for joint in joints], one.facts.rated_power_w, len(joints)
+    energies = [joint.energy for joint in joints]
+    columns: dict[str, Sequence[object] | Counts] = {
+        "station": [one.facts.name] * count,
+        "port": [one.port] * count,
+        "joint": range(before + 1, before + count + 1),
+        "start": one.edges_us[2 * before : 2 * (before + count) : 2],
+        "end": one.edges_us[2 * before + 1 : 2 * (before + count) : 2],
+        "start_s": [round(draw.start_s, 6) for draw in draws],
+        "end_s": [round(draw.end_s, 6) for draw in draws],
+        "touches": [draw.contacts for draw in draws],
+        "dwell_s": _rounded(joint.dwell_s for joint in joints),
+        "depth_c": _rounded(joint.depth_c for joint in joints),
+        "recovery_s": _rounded(joint.recovery_s for joint in joints),
+        "peak_permille": _rounded(draw.peak for draw in draws),
+        "heat_permille_s": _rounded(draw.heat for draw in draws),
+        "energy_permille_s": _rounded(energies),
+        "energy_j": _rounded(
+            None if energy is None or rated_w is None else energy * rated_w / 1000
+            for energy in energies
         ),
-        "fed": draw.fed,
-        "confidence": draw.confidence,
-        "why": joint.why,
-        "kind": draw.kind,
-        "heat_j": _rounded(joint.heat_j),
-        "setpoint_c": _rounded(joint.setpoint_c),
-        "deficit_c": _rounded(joint.deficit_c),
-        "resting_below_c": _rounded(joint.resting_below_c),
-        "lowest_c": _rounded(joint.lowest_c),
-        "end_c": _rounded(joint.end_c),
-        "recovered": joint.recovered,
-        "had_s": _rounded(joint.had_s),
+        "fed": [draw.fed for draw in draws],
+        "confidence": [draw.confidence for draw in draws],
+        "why": [joint.why for joint in joints],
+        "kind": [joint.kind for joint in joints],
+        "heat_j": _rounded(joint.heat_j for joint in joints),
+        "setpoint_c": _rounded(joint.setpoint_c for joint in joints),
+        "deficit_c": _rounded(joint.deficit_c for joint in joints),
+        "resting_below_c": _rounded(joint.resting_below_c for joint in joints),
+        "lowest_c": _rounded(joint.lowest_c for joint in joints),
+        "end_c": _rounded(joint.end_c for joint in joints),
+        "recovered": [joint.recovered for joint in joints],
+        "had_s": _rounded(joint.had_s for joint in joints),
     }
+    return pa.table(
+        [pa.array(columns[field.name], field.type) for field in JOINTS_SCHEMA], schema=JOINTS_SCHEMA
+    )
 
 
-def _rounded(value: float | None) -> float | None:
-    """Return a value to three decimals, finer than any resolution of a station; None if it is not
-    known.
+def _rounded(values: Iterable[float | None]) -> list[float | None]:
+    """Return the values to three decimals, finer than any resolution of a station; None where one
+    is not known.
     """
-    return None if value is None or abs(value) == inf else round(value, 3)
+    return [None if value is None or abs(value) == inf else round(value, 3) for value in values]

@@ -11,7 +11,7 @@ import struct
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, cast
@@ -69,6 +69,7 @@ class Selection:
     port: int | None = None
     start: pd.Timestamp | None = None
     stop: pd.Timestamp | None = None
+    coded: bool = False  # texts may come as dictionaries
 
     @property
     def needed(self) -> list[str]:
@@ -403,6 +404,12 @@ class RunTables:
         """
         return self._groups(select(table, columns))
 
+    def coded(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
+        """Yield the same with dictionaries for the texts of sealed rows: they are read in half the
+        time.
+        """
+        return self._groups(replace(select(table, columns), coded=True))
+
     def pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
         """Return the same row groups as a list."""
         return list(self.groups(table, columns))
@@ -465,7 +472,11 @@ class RunTables:
                 )
             yield from map(
                 selection.cut,
-                groups_of([part for part in parts if selection.may_have(part)], selection.needed),
+                groups_of(
+                    [part for part in parts if selection.may_have(part)],
+                    selection.needed,
+                    coded=selection.coded,
+                ),
             )
             yield from live
         if store.damage:

@@ -27,7 +27,7 @@ from jbclog.core.foreign.files import Kind, NotReadable, is_plain_folder, read_f
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
 from jbclog.core.rows import TABLES
-from jbclog.record.schema import SCHEMAS
+from jbclog.record.schema import SCHEMAS, TEXT
 
 # Damage is noted as JSON lines in `damage.jsonl` before the work continues, and the manifest
 # includes the notes. Damaged files are set aside in `damaged/`.
@@ -241,10 +241,12 @@ def row_groups(folder: Path, table: str, columns: list[str] | None = None) -> It
     return groups_of(part_paths(folder, table), columns)
 
 
-def groups_of(parts: Iterable[Path], columns: list[str] | None = None) -> Iterator[pa.Table]:
-    """Yield the rows of these parts by row groups."""
+def groups_of(
+    parts: Iterable[Path], columns: list[str] | None = None, *, coded: bool = False
+) -> Iterator[pa.Table]:
+    """Yield the rows of these parts by row groups; `coded`: with dictionaries for texts."""
     for path in parts:
-        with _opened(path) as file:
+        with _opened(path, coded=coded) as file:
             for index in range(file.num_row_groups):
                 try:
                     yield file.group(index, columns)
@@ -253,16 +255,18 @@ def groups_of(parts: Iterable[Path], columns: list[str] | None = None) -> Iterat
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[ParquetTable]:
+def _opened(path: Path, *, coded: bool) -> Iterator[ParquetTable]:
     """Open a part; pages are checked by checksums, the footer by its required content. Raises
     RecordError.
     """
+    schema = SCHEMAS[path.parent.name]
+    texts = [field.name for field in schema if field.type == TEXT] if coded else ()
     with ExitStack() as opened:
         try:
-            file = opened.enter_context(open_table(path))
+            file = opened.enter_context(open_table(path, texts))
         except (pa.ArrowException, OSError) as error:
             raise RecordError(f"{path} is no readable part: {error}") from error
-        if not file.schema.equals(SCHEMAS[path.parent.name]):
+        if not file.schema.equals(schema):
             raise RecordError(f"{path} is no part of {path.parent.name}: its columns are others")
         yield file
 

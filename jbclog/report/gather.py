@@ -128,7 +128,7 @@ def _by_port(run: Run, stations: Sequence[StationFacts]) -> dict[str, dict[int, 
         for facts in stations
         for port in facts.ports
     }
-    for group in run.groups("samples", ["station", "port", *every]):
+    for group in run.coded("samples", ["station", "port", *every]):
         for key, rows in by_port(group):
             if key[0] in columns:
                 pieces.setdefault(key, []).append(_narrow(rows.select(columns[key[0]])))

@@ -26,7 +26,7 @@ from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import FigureFacts, JointFacts
 from jbclog.report.joint_chart import RecoveryChart, draw_chart, recovery_chart
 from jbclog.report.joint_words import never_back
-from jbclog.report.text import Row, iso_times
+from jbclog.report.text import Row, clean, iso_times
 
 __all__ = ["COLUMNS", "JOINTS", "Joints", "joint_facts", "joints_of", "unit_rows"]
 
@@ -83,17 +83,19 @@ class Joints:
         """Return the metrics of one port by their names."""
         return self.by_port.get((station, port), {})
 
-    def rows(self) -> Iterator[Row]:
-        """Yield a row for each joint with its unit, for spreadsheets; a few thousand of them are in
-        memory at once.
+    def columns(self) -> Iterator[dict[str, list[object]]]:
+        """Yield the columns of the table with the unit of each joint, for spreadsheets; a few
+        thousand rows are in memory at once.
         """
-        table = self.table
-        for name in ("start", "end"):
-            table = table.set_column(
-                table.schema.get_field_index(name), name, iso_times(table[name])
-            )
-        plain = (row for batch in table.to_batches(ROWS_AT_ONCE) for row in batch.to_pylist())
-        return ({**row, UNIT: unit} for row, unit in zip(plain, self.units, strict=True))
+        for first in range(0, len(self.table), ROWS_AT_ONCE):
+            rows = self.table.slice(first, ROWS_AT_ONCE)
+            columns = {name: rows[name] for name in rows.column_names}
+            columns |= {name: iso_times(columns[name]) for name in ("start", "end")}
+            units: list[object] = [
+                None if unit is None else clean(unit)
+                for unit in self.units[first : first + ROWS_AT_ONCE]
+            ]
+            yield {UNIT: units, **{name: column.to_pylist() for name, column in columns.items()}}
 
 
 def joints_of(run: Run) -> Joints:

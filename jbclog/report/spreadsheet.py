@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from jbclog.core.text import csv_text
+from jbclog.core.text import csv_bytes, csv_text
 from jbclog.report.alarms import COLUMNS as ALARMS
 from jbclog.report.joints import COLUMNS as JOINTS
-from jbclog.report.text import RowView, clean
+from jbclog.report.joints import Joints
+from jbclog.report.text import RowView
 
 TABLES: Final[Mapping[str, Sequence[str]]] = {
     "rules": (
@@ -105,17 +106,14 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
 """Columns by table; the ledger has one more for each reason that occurs."""
 
 
-def csv_tables(document: Mapping[str, object], joints: Iterable[RowView] = ()) -> dict[str, str]:
-    """Return the text of each table by its name, from the facts as plain data and a row for each
-    joint.
-    """
+def csv_tables(document: Mapping[str, object], joints: Joints) -> dict[str, bytes]:
+    """Return each table by its name, from the facts as plain data, and from the joints."""
     rows: dict[str, Iterable[RowView]] = {
         name: _listed(document.get(name))
         for name in ("events", "settings", "counters", "metrics", "units")
     }
     incidents = _listed(_mapping(document.get("alarms")).get("incidents"))
     rows["alarms"] = [row for incident in incidents for row in _listed(incident["episodes"])]
-    rows["joints"] = ({**row, "unit": _clean(row["unit"])} for row in joints)
     reasons = [str(reason) for reason in _items(document["ledger_reasons"])]
     rows["ledger"] = [{**row, **_mapping(row["reasons"])} for row in _listed(document["ledger"])]
     rows["rules"] = [_rule(row) for row in _listed(_mapping(document["verdict"])["rules"])]
@@ -125,13 +123,13 @@ def csv_tables(document: Mapping[str, object], joints: Iterable[RowView] = ()) -
         for port in _listed(station["ports"])
     ]
     return {
-        name: csv_text([*columns, *(reasons if name == "ledger" else [])], rows[name])
+        name: (
+            b"".join(csv_bytes(columns, joints.columns()))
+            if name == "joints"
+            else csv_text([*columns, *(reasons if name == "ledger" else [])], rows[name]).encode()
+        )
         for name, columns in TABLES.items()
     }
-
-
-def _clean(text: object) -> object:
-    return clean(text) if isinstance(text, str) else text
 
 
 def _rule(row: RowView) -> RowView:

@@ -99,8 +99,8 @@ def report_files(folder: Path) -> dict[str, bytes]:
         PAPER: report_pdf(facts),
         JOINTS: joints.parquet,
         **{
-            f"{TABLES}/{name}.csv": text.encode()
-            for name, text in csv_tables(document, joints.rows()).items()
+            f"{TABLES}/{name}.csv": content
+            for name, content in csv_tables(document, joints).items()
         },
     }
     written = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}

@@ -38,6 +38,7 @@ LONG_GAP_S: Final = 1.0
 BOUND: Final = 2**40
 LONGEST_WORD: Final = 140  # three reasons with their columns fit
 LONGEST_REASON: Final = 20
+VARINTS_AT_ONCE: Final = 1 << 14
 
 
 def share(ports: int) -> int:
@@ -138,8 +139,8 @@ def varints(values: Ints) -> bytes:
     """Return each number as a zigzag varint: seven bits a byte, the lowest first, the highest bit
     set where more follow.
     """
-    # each number takes a hundred bytes on the way
-    return b"".join(_varints(values[rows]) for rows in blocks(len(values)))
+    # each number takes some 300 bytes on the way
+    return b"".join(_varints(values[rows]) for rows in blocks(len(values), VARINTS_AT_ONCE))
 
 
 def _varints(values: Ints) -> bytes:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any, Final, cast
 
 import numpy as np
@@ -74,9 +75,10 @@ def envelope(seconds: Floats, values: Readings, stretches: int, joined_s: float)
     )
 
 
-def blocks(rows: int) -> Iterator[slice]:
+def blocks(rows: int, most: int | None = None) -> Iterator[slice]:
     """Yield slices of so many rows, so that what is computed of them takes little memory."""
-    return (slice(first, min(first + BLOCK_ROWS, rows)) for first in range(0, rows, BLOCK_ROWS))
+    size = most or BLOCK_ROWS
+    return (slice(first, min(first + size, rows)) for first in range(0, rows, size))
 
 
 class Stretches:
@@ -191,13 +193,18 @@ def missing_ticks(seconds: Floats, period_s: float) -> list[Span]:
 
 def merged(spans: Iterable[Span], nearer_than_s: float) -> list[Span]:
     """Return the spans; spans of one word that are too close to be distinguished are merged."""
-    out: list[Span] = []
-    for span in sorted(spans, key=lambda span: (span.start, span.end, span.word)):
-        if out and out[-1].word == span.word and span.start - out[-1].end < nearer_than_s:
-            out[-1] = replace(out[-1], end=max(out[-1].end, span.end))
+    firsts: list[Span] = []
+    ends: list[float] = []
+    for span in sorted(spans, key=attrgetter("start", "end", "word")):
+        if firsts and firsts[-1].word == span.word and span.start - ends[-1] < nearer_than_s:
+            ends[-1] = max(ends[-1], span.end)
         else:
-            out.append(span)
-    return out
+            firsts.append(span)
+            ends.append(span.end)
+    return [
+        one if end == one.end else replace(one, end=end)
+        for one, end in zip(firsts, ends, strict=True)
+    ]
 
 
 def widened(span: Span, least_s: float) -> Span:
@@ -208,5 +215,6 @@ def widened(span: Span, least_s: float) -> Span:
 
 def within(spans: Iterable[Span], start: float, end: float) -> list[Span]:
     """Return the parts of spans between `start` and `end`."""
-    cut = [replace(span, start=max(span.start, start), end=min(span.end, end)) for span in spans]
+    some = (span for span in spans if span.end > start and span.start < end)
+    cut = [replace(span, start=max(span.start, start), end=min(span.end, end)) for span in some]
     return [span for span in cut if span.seconds > 0]

@@ -22,7 +22,7 @@ and its rate of change: noise alone passes `HIGH_NOISES` once in 31 600 independ
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -52,8 +52,7 @@ Part = tuple[int, int]
 """The first row, and the one after the last."""
 
 
-@dataclass(frozen=True, slots=True)
-class Contact:
+class Contact(NamedTuple):  # there are thousands: a tuple is made in a fifth of the time
     """A contact: its first and last moment in seconds of the run's grid, and their rows."""
 
     start_s: float

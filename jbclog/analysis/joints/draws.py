@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -35,8 +34,7 @@ ENDS, BEGINS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Draw:
+class Draw(NamedTuple):
     """A heat draw: seconds on the run's grid, dwell in s, heat in ‰·s, peak in ‰, and the number of
     contacts in it.
 
@@ -160,8 +158,7 @@ def merged_draw(draws: Sequence[Draw]) -> Draw:
         [one.heat for one in draws if one.heat is not None],
         [one.peak for one in draws if one.peak is not None],
     )
-    return replace(
-        first,
+    return first._replace(
         end_s=last.end_s,
         dwell_s=sum(one.dwell_s for one in draws),
         heat=sum(heats) if heats else None,
@@ -202,8 +199,7 @@ def cut_draw(
     for start, end in pairwise(edges):
         _, flow = by_time.between(start, end)
         parts.append(
-            replace(
-                draw,
+            draw._replace(
                 start_s=start,
                 end_s=end,
                 dwell_s=end - start,
@@ -215,5 +211,5 @@ def cut_draw(
                 cut_by_feeds=True,
             )
         )
-    parts[-1] = replace(parts[-1], cut=draw.cut)
+    parts[-1] = parts[-1]._replace(cut=draw.cut)
     return parts

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, insort
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
@@ -98,12 +98,12 @@ def feeder_evidence(
     if not decides:
         return _without_decision(series, draws, events)
     fed = [
-        replace(one, fed=_fed(series, one, feeds, events, True))
+        one._replace(fed=_fed(series, one, feeds, events, True))
         for one, feeds in zip(merged, draw_feeds, strict=True)
     ]
-    fed = [replace(one, is_unfed=True) if one.fed is False else one for one in fed]
+    fed = [one._replace(is_unfed=True) if one.fed is False else one for one in fed]
     found = _cut(fed, draw_feeds, FlowByTime(flows), series.period_s, interval_s)
-    others = [replace(one, fed=_fed(series, one, [], events, True)) for one in nearby]
+    others = [one._replace(fed=_fed(series, one, [], events, True)) for one in nearby]
     without = len(nearby) + seen - with_wire
     alone = events.number - sum(
         len(feeds) for draw, feeds in zip(merged, draw_feeds, strict=True) if draw.heat is not None
@@ -117,7 +117,7 @@ def _without_decision(series: Series, draws: Sequence[Draw], events: FeedEvents)
     """Return the draws unchanged, each with whether wire was pushed in it."""
     draw_feeds, alone = _feeds_of_draws(draws, events, series.period_s)
     with_feeds = [
-        replace(one, fed=_fed(series, one, feeds, events, False))
+        one._replace(fed=_fed(series, one, feeds, events, False))
         for one, feeds in zip(draws, draw_feeds, strict=True)
     ]
     without = sum(not feeds for feeds in draw_feeds)
@@ -186,7 +186,7 @@ def _without_overlap(draws: Sequence[Draw]) -> list[Draw]:
     """Return the draws, each ending no later than the next begins."""
     following = [draw.start_s for draw in draws[1:]]
     shorter = [
-        replace(one, end_s=end) if one.end_s > end else one
+        one._replace(end_s=end) if one.end_s > end else one
         for one, end in zip(draws, following, strict=False)
     ]
     return [*shorter, *draws[-1:]]
@@ -203,7 +203,7 @@ def _extended_to_feeds(draw: Draw, feeds: Sequence[Feed]) -> Draw:
     )
     longer = draw.start_s - start + end - draw.end_s
     return (
-        replace(draw, start_s=start, end_s=end, dwell_s=draw.dwell_s + longer) if longer else draw
+        draw._replace(start_s=start, end_s=end, dwell_s=draw.dwell_s + longer) if longer else draw
     )
 
 

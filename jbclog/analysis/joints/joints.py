@@ -16,7 +16,7 @@ docs/explanation/joints.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from jbclog.analysis.joints.contacts import Flow, flow_into_work
 from jbclog.analysis.joints.doubt import Doubt, doubt_of, why_not_known
@@ -25,6 +25,7 @@ from jbclog.analysis.joints.feeding import FeederEvidence, feeder_evidence
 from jbclog.analysis.joints.heat_up_end import ready_stretches
 from jbclog.analysis.joints.identify import NEVER_READ, identify_each
 from jbclog.analysis.joints.levels import resting_levels
+from jbclog.analysis.joints.packed import column_of
 from jbclog.analysis.joints.parameters import (
     JointOptions,
     JointSettings,
@@ -54,8 +55,8 @@ class FoundJoints:
     pieces; joints in these are not known.
     """
 
-    joints: list[Joint]
-    others: list[Draw]
+    joints: Sequence[Joint]
+    others: Sequence[Draw]
     models: list[ThermalModel]
     levels: dict[float, float]
     settings: JointSettings
@@ -64,7 +65,7 @@ class FoundJoints:
     unseen_s: float = 0.0
     unseen: int = 0
     heat_why: str | None = None
-    by_heat: list[Draw] = field(default_factory=list)
+    by_heat: Sequence[Draw] = ()
     number_why: str | None = None
     doubt: Doubt | None = None
 
@@ -118,13 +119,13 @@ class ByHeat:
 
     models: list[ThermalModel]
     why: str | None
-    draws: list[Draw]
+    draws: Sequence[Draw]
     doubt: Doubt | None
 
 
 def concluded(
-    joints: list[Joint],
-    others: list[Draw],
+    joints: Sequence[Joint],
+    others: Sequence[Draw],
     levels: dict[float, float],
     settings: JointSettings,
     heat: ByHeat,
@@ -144,7 +145,7 @@ def concluded(
         others,
         heat.models,
         levels,
-        replace(settings, every_s=regular_every_s([joint.start_s for joint in joints])),
+        replace(settings, every_s=regular_every_s(column_of(joints, "start_s"))),
         feeder,
         None if settings.wire_decides else heat.why or number_why,
         *unseen_time,

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import reduce
 from typing import Final, Protocol, TypeVar
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from jbclog.analysis.coded_texts import is_one_of
 from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock, Key, by_port
 from jbclog.analysis.joints.series import Series, nominal_period
 from jbclog.analysis.joints.values import Values
@@ -143,31 +143,22 @@ class PortReader:
             for windows in taking.values():
                 windows.end()
 
-    def utc_us(self, moments: Mapping[Key, Sequence[float]]) -> dict[Key, dict[float, int]]:
+    def utc_us(self, moments: Mapping[Key, Floats]) -> dict[Key, Counts]:
         """Return the UTC in microseconds of the rows at these moments or next after them; of the
         last row if there is none.
         """
-        wanted = {key: np.unique(some) for key, some in moments.items() if len(some)}
-        found: dict[Key, dict[float, int]] = {key: {} for key in moments}
-        last: dict[Key, int] = {}
-        for key, seconds, times in self._times() if wanted else ():
+        wanted = {key: np.unique(some, return_inverse=True) for key, some in moments.items()}
+        found = {key: np.zeros(len(some), dtype=np.int64) for key, (some, _) in wanted.items()}
+        known = dict.fromkeys(wanted, 0)
+        for key, seconds, times in self._times() if any(map(len, found.values())) else ():
             if key not in wanted or not len(seconds):
                 continue
-            some = wanted[key]
-            here = some[
-                len(found[key]) : int(np.searchsorted(some, seconds[-1] + SAME_S, side="right"))
-            ]
-            found[key].update(
-                zip(
-                    here.tolist(),
-                    times[np.searchsorted(seconds, here - SAME_S)].tolist(),
-                    strict=True,
-                )
-            )
-            last[key] = int(times[-1])
-        for key, time in last.items():
-            found[key].update(dict.fromkeys(wanted[key][len(found[key]) :].tolist(), time))
-        return found
+            some, first = wanted[key][0], known[key]
+            stop = max(int(np.searchsorted(some, seconds[-1] + SAME_S, side="right")), first)
+            places = np.searchsorted(seconds, some[first:stop] - SAME_S)
+            # until there is a later one
+            found[key][first:stop], found[key][stop:], known[key] = times[places], times[-1], stop
+        return {key: found[key][place] for key, (_, place) in wanted.items()}
 
     def _read_periods(self) -> dict[Key, float]:
         """Return the period of each port; without a grid, from the times of its rows."""
@@ -235,7 +226,7 @@ def raw_series(facts: StationFacts, rows: pa.Table, clock: Clock, period_s: floa
         floats(rows["temperature_c"]),
         floats(rows["power_permille"]),
         floats(rows["set_c"]),
-        _flags(pc.fill_null(reduce(pc.or_, (pc.equal(status, word) for word in WORKING)), False)),
+        is_one_of(status, WORKING),
         floats(rows["tool"]),
         floats(rows["port_error"]) if has_tip(facts) else np.full(len(seconds), np.nan),
     )

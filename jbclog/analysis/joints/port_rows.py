@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
+from jbclog.analysis.coded_texts import coded
 from jbclog.analysis.joints.series import Cycles
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 from jbclog.analysis.verdict.idle import Floats
@@ -46,13 +47,10 @@ def by_port(rows: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
     """
     if not rows.num_rows:
         return
-    names, ports = (
-        rows["station"].cast(pa.string()).combine_chunks().dictionary_encode(),
-        rows["port"].to_numpy(),
-    )
+    names, ports = coded(rows["station"]), rows["port"].to_numpy()
     stations = names.indices.to_numpy()
-    if len(names.dictionary) == 1 and (ports == ports[0]).all():
-        yield (names.dictionary[0].as_py(), int(ports[0])), rows
+    if (stations == stations[0]).all() and (ports == ports[0]).all():
+        yield (names.dictionary[int(stations[0])].as_py(), int(ports[0])), rows
         return
     order = np.lexsort((ports, stations))
     sorted_rows, stations, ports = rows.take(pa.array(order)), stations[order], ports[order]

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -43,8 +43,7 @@ GAP: Final = "The record has a gap in it."
 UNKNOWN_SETPOINT: Final = "The setpoint is not known."
 
 
-@dataclass(frozen=True, slots=True)
-class Joint:
+class Joint(NamedTuple):
     """A joint: a draw of heat, and what it did to the tip, in °C and s; None if not known, with the
     reason in `why`.
 
@@ -241,7 +240,7 @@ def _measured_joints(
     tip: _Tip, series: Series, timing: _Timing, draws: Sequence[Draw]
 ) -> list[Joint]:
     """Return the joints, with what each did to the tip."""
-    joints = [Joint(draw, _joules(tip, draw), why=GAP) for draw in draws]
+    joints = dict[int, Joint]()
     complete = np.flatnonzero(~timing.broken)
     values, first, setpoints = tip.track.values, timing.first[complete], timing.setpoints[complete]
     touched = np.maximum(timing.touched[complete], first + 1)
@@ -268,7 +267,8 @@ def _measured_joints(
         known
     ):
         number = int(complete[place])
-        draw, heat_j, cut = draws[number], joints[number].heat_j, timing.cuts[number]
+        draw, cut = draws[number], timing.cuts[number]
+        heat_j = _joules(tip, draw)
         if setpoint is None:
             low = float(least[place])
             joints[number] = Joint(
@@ -296,7 +296,10 @@ def _measured_joints(
             energy,
             why,
         )
-    return joints
+    return [
+        joints.get(number) or Joint(draw, _joules(tip, draw), why=GAP)
+        for number, draw in enumerate(draws)
+    ]
 
 
 def _joules(tip: _Tip, draw: Draw) -> float | None:

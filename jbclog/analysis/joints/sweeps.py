@@ -19,7 +19,7 @@ because counts and pushes far apart explain each other.
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -33,6 +33,7 @@ from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.identify import NEVER_READ, identify_each, pieces_for_model
 from jbclog.analysis.joints.joints import ByHeat, FoundJoints, concluded, sort_draws
 from jbclog.analysis.joints.levels import Levels, resting
+from jbclog.analysis.joints.packed import ROWS_AT_ONCE, Packed
 from jbclog.analysis.joints.parameters import JointOptions, settings_for
 from jbclog.analysis.joints.recovery import MOST_RECOVERY_S, Joint, joints_of
 from jbclog.analysis.joints.series import Series, Stretch, Unseen
@@ -104,9 +105,9 @@ class PortSweeps:
         self._models: list[ThermalModel] = []
         self._why: str | None = None
         self._doubt: Doubt | None = None
-        self._draws: list[Draw] = []
+        self._draws = Packed(Draw)
         self._levels = Levels()
-        self._joints: list[Joint] = []
+        self._joints = Packed(Joint)
         self._found: FoundJoints | None = None
 
     @property
@@ -247,7 +248,7 @@ class PortSweeps:
         first, last = view.own(
             np.array([draw.start_s for draw in found]), until_s=_or_never(again_s)
         ).indices(len(found))[:2]
-        self._draws += found[first:last]
+        self._draws.extend(found[first:last])
         for flow, _ in flows:
             rest, own = resting(flow, found), view.own(flow.stretch.seconds, _or_never(again_s))
             rest[: own.start] = rest[own.stop :] = False
@@ -259,18 +260,21 @@ class PortSweeps:
         return self._stretches[place].model if place >= 0 else None
 
     def _sort_draws(self) -> None:
-        self._joint_draws, self._others = sort_draws(self._draws, self._settings)
+        self._joint_draws, self._others = Packed(Draw), Packed(Draw)
+        for first in range(0, len(self._draws), ROWS_AT_ONCE):
+            joints, others = sort_draws(self._draws[first : first + ROWS_AT_ONCE], self._settings)
+            self._joint_draws.extend(joints)
+            self._others.extend(others)
         self._resting_levels = self._levels.levels(self._period_s)
 
     def _measure_joints(self, view: View) -> float | None:
         """Measure the joints that begin in this window; return since when it must be seen again."""
         own = _between(self._joint_draws, view.begin_s, view.end_s)
         again_s = _seen_again_from(view, own, MOST_RECOVERY_S + self._period_s)
-        own = _between(own, view.begin_s, _or_never(again_s))
+        own = _between(self._joint_draws, view.begin_s, min(view.end_s, _or_never(again_s)))
         near = _between(self._draws, view.begin_s, view.last_s)
-        self._joints += joints_of(
-            view.series, own, near, self._resting_levels, self._settings.recovered_within_c
-        )
+        within_c = self._settings.recovered_within_c
+        self._joints.extend(joints_of(view.series, own, near, self._resting_levels, within_c))
         return again_s
 
     def _conclude(self) -> None:
@@ -302,12 +306,9 @@ def _or_never(moment: float | None) -> float:
     return np.inf if moment is None else moment
 
 
-def _between(draws: Sequence[Draw], begin_s: float, end_s: float) -> Sequence[Draw]:
+def _between(draws: Packed[Draw], begin_s: float, end_s: float) -> list[Draw]:
     """Return the draws that begin between two moments."""
-    first, last = (
-        bisect_left(draws, moment, key=lambda draw: draw.start_s) for moment in (begin_s, end_s)
-    )
-    return draws[first:last]
+    return draws[draws.place("start_s", begin_s) : draws.place("start_s", end_s)]
 
 
 def _copy(stretch: Stretch) -> Stretch:

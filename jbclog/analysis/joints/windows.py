@@ -21,7 +21,7 @@ import numpy as np
 
 from jbclog.analysis.joints.heat_up_end import ReadyStretch, ready_stretches_of_window
 from jbclog.analysis.joints.series import Series, stretches
-from jbclog.analysis.verdict.idle import Block, Floats
+from jbclog.analysis.verdict.idle import Block, Flags, Floats
 
 WINDOW_S, BESIDE_S = 1200.0, 90.0
 MOST_WINDOWS: Final = 6
@@ -86,8 +86,11 @@ class Windows:
             first_s = float(piece.seconds[0])
             self._begin_s, self._end_s = first_s - EARLIER_S, self._edge(first_s)
         self._pieces.append(piece)
-        while float(self._pieces[-1].seconds[-1]) > self._end_s + BESIDE_S:
-            self._show(joined(self._pieces))
+        if float(piece.seconds[-1]) > self._end_s + BESIDE_S:
+            held = joined(self._pieces)
+            while float(held.seconds[-1]) > self._end_s + BESIDE_S:
+                held = self._show(held)
+            self._pieces = [_copied(held)]
 
     def end(self) -> None:
         """Show the last window: there are no more rows."""
@@ -100,7 +103,8 @@ class Windows:
         """Return the first edge of a window after this moment."""
         return (floor((second + SAME_S) / self._window_s) + 1) * self._window_s - SAME_S
 
-    def _show(self, held: Series) -> None:
+    def _show(self, held: Series) -> Series:
+        """Show the next window and return the rows that the one after it needs."""
         last = int(np.searchsorted(held.seconds, self._end_s + BESIDE_S, side="right"))
         is_final = self._end_s - self._begin_s > (MOST_WINDOWS - 0.5) * self._window_s
         series = placed(rows_of(held, slice(0, last)))
@@ -110,7 +114,7 @@ class Windows:
         # there is one, because rows follow this window
         following = held.seconds[np.searchsorted(held.seconds, self._begin_s)]
         self._end_s = max(self._end_s + self._window_s, self._edge(float(following)))
-        self._pieces = [_copied_from(held, self._begin_s - BESIDE_S)]
+        return _rows_from(held, self._begin_s - BESIDE_S)
 
     def _parts(self, series: Series) -> list[ReadyStretch]:
         return ready_stretches_of_window(
@@ -136,21 +140,25 @@ def _joined_column(columns: Sequence[Any]) -> Any:
     return None if any(column is None for column in columns) else np.concatenate(columns)
 
 
-def rows_of(series: Series, rows: slice) -> Series:
+def rows_of(series: Series, rows: Flags | slice) -> Series:
     feeding = None if series.feeding is None else series.feeding[rows]
     return replace(series, rows=series.rows.take(rows), known=series.known[rows], feeding=feeding)
 
 
-def _copied_from(series: Series, begin_s: float) -> Series:
-    """Return a copy of the rows from a moment on, so that those before it are freed; the first row
-    has the codes last read.
-    """
+def _rows_from(series: Series, begin_s: float) -> Series:
+    """Return the rows from a moment on; the first row has the codes last read."""
     first = int(np.searchsorted(series.seconds, begin_s))
     kept = rows_of(series, slice(first, None))
-    columns = [getattr(kept.rows, name).copy() for name in COLUMNS]
-    codes = [_codes_from(getattr(series.rows, name), first) for name in CODES]
-    feeding = None if kept.feeding is None else kept.feeding.copy()
-    return replace(kept, rows=Block(*columns, *codes), known=kept.known.copy(), feeding=feeding)
+    codes = {name: _codes_from(getattr(series.rows, name), first) for name in CODES}
+    return replace(kept, rows=replace(kept.rows, **codes))
+
+
+def _copied(series: Series) -> Series:
+    """Return a copy of the rows, so that those before them are freed."""
+    columns = [getattr(series.rows, name) for name in (*COLUMNS, *CODES)]
+    rows = Block(*(None if column is None else column.copy() for column in columns))
+    feeding = None if series.feeding is None else series.feeding.copy()
+    return replace(series, rows=rows, known=series.known.copy(), feeding=feeding)
 
 
 def placed(series: Series) -> Series:

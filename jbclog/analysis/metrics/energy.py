@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from jbclog.analysis.joints.figure import Figure, no_figure
+from jbclog.analysis.joints.packed import dwells_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_PERMILLE, Column, Series
 from jbclog.analysis.verdict.idle import (
@@ -158,7 +159,7 @@ def _utilisation(port: Totals) -> Figure:
 def _joint_share(port: Totals, joints: Sequence[Joint]) -> Figure:
     if not port.working:
         return no_figure("joint_share_percent", "%", "The tool was never seen working.")
-    busy = sum(joint.dwell_s or 0.0 for joint in joints)
+    busy = sum(dwell or 0.0 for dwell in dwells_of(joints))
     share = 100.0 * busy / (port.working * port.period_s)
     return Figure(
         "joint_share_percent",

@@ -27,12 +27,12 @@ from jbclog.analysis.joints.series import RESOLUTION_C, Series
 from jbclog.analysis.joints.values import Values
 from jbclog.analysis.joints.windows import joined, rows_of
 from jbclog.analysis.verdict.idle import (
-    BLOCK_S,
     ENOUGH_ROWS,
     ENOUGH_S,
     NOT_IDLE,
     Block,
     Floats,
+    by_block,
     idle_readings,
 )
 
@@ -54,11 +54,10 @@ class Idling:
         if not len(series.seconds):
             return
         held = joined([*self._rows, series])
-        numbers = np.floor_divide(held.seconds + 1e-6, BLOCK_S)
-        *complete, last = np.unique(numbers).tolist()
-        for number in complete:
-            self._add(held.rows.take(numbers == number))
-        self._rows = [rows_of(held, slice(int(np.flatnonzero(numbers == last)[0]), None))]
+        *complete, (_, last) = by_block(held.seconds)
+        for _, rows in complete:
+            self._add(held.rows.take(rows))
+        self._rows = [rows_of(held, last)]
 
     def _add(self, block: Block) -> None:
         seconds, errors = idle_readings(block, self._period_s)

@@ -9,14 +9,16 @@ share of all joints.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
+from jbclog.analysis.joints.draws import JOINT
 from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.joints import FoundJoints
+from jbclog.analysis.joints.packed import column_of, dwells_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE
 from jbclog.analysis.joints.thermal import Delay
@@ -28,22 +30,23 @@ HALF, NEARLY_ALL = 0.5, 0.95
 NONE_FOUND: Final = "No joints were found."
 NEVER_AT_REST: Final = "The tip was never seen at rest at a setpoint of these joints."
 
-Value = Callable[[Joint], float | None]
-
 
 def joint_figures(port: Totals, found: FoundJoints) -> list[Figure]:
     """Return every figure of the joints of a port."""
+    joints = found.joints
     period, heat = port.period_s, RESOLUTION_PERMILLE * port.period_s
     joules = None if port.rated_w is None else heat * port.rated_w / 1000
     return [
         *_counts(port, found),
-        _median_figure("joint_deficit_c", "°C", RESOLUTION_C, found, lambda joint: joint.deficit_c),
+        _median_figure(
+            "joint_deficit_c", "°C", RESOLUTION_C, found, column_of(joints, "deficit_c")
+        ),
         _resting_below(found),
-        _median_figure("joint_depth_c", "°C", RESOLUTION_C, found, lambda joint: joint.depth_c),
-        _median_figure("joint_dwell_s", "s", period, found, lambda joint: joint.dwell_s),
-        _median_figure("joint_heat_permille_s", "‰·s", heat, found, lambda joint: joint.heat),
-        _median_figure("joint_heat_j", "J", joules, found, lambda joint: joint.heat_j),
-        _median_figure("joint_energy_permille_s", "‰·s", heat, found, lambda joint: joint.energy),
+        _median_figure("joint_depth_c", "°C", RESOLUTION_C, found, column_of(joints, "depth_c")),
+        _median_figure("joint_dwell_s", "s", period, found, dwells_of(joints)),
+        _median_figure("joint_heat_permille_s", "‰·s", heat, found, column_of(joints, "heat")),
+        _median_figure("joint_heat_j", "J", joules, found, column_of(joints, "heat_j")),
+        _median_figure("joint_energy_permille_s", "‰·s", heat, found, column_of(joints, "energy")),
         _recovery("recovery_s", HALF, period, found),
         _recovery("recovery_p95_s", NEARLY_ALL, period, found),
         _recovered(found),
@@ -53,18 +56,18 @@ def joint_figures(port: Totals, found: FoundJoints) -> list[Figure]:
 
 def _counts(port: Totals, found: FoundJoints) -> list[Figure]:
     coverage, joints = port.temperature.coverage, found.joints
-    unknown = sum(joint.kind != "joint" for joint in joints)
+    unknown = sum(joint.kind != JOINT for joint in joints)
     gap = port.temperature.gap or port.power.gap
     in_gaps = None if gap is None else f"{gap} Joints in gaps are not known."
     why, heat_why = found.why or in_gaps, found.heat_why or found.number_why or in_gaps
     feeder = found.feeder
-    alone = sum(joint.heat is None for joint in joints)
+    alone = column_of(joints, "heat").count(None)
     counts = (
         ("joints", len(joints), why),
         ("joints_kind_not_known", unknown, why),
         (
             "joints_not_recovered",
-            sum(joint.recovered is False for joint in joints),
+            column_of(joints, "recovered").count(False),
             found.heat_why or why,
         ),
         ("joints_by_heat", len(found.by_heat), heat_why),
@@ -96,15 +99,19 @@ def _count(name: str, count: int | None, why: str | None, n: int, coverage: floa
 
 def _why_none(found: FoundJoints, text: str = "No joint has it.") -> str:
     if found.joints:
-        return next((joint.why for joint in found.joints if joint.why), text)
+        return next((why for why in column_of(found.joints, "why") if why), text)
     why = found.why or found.heat_why
     return why or (f"{NONE_FOUND} {not_read(found.unseen_s)}" if found.unseen_s else NONE_FOUND)
 
 
 def _median_figure(
-    name: str, unit: str, resolution: float | None, found: FoundJoints, value: Value
+    name: str,
+    unit: str,
+    resolution: float | None,
+    found: FoundJoints,
+    of_each: Sequence[float | None],
 ) -> Figure:
-    values = [known for joint in found.joints if (known := value(joint)) is not None]
+    values = [value for value in of_each if value is not None]
     if not values:
         why = "The station's full-scale power is not declared (rated_power_w in the line file)."
         return no_figure(
@@ -120,7 +127,11 @@ def _resting_below(found: FoundJoints) -> Figure:
     a joint.
     """
     figure = _median_figure(
-        "joint_resting_below_c", "°C", RESOLUTION_C, found, lambda joint: joint.resting_below_c
+        "joint_resting_below_c",
+        "°C",
+        RESOLUTION_C,
+        found,
+        column_of(found.joints, "resting_below_c"),
     )
     return (
         figure
@@ -130,17 +141,18 @@ def _resting_below(found: FoundJoints) -> Figure:
 
 
 def _recovery(name: str, share: float, period: float, found: FoundJoints) -> Figure:
-    known = [(joint.recovery_s, True) for joint in found.joints if joint.recovery_s is not None]
+    recovery, had = (column_of(found.joints, name) for name in ("recovery_s", "had_s"))
+    known = [(seconds, True) for seconds in recovery if seconds is not None]
     censored = [
-        (joint.had_s, False)
-        for joint in found.joints
-        if joint.recovery_s is None and joint.had_s is not None
+        (longer, False)
+        for seconds, longer in zip(recovery, had, strict=True)
+        if seconds is None and longer is not None
     ]
     if not known:
         return no_figure(name, "s", _why_none(found))
     value = censored_quantile([*known, *censored], share)
     if value is None:
-        late = sum(joint.recovered is False for joint in found.joints)
+        late = column_of(found.joints, "recovered").count(False)
         why = (
             f"{late} of {len(found.joints)} joints were followed by the next before the tip was"
             " back; it lies beyond what was seen."
@@ -151,7 +163,7 @@ def _recovery(name: str, share: float, period: float, found: FoundJoints) -> Fig
 
 def _recovered(found: FoundJoints) -> Figure:
     name = "recovered_before_next_percent"
-    known = [joint.recovered for joint in found.joints if joint.recovered is not None]
+    known = [one for one in column_of(found.joints, "recovered") if one is not None]
     if not known:
         return no_figure(name, "%", _why_none(found))
     if found.why is not None:

@@ -38,7 +38,7 @@ class Measured:
     found: FoundJoints | None = None
 
     @property
-    def joints(self) -> list[Joint]:
+    def joints(self) -> Sequence[Joint]:
         return [] if self.found is None else self.found.joints
 
 

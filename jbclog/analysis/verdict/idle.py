@@ -38,6 +38,7 @@ one; runs that these judged are compared by them again.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import sqrt
 
 import numpy as np
@@ -103,6 +104,20 @@ class Block:
         if self.tool is None or self.port_error is None:
             return np.ones(len(self.seconds), dtype=np.bool_)
         return in_place(self.tool, self.port_error)
+
+
+def by_block(seconds: Floats) -> list[tuple[int, Flags | slice]]:
+    """Return the numbers of the blocks of `BLOCK_S` that have any of these moments, and the rows of
+    each.
+    """
+    numbers = np.floor_divide(seconds + 1e-6, BLOCK_S).astype(np.int64)
+    steps = np.diff(numbers)
+    if (steps < 0).any():  # a clock that was set back
+        return [(number, numbers == number) for number in np.unique(numbers).tolist()]
+    edges = [0, *(np.flatnonzero(steps) + 1).tolist(), len(numbers)]
+    return [
+        (int(numbers[first]), slice(first, stop)) for first, stop in pairwise(edges) if stop > first
+    ]
 
 
 @dataclass(slots=True)

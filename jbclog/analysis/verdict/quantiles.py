@@ -22,7 +22,6 @@ improve the bound.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import groupby
 from math import exp, lgamma, log, sqrt
 from statistics import NormalDist
 from typing import Final
@@ -40,12 +39,13 @@ def censored_quantile(times: Sequence[tuple[float | None, bool]], share: float) 
     """Return the quantile of times, each with whether it ended then (or is longer); None if less
     than `share` was seen to end.
     """
-    ordered = sorted((time, not has_ended) for time, has_ended in times if time is not None)
-    left, surviving = len(ordered), 1.0
-    for time, equal in groupby(ordered, key=lambda one: one[0]):
-        censored = [is_censored for _, is_censored in equal]
-        surviving *= 1 - censored.count(False) / left
-        left -= len(censored)
+    known = np.array([(time, ended) for time, ended in times if time is not None]).reshape(-1, 2)
+    distinct, place, counts = np.unique(known[:, 0], return_inverse=True, return_counts=True)
+    ended = np.bincount(place, known[:, 1], minlength=len(distinct))
+    left, surviving = len(known), 1.0
+    for time, count, ends in zip(distinct.tolist(), counts.tolist(), ended.tolist(), strict=True):
+        surviving *= 1 - ends / left
+        left -= count
         if surviving <= 1 - share + 1e-12:
             return float(time)
     return None

@@ -21,9 +21,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from jbclog.analysis.coded_texts import coded, is_one_of
 from jbclog.analysis.rule_versions import RULES
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped, steps_in, steps_of
-from jbclog.analysis.verdict.idle import BLOCK_S, Block, Flags, Floats, IdleError, idle_readings
+from jbclog.analysis.verdict.idle import Block, Flags, Floats, IdleError, by_block, idle_readings
 from jbclog.analysis.verdict.reached import WITHIN_C, Heat
 from jbclog.core.foreign.tables import open_table
 from jbclog.core.rows import StationFacts
@@ -164,12 +165,11 @@ class PortMeasure:
             self._of_others.end(self.end_s if self.no_rows and self.end_s is not None else end)
 
     def _into_blocks(self, rows: Block) -> None:
-        numbers = np.floor_divide(rows.seconds + 1e-6, BLOCK_S).astype(np.int64)
-        for number in np.unique(numbers):
-            if int(number) != self._block:
+        for number, own in by_block(rows.seconds):
+            if number != self._block:
                 self._close_block()
-                self._block = int(number)
-            self._held.append(rows.take(numbers == number))
+                self._block = number
+            self._held.append(rows.take(own))
 
     def _close_block(self) -> None:
         if self._held:
@@ -293,7 +293,7 @@ def _cut(pieces: Iterable[pa.Table]) -> Iterator[pa.RecordBatch]:
 
 def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:
     for part in sorted((folder / "samples").glob("part-*.parquet")):
-        with open_table(part) as table:
+        with open_table(part, ["station", "quality", "status"]) as table:
             yield from table.batches(BATCH_ROWS, columns)
 
 
@@ -303,7 +303,7 @@ def _ports(
     """Yield the rows of each known station and port in a batch, with the number of judged readings
     in each row.
     """
-    names = batch.column("station").cast(pa.string()).dictionary_encode()
+    names = coded(batch.column("station"))
     ports = batch.column("port").to_numpy(zero_copy_only=False).astype(np.int64)
     keys = names.indices.to_numpy(zero_copy_only=False).astype(np.int64) * 16 + ports
     order = np.argsort(keys, kind="stable")
@@ -363,8 +363,7 @@ class _Columns:
 
 
 def _columns(batch: pa.RecordBatch) -> _Columns:
-    status = batch.column("status").cast(pa.string())
-    working = pc.fill_null(pc.is_in(status, value_set=pa.array(WORKING)), False)
+    status = batch.column("status")
     return _Columns(
         batch.column("time").cast(pa.int64()).to_numpy(zero_copy_only=False).astype(np.float64)
         / 1e6,
@@ -372,12 +371,10 @@ def _columns(batch: pa.RecordBatch) -> _Columns:
         _floats(batch, "temperature_c"),
         _floats(batch, "power_permille"),
         _floats(batch, "set_c"),
-        working.to_numpy(zero_copy_only=False),
+        is_one_of(status, WORKING),
         _floats(batch, "tool"),
         _floats(batch, "port_error"),
-        pc.fill_null(pc.equal(batch.column("quality").cast(pa.string()), SKIPPED), False).to_numpy(
-            zero_copy_only=False
-        ),
+        is_one_of(batch.column("quality"), (SKIPPED,)),
         pc.is_valid(status).to_numpy(zero_copy_only=False),
         pc.fill_null(batch.column("cooling"), False).to_numpy(zero_copy_only=False),
     )

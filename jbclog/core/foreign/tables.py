@@ -46,15 +46,20 @@ TEXTS: Final = (
 
 
 @contextmanager
-def open_table(path: Path) -> Iterator[ParquetTable]:
+def open_table(path: Path, coded: Sequence[str] = ()) -> Iterator[ParquetTable]:
     """Open the Parquet file at `path` and check its footer. Raises OSError (`NotReadable`) or
     pa.ArrowException.
+
+    The texts in the columns `coded` are read as dictionaries, in a fifth of the time.
     """
     with open_foreign(path, Kind.PART) as data, ExitStack() as opened:
         groups = groups_in(_footer(data))
         try:
             file = pq.ParquetFile(
-                path, page_checksum_verification=True, thrift_container_size_limit=FOOTER_LIST
+                path,
+                read_dictionary=list(coded) or None,
+                page_checksum_verification=True,
+                thrift_container_size_limit=FOOTER_LIST,
             )
             table = ParquetTable(opened.enter_context(file), groups, data)
         except UnicodeDecodeError as error:
@@ -107,7 +112,8 @@ class ParquetTable:
         self._data = data
         self.row_groups = groups
         self.metadata: pq.FileMetaData = file.metadata
-        self.schema: pa.Schema = file.schema_arrow
+        # as stored: `file.schema_arrow` has the types that are read
+        self.schema: pa.Schema = self.metadata.schema.to_arrow_schema()
 
     @property
     def num_row_groups(self) -> int:

@@ -69,6 +69,8 @@ class LongRun(Run):
         for first in range(0, self.rows, self.group):
             yield self._rows(np.arange(first, min(first + self.group, self.rows))).select(columns)
 
+    coded = groups
+
     def settings(self, station: str | None = None) -> pd.DataFrame:
         return frame(SCHEMAS["settings"].empty_table())
 

@@ -201,7 +201,9 @@ def test_only_parts_of_the_time_asked_for_are_read(
 
     groups_of = module.groups_of
     monkeypatch.setattr(
-        module, "groups_of", lambda parts, columns: read.extend(parts) or groups_of(parts, columns)
+        module,
+        "groups_of",
+        lambda parts, columns, **how: read.extend(parts) or groups_of(parts, columns, **how),
     )
     assert len(run.samples(start=times.iloc[-1])) == 1
     assert len(read) == 1
@@ -218,8 +220,8 @@ def test_a_stream_reads_no_further_than_it_is_asked(
 
     given: list[int] = []
 
-    def groups(parts: list[Path], columns: list[str]) -> Iterator[pa.Table]:
-        for group in groups_of(parts, columns):
+    def groups(parts: list[Path], columns: list[str], **how: bool) -> Iterator[pa.Table]:
+        for group in groups_of(parts, columns, **how):
             for place in range(0, len(group), 100):
                 given.append(place)
                 yield group[place : place + 100]

@@ -59,7 +59,7 @@ def test_a_report_is_the_same_however_its_rows_are_read(
     whole = gather.gather(run, joints)
     monkeypatch.setattr(gather, "MOST_ROWS", 0)  # a pass for each station
     monkeypatch.setattr(curves, "BLOCK_ROWS", 7)
-    monkeypatch.setattr(RunTables, "groups", in_small_groups)
+    monkeypatch.setattr(RunTables, "coded", in_small_groups)
     pieces = gather.gather(run, joints)
     assert as_document(pieces) == as_document(whole)
     assert figures_of(pieces) == figures_of(whole)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import time
 import tracemalloc
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
@@ -84,17 +84,8 @@ def numbers(found: FoundJoints) -> list[float]:
     """Every number of every joint, draw and level; what is not known as -1, and what is text by
     itself.
     """
-    joints = [
-        one
-        for joint in found.joints
-        for one in asdict(joint).values()
-        if not isinstance(one, dict | str)
-    ]
-    draws = [
-        value
-        for draw in [*(j.draw for j in found.joints), *found.others]
-        for value in asdict(draw).values()
-    ]
+    joints = [one for joint in found.joints for one in joint if not isinstance(one, tuple | str)]
+    draws = [value for draw in [*(j.draw for j in found.joints), *found.others] for value in draw]
     models = [value for model in found.models for value in model.values.tolist()]
     every = [
         *joints,
