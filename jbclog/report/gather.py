@@ -6,24 +6,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from math import inf
 
-import pandas as pd
-import pyarrow as pa
-
 from jbclog.analysis.figures.canvas import svg_text
-from jbclog.analysis.figures.from_samples import AIR_COLUMNS as AIR
-from jbclog.analysis.figures.from_samples import STATE_COLUMNS as STATES
-from jbclog.analysis.figures.from_samples import has_air
 from jbclog.analysis.figures.marks import happenings
 from jbclog.analysis.figures.style import NARROW, WIDE
+from jbclog.analysis.figures.trace import Grid
 from jbclog.analysis.joints.port_reader import at_once
 from jbclog.analysis.joints.port_rows import by_port
 from jbclog.analysis.rejudge import is_cut_off, own_version
 from jbclog.analysis.run import Run
-from jbclog.analysis.verdict import judged_signals
-from jbclog.analysis.verdict.clock_steps import steps_of
+from jbclog.analysis.verdict.clock_steps import Step, steps_of
 from jbclog.analysis.verdict.samples import KeptMeasures, Measuring
 from jbclog.core.rows import StationFacts
-from jbclog.record.schema import SCHEMAS
 from jbclog.report.alarms import alarm_facts
 from jbclog.report.facts import (
     CROWD,
@@ -34,27 +27,14 @@ from jbclog.report.facts import (
 )
 from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.overview import Overview
+from jbclog.report.port_samples import PortSamples, columns_of
 from jbclog.report.ports import Context
 from jbclog.report.repeated import of_run
 from jbclog.report.stations import station_report
 from jbclog.report.verdict import add_reasons, verdict_facts
 from jbclog.report.zoom import share
 
-MOST_ROWS = 4_000_000  # of several stations at once in memory, some 30 bytes each
-TEXTS = ("quality", "reasons", "status")
-COUNTS = ("tick", "late_us")
-COUNTED = {kind: pd.ArrowDtype(kind) for kind in (pa.int32(), pa.int64())}
-READINGS = ("temperature_c", "power_permille", "set_c")
-COLUMNS = (
-    "tick",
-    "late_us",
-    "quality",
-    "reasons",
-    "temperature_c",
-    "power_permille",
-    "status",
-    "set_c",
-)
+MOST_ROWS = 8_000_000  # of several stations at once in memory, some 19 bytes each
 
 
 def gather(run: Run, joints: Joints) -> Facts:
@@ -81,6 +61,7 @@ def _stations(
 ) -> Iterator[StationReport]:
     """Yield one station after the other."""
     manifest, folder = run.manifest, run.folder
+    steps = tuple(steps_of(folder))
     t0_utc_us = round((manifest.t0_utc or 0.0) * 1e6)
     ports = sum(len(facts.ports) for facts in manifest.stations)
     context = Context(
@@ -92,7 +73,7 @@ def _stations(
         ),
         manifest.ledger,
         is_cut_off(manifest),
-        tuple(steps_of(folder)),
+        steps,
         overview,
         True,
         joints,
@@ -101,79 +82,43 @@ def _stations(
         ports > CROWD,
         share(ports),
     )
-    for number, (facts, samples) in enumerate(_samples(run), 1):
+    for number, (facts, samples) in enumerate(_samples(run, steps), 1):
         context.has_overview = len(manifest.stations) > 1 or len(samples) > 1
         yield station_report(facts, number, samples, context)
 
 
-def _samples(run: Run) -> Iterator[tuple[StationFacts, dict[int, pd.DataFrame]]]:
+def _samples(
+    run: Run, steps: tuple[Step, ...]
+) -> Iterator[tuple[StationFacts, dict[int, PortSamples]]]:
     """Yield the rows of each port of each station, from one pass over the samples for as many
     stations as fit into memory.
     """
     for stations in at_once(run.manifest.stations, _rows, MOST_ROWS):
-        found = _by_port(run, stations)
+        found = _by_port(run, stations, steps)
         for facts in stations:
             yield facts, found.pop(facts.name)
 
 
-def _by_port(run: Run, stations: Sequence[StationFacts]) -> dict[str, dict[int, pd.DataFrame]]:
-    """Return the rows of each port in a fifth of the memory of `Run.samples`: equal texts once,
-    readings in 32 bits.
-    """
-    columns = {facts.name: _columns(facts) for facts in stations}
-    every = [*dict.fromkeys(name for some in columns.values() for name in some)]
-    none = _narrow(SCHEMAS["samples"].empty_table())
-    pieces = {
-        (facts.name, port): [none.select(columns[facts.name])]
+def _by_port(
+    run: Run, stations: Sequence[StationFacts], steps: tuple[Step, ...]
+) -> dict[str, dict[int, PortSamples]]:
+    """Return the rows of each port."""
+    t0_utc_us = round((run.manifest.t0_utc or 0.0) * 1e6)
+    grids = {facts.name: Grid(t0_utc_us, facts.period_s, steps) for facts in stations}
+    found = {
+        facts.name: {port: PortSamples(facts, grids[facts.name]) for port in facts.ports}
         for facts in stations
-        for port in facts.ports
     }
+    by_name = {facts.name: facts for facts in stations}
+    every = [*dict.fromkeys(name for facts in stations for name in columns_of(facts))]
     for group in run.coded("samples", ["station", "port", *every]):
-        for key, rows in by_port(group):
-            if key[0] in columns:
-                pieces.setdefault(key, []).append(_narrow(rows.select(columns[key[0]])))
-    found: dict[str, dict[int, pd.DataFrame]] = {name: {} for name in columns}
-    for name, port in sorted(pieces):
-        found[name][port] = _frame(pieces.pop((name, port)))
+        for (name, port), rows in by_port(group):
+            if name not in found:
+                continue
+            if port not in found[name]:
+                found[name][port] = PortSamples(by_name[name], grids[name])
+            found[name][port].add(rows)
     return found
-
-
-def _frame(pieces: list[pa.Table]) -> pd.DataFrame:
-    """Return the rows of a port; takes the pieces out of their list, and frees each column as soon
-    as it is converted.
-    """
-    rows, columns = (
-        pa.concat_tables(pieces, promote_options="permissive").unify_dictionaries(),
-        dict[str, pd.Series](),
-    )
-    pieces.clear()
-    for name in rows.column_names:
-        columns[name] = rows[name].to_pandas(types_mapper=COUNTED.get)
-        rows = rows.drop_columns([name])
-        pa.default_memory_pool().release_unused()  # the pool keeps what was freed
-    return pd.DataFrame(columns, copy=False)
-
-
-def _narrow(rows: pa.Table) -> pa.Table:
-    """Return rows with dictionaries for texts, 32 bits for counts, and readings (whole numbers of
-    at most six digits) as floats.
-    """
-    narrow = {name: rows[name].dictionary_encode() for name in TEXTS if name in rows.column_names}
-    narrow |= {
-        name: rows[name].cast(pa.float32(), safe=False)
-        for name in READINGS
-        if name in rows.column_names
-    }
-    narrow |= {name: _short(rows[name]) for name in COUNTS if name in rows.column_names}
-    return pa.table({name: narrow.get(name, rows[name]) for name in rows.column_names})
-
-
-def _short(counts: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Return counts in 32 bits if they fit."""
-    try:
-        return counts.cast(pa.int32())
-    except pa.ArrowInvalid:
-        return counts
 
 
 def _rows(facts: StationFacts) -> float:
@@ -181,19 +126,6 @@ def _rows(facts: StationFacts) -> float:
     if facts.first_tick is None or facts.last_tick is None:
         return inf
     return (facts.last_tick - facts.first_tick + 1) * len(facts.ports)
-
-
-def _columns(facts: StationFacts) -> tuple[str, ...]:
-    """Return the columns that the report reads; on a grid of ticks the time of a row is not
-    needed.
-    """
-    states = () if "temperature_c" in judged_signals(facts) else STATES
-    return (
-        *(() if facts.period_s else ("time",)),
-        *COLUMNS,
-        *states,
-        *(AIR if has_air(facts) else ()),
-    )
 
 
 def _overview(overview: Overview) -> FigureFacts | None:

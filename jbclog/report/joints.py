@@ -172,6 +172,8 @@ def unit_rows(found: Joints) -> list[Row]:
     """Return joints and recovery of each unit of which joints are known, in the order in which they
     came.
     """
+    if not any(found.units):
+        return []
     joints = zip(
         *(found.table[name].to_pylist() for name in ("recovery_s", "had_s", "recovered")),
         strict=True,
@@ -179,8 +181,6 @@ def unit_rows(found: Joints) -> list[Row]:
     by_unit: dict[str | None, list[Recovery]] = {}
     for unit, joint in zip(found.units, joints, strict=True):
         by_unit.setdefault(unit, []).append(joint)
-    if not any(by_unit):  # no unit was named
-        return []
     return [
         {UNIT: unit, "joints": len(these), **_recovery(these)} for unit, these in by_unit.items()
     ]

@@ -23,16 +23,14 @@ from jbclog.analysis.figures.from_samples import (
     SOLDER,
     SUCTION,
     TEMPERATURE,
-    has_air,
-    trace,
 )
 from jbclog.analysis.figures.marks import Happening, limits_of, marks_of
 from jbclog.analysis.figures.port import draw
 from jbclog.analysis.figures.style import NARROW, WIDE, Format
 from jbclog.analysis.figures.ticks import moment
-from jbclog.analysis.figures.trace import Air, Grid, Limit, MarkKind, Trace
+from jbclog.analysis.figures.trace import Air, Limit, MarkKind, Trace
 from jbclog.analysis.run_joints import spans_of
-from jbclog.analysis.verdict import PortMeasure, judged_signals
+from jbclog.analysis.verdict import PortMeasure
 from jbclog.analysis.verdict.clock_steps import Step
 from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.record.manifest import Ledger
@@ -48,6 +46,7 @@ from jbclog.report.facts import (
 )
 from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.overview import Overview
+from jbclog.report.port_samples import PortSamples
 from jbclog.report.repeated import PortRows, due_readings, of_port, verification
 from jbclog.report.text import clean, iso
 from jbclog.report.zoom import MOST_READINGS, zoom_of
@@ -77,26 +76,21 @@ class Context:
 
 
 def port_facts(
-    facts: StationFacts, port: int, file: str, samples: dict[int, pd.DataFrame], context: Context
+    facts: StationFacts, port: int, file: str, samples: dict[int, PortSamples], context: Context
 ) -> PortFacts:
     """Return one port from its rows, which are taken out of `samples` and freed; the files of its
     figures begin with `file`.
     """
-    rows, signals, grid = (
-        samples.pop(port),
-        judged_signals(facts),
-        Grid(context.t0_utc_us, facts.period_s, context.steps),
-    )
+    rows = samples.pop(port)
     drawn = replace(
-        trace(rows, grid, of_states="temperature_c" not in signals, of_air=has_air(facts)),
+        rows.trace(),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
         marks=marks_of(context.happenings, facts.name, port),
         joints=spans_of(context.joints.of_port(facts.name, port)),
     )
     measure = context.measures.get((facts.name, port))
     recorded = _recorded(rows, drawn, measure, due_readings(context.ledger, facts, port))
-    seen = PortRows(len(rows), _last(drawn.temperature), _last_word(rows["status"]))
-    del rows
+    seen = PortRows(rows.rows, _last(drawn.temperature), rows.last_status)
     pa.default_memory_pool().release_unused()
     if seen.number and context.has_overview:
         context.overview.add(
@@ -162,18 +156,18 @@ def _air_facts(air: Air) -> AirFacts:
 
 
 def _recorded(
-    rows: pd.DataFrame, drawn: Trace, measure: PortMeasure | None, due: int
+    rows: PortSamples, drawn: Trace, measure: PortMeasure | None, due: int
 ) -> RecordedFacts:
     readings = 0 if measure is None else measure.readings
-    late_us = rows["late_us"].dropna().to_numpy(dtype=np.int64)
+    late_us = rows.late_us(0.99)
     longest = sorted(drawn.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))[:MOST_GAPS]
     return RecordedFacts(
-        rows=len(rows),
+        rows=rows.rows,
         due=due,
         readings=readings,
         coverage_percent=100 * readings / due if due else None,
         longest_gap_s=None if measure is None else measure.gap_s,
-        late_p99_ms=float(np.quantile(late_us, 0.99)) / 1000 if len(late_us) else None,
+        late_p99_ms=None if late_us is None else late_us / 1000,
         gaps=[_gap(gap, drawn.grid.t0_utc_us) for gap in longest],
     )
 
@@ -225,11 +219,6 @@ def _extreme(values: Readings, which: Callable[[Readings], np.floating[Any]]) ->
 def _last(values: Readings) -> float | None:
     known = values[~np.isnan(values)]
     return float(known[-1]) if len(known) else None
-
-
-def _last_word(words: pd.Series[str]) -> str | None:
-    last = words.last_valid_index()
-    return None if last is None else str(words[last])
 
 
 def _limit(limits: Sequence[Limit], side: str) -> float | None:

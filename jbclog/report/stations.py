@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 
-import pandas as pd
-
 from jbclog.core.rows import StationFacts
 from jbclog.report.facts import StationReport
+from jbclog.report.port_samples import PortSamples
 from jbclog.report.ports import Context, port_facts
 from jbclog.report.repeated import of_station, ports_of
 
@@ -15,7 +14,7 @@ NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # docs/reference/configu
 
 
 def station_report(
-    facts: StationFacts, number: int, samples: dict[int, pd.DataFrame], context: Context
+    facts: StationFacts, number: int, samples: dict[int, PortSamples], context: Context
 ) -> StationReport:
     """Return station `number` of the run, from its part of the manifest and the rows of each port,
     which are freed.

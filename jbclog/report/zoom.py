@@ -156,7 +156,7 @@ def _whole(value: float) -> int:
 
 
 def _integers(values: Readings) -> Ints:
-    return np.asarray(np.clip(np.round(values), -BOUND, BOUND), dtype=np.int64)
+    return np.asarray(np.clip(np.round(values.astype(np.float64)), -BOUND, BOUND), dtype=np.int64)
 
 
 def _steps(values: Ints) -> Ints:

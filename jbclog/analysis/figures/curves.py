@@ -16,10 +16,11 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
-Readings = NDArray[np.float32] | NDArray[np.float64]
-"""Whole numbers of at most six digits, NaN where nothing was read; those of a long run in 32 bits,
-which hold them exactly.
+Readings = NDArray[np.float16] | NDArray[np.float32] | NDArray[np.float64]
+"""Whole numbers of at most six digits, NaN where nothing was read; those of a long run in 16 bits
+(up to `EXACT_IN_16`) or 32, which hold them exactly.
 """
+EXACT_IN_16: Final = 2048
 BLOCK_ROWS: Final = 1 << 17
 Words = Sequence[str | None] | NDArray[np.object_] | pd.Categorical
 """A word for each row, None (no category) where there is none."""
@@ -73,6 +74,15 @@ def envelope(seconds: Floats, values: Readings, stretches: int, joined_s: float)
         found.sums[number] / found.counts[number],
         gaps,
     )
+
+
+def quantile(values: NDArray[Any], share: float) -> float:
+    """Return the quantile as `np.quantile` of the same values in 64 bits, without a copy of them in
+    64 bits; reorders them.
+    """
+    place, part = divmod(share * (len(values) - 1), 1)
+    values.partition([int(place), min(int(place) + 1, len(values) - 1)])
+    return float(np.quantile(values[int(place) : int(place) + 2].astype(np.float64), part))
 
 
 def blocks(rows: int, most: int | None = None) -> Iterator[slice]:

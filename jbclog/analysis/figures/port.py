@@ -7,12 +7,11 @@ A figure contains numbers and words from fixed lists, and no text from outside.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from jbclog.analysis.figures import style
 from jbclog.analysis.figures.axes import (
@@ -36,6 +35,7 @@ from jbclog.analysis.figures.curves import (
     envelope,
     lone,
     merged,
+    quantile,
     widened,
 )
 from jbclog.analysis.figures.lanes import LANE_PT, Lane, draw_lanes, lanes_of, least_seen_s
@@ -187,20 +187,11 @@ def _knee(
         return None
     floor = min(
         float(_known(part).min())
-        for part in (np.array([_quantile(known, RARE)]), *lines)
+        for part in (np.array([quantile(known, RARE)]), *lines)
         if len(_known(part))
     )
     knee = 10 * np.floor((floor - 5) / 10)
     return float(knee) if high - knee < 0.5 * (high - low) else None
-
-
-def _quantile(values: NDArray[Any], share: float) -> float:
-    """Return the quantile as `np.quantile` of the same values in 64 bits, without a copy of them in
-    64 bits; reorders them.
-    """
-    place, part = divmod(share * (len(values) - 1), 1)
-    values.partition([int(place), min(int(place) + 1, len(values) - 1)])
-    return float(np.quantile(values[int(place) : int(place) + 2].astype(np.float64), part))
 
 
 def _bent(

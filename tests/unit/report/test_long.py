@@ -5,24 +5,29 @@ whole rows.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
+import numpy as np
 import pyarrow as pa
 import pytest
 
 from jbclog.analysis.figures import curves
-from jbclog.analysis.run import Run, open_run
+from jbclog.analysis.figures.from_samples import has_air, trace
+from jbclog.analysis.figures.joined import joined
+from jbclog.analysis.figures.trace import Grid, Trace
+from jbclog.analysis.run import open_run
 from jbclog.analysis.run_tables import RunTables, select
+from jbclog.analysis.verdict import judged_signals
 from jbclog.app.run.plan import RunOptions, make_plan
-from jbclog.core.rows import StationFacts
-from jbclog.report import gather, ports
+from jbclog.report import gather, port_samples, ports
 from jbclog.report.facts import FigureFacts
 from jbclog.report.joints import joints_of
+from jbclog.report.port_samples import PortSamples
 from jbclog.report.write import as_document, figures_of
 from support.records import small_run
+from support.records.sealed_run import lose, samples, seal, station, table
 from support.virtual.lines import AIR
 from support.virtual.recorded_run import RecordedRun
 from support.virtual.virtual_run import RECIPE, line_text
@@ -71,40 +76,86 @@ def in_small_groups(run: RunTables, table: str, columns: list[str]) -> Iterator[
 
 
 @pytest.mark.parametrize("made", [small, hot_air, free])
-def test_rows_of_a_port_are_those_of_the_whole_table(
-    made: Callable[[Path], Path], tmp_path: Path
+@pytest.mark.parametrize("at_once", [1, 7, 50])
+def test_a_trace_made_in_pieces_is_that_of_the_whole_table(
+    made: Callable[[Path], Path], at_once: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = open_run(made(tmp_path))
-    for facts, of_station in gather._samples(run):
+    monkeypatch.setattr(port_samples, "ROWS_A_GROUP", at_once)
+    monkeypatch.setattr(RunTables, "coded", in_small_groups)
+    for facts, of_station in gather._samples(run, ()):
+        t0_utc_us = round((run.manifest.t0_utc or 0.0) * 1e6)
+        states = "temperature_c" not in judged_signals(facts)
         for port, rows in of_station.items():
-            whole = run.samples(facts.name, port)[rows.columns]
-            assert len(rows) == len(whole) > 0
-            for name in rows.columns:
-                assert [None if pd.isna(one) else one for one in rows[name]] == [
-                    None if pd.isna(one) else one for one in whole[name]
-                ]
+            whole = run.samples(facts.name, port)
+            of_air, grid = has_air(facts), Grid(t0_utc_us, facts.period_s)
+            expected = trace(whole, grid, of_states=states, of_air=of_air)
+            found = rows.trace()
+            assert rows.rows == len(whole) > 0
+            assert rows.last_status == whole["status"].dropna().iloc[-1]
+            late_us = whole["late_us"].dropna()
+            assert rows.late_us(0.99) == (np.quantile(late_us, 0.99) if len(late_us) else None)
+            for name in ("seconds", "temperature", "power", "setting"):
+                assert np.array_equal(getattr(found, name), getattr(expected, name), equal_nan=True)
+            assert (found.status, found.gaps) == (expected.status, expected.gaps)
+            assert (found.states, found.period_s) == (expected.states, expected.period_s)
+            assert [*found.reasons] == [*expected.reasons]
 
 
-def test_the_rows_of_a_port_are_small_and_freed_before_it_is_drawn(
+def test_spans_and_gaps_that_go_on_in_the_next_piece_are_one(tmp_path: Path) -> None:
+    columns = samples(600)
+    lose(columns, slice(95, 160))
+    lose(columns, slice(300, 301), "timeout")
+    columns["status"][210:230] = "stand"
+    kept = np.ones(600, dtype=np.bool_)
+    kept[[40, 41, 42, 200, 400, 450, 451]] = False  # the host stood still
+    frame = table(columns).to_pandas()[kept]
+    grid = Grid(0, 0.1)
+    whole = trace(frame, grid)
+    for size in (1, 2, 40, 41, 199, 599):
+        pieces = [trace(frame[first : first + size], grid) for first in range(0, len(frame), size)]
+        found = joined(pieces)
+        assert (found.status, found.gaps) == (whole.status, whole.gaps), size
+        assert [*found.reasons] == [*whole.reasons]
+        assert not pieces
+    assert len(whole.gaps) == 6
+
+
+@pytest.mark.parametrize(("celsius", "size"), [(350, 2), (2048, 2), (2049, 4)])
+def test_readings_take_two_bytes_where_these_hold_them(
+    celsius: int, size: int, tmp_path: Path
+) -> None:
+    columns = samples(100)
+    columns["temperature_c"][50] = celsius
+    run = open_run(seal(tmp_path, [station(rows=100)], table(columns)))
+    ((_, of_station),) = gather._samples(run, ())
+    found = of_station[1].trace()
+    assert found.temperature.dtype.itemsize == size
+    assert found.temperature[50] == celsius
+
+
+def test_the_rows_of_a_port_are_small_and_freed_before_the_next_is_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = open_run(small(tmp_path))
-    frames: list[weakref.ref[pd.DataFrame]] = []
+    alive: list[weakref.ref[PortSamples]] = []
     by_port, figures = gather._by_port, ports._figures
 
-    def noted(run: Run, stations: Sequence[StationFacts]) -> dict[str, dict[int, pd.DataFrame]]:
-        found = by_port(run, stations)
-        rows = [one for of_station in found.values() for one in of_station.values()]
-        assert all(one.memory_usage(index=False).sum() <= 32 * len(one) for one in rows)
-        frames.extend(map(weakref.ref, rows))
+    def noted(*given: Any) -> dict[str, dict[int, PortSamples]]:
+        found = by_port(*given)
+        alive.extend(
+            weakref.ref(one) for of_station in found.values() for one in of_station.values()
+        )
         return found
 
-    def alive(*given: Any) -> list[FigureFacts]:
-        drawn.append(sum(one() is not None for one in frames))
-        return figures(*given)
+    def drawn(file: str, place: str, one: Trace, context: ports.Context) -> list[FigureFacts]:
+        columns = (one.seconds, one.temperature, one.power, one.setting, one.reasons.codes)
+        assert sum(column.nbytes for column in columns) <= 15 * len(one.seconds)
+        left.append(sum(one() is not None for one in alive))
+        return figures(file, place, one, context)
 
-    drawn = list[int]()
+    left = list[int]()
     monkeypatch.setattr(gather, "_by_port", noted)
-    monkeypatch.setattr(ports, "_figures", alive)
+    monkeypatch.setattr(ports, "_figures", drawn)
     gather.gather(run, joints_of(run))
-    assert drawn == [*range(len(frames) - 1, -1, -1)]
+    assert left == [*range(len(alive), 0, -1)]

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from jbclog.analysis.verdict import Limits, judge
-from jbclog.analysis.verdict.idle import IdleError
+from jbclog.analysis.verdict.idle import IdleError, by_block
 from jbclog.analysis.verdict.samples import measure
 
 
@@ -170,3 +171,17 @@ def test_a_tip_that_is_far_too_cold_in_its_port_still_counts(
     one.temperature = [200] * 600
     case.station("a", one)
     assert idle(case).mean_c == pytest.approx(-150)
+
+
+@pytest.mark.parametrize("back_s", [0.0, 900.0])
+def test_every_row_is_in_the_block_of_its_time(back_s: float) -> None:
+    """Also where a clock was set back."""
+    seconds = np.arange(0, 3000, 0.5)
+    seconds[3500:] -= back_s
+    blocks = by_block(seconds)
+    numbers = [number for number, _ in blocks]
+    assert numbers == [0, 1, 2, 3, 4][: 5 - (back_s > 0)]
+    for number, rows in blocks:
+        assert (np.floor(seconds[rows] / 600) == number).all()
+    assert sum(len(seconds[rows]) for _, rows in blocks) == len(seconds)
+    assert by_block(np.empty(0)) == []
