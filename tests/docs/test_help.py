@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 import jbclog as package
 from jbclog.cli.app import app
+from jbclog.cli.front_page import page
 from support.command import jbclog
 from support.readers.command_line import HELP, VERBS, calls, wrong
 
@@ -96,6 +97,28 @@ def test_a_process_of_its_own_says_the_same() -> None:
         )  # but for the name in "Usage:"
 
 
+@pytest.mark.parametrize("columns", [20, 52, 66, 79, 80, 81, 200])
+def test_the_page_is_the_one_that_the_parser_of_the_command_line_makes(columns: int) -> None:
+    made = CliRunner().invoke(
+        app, ["--help"], prog_name="jbclog", terminal_width=max(min(columns, 80) - 2, 50)
+    )
+    assert page("jbclog", columns) + "\n" == made.stdout
+
+
+def test_help_that_nobody_reads_ends_as_other_output_does() -> None:
+    with Path("/dev/full").open("w") as full:
+        ended = [
+            subprocess.run(
+                [sys.executable, "-m", "jbclog", *words],
+                stdout=full,
+                stderr=subprocess.PIPE,
+                check=False,
+            ).returncode
+            for words in (["--help"], ["--help", "--version"])
+        ]
+    assert ended[0] == ended[1] != 0
+
+
 def test_help_names_every_option_that_there_is() -> None:
     for verb, options in VERBS.items():
         shown = shown_here(verb, "-h").stdout
@@ -111,14 +134,9 @@ def test_help_loads_no_more_than_what_prints_it() -> None:
         check=True,
     )
     loaded = [name.split(".") for name in done.stderr.decode().split()]
-    packages = {package for package, *_ in loaded} - sys.stdlib_module_names
-    assert packages <= {"jbclog", "typer", "click", "shellingham", "annotated_doc"}
-    own = {
-        ".".join(rest)
-        for package, *rest in loaded
-        if package == "jbclog" and rest and rest[0] != "cli"
-    }
-    assert own == {"core", "core.outcome", "core.states"}
+    assert {package for package, *_ in loaded} - sys.stdlib_module_names == {"jbclog"}
+    own = {".".join(rest) for package, *rest in loaded if package == "jbclog" and rest}
+    assert own == {"cli", "cli.front_page", "cli.streams"}
 
 
 @pytest.mark.parametrize(

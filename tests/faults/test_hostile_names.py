@@ -484,6 +484,7 @@ def test_a_folder_for_runs_may_be_a_link_that_the_user_made(tmp_path: Path) -> N
 PRINTS = {
     "cli/output.py": "cleans",
     "cli/app.py": "the version",
+    "cli/front_page.py": "the program's own help",
     "live/joint_counter.py": (
         "a child's, JSON through a pipe to whoever watches, who cleans what is shown"
     ),
