@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from jbclog.cli.options import Color
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from rich.live import Live
 
 
+ASKED_BY: Final = ("FORCE_COLOR", "TTY_COMPATIBLE")  # variables by which rich colours files, too
 STYLES: Final = {Severity.WARNING: "yellow", Severity.ERROR: "red", Severity.CRITICAL: "bold red"}
 
 
@@ -35,14 +37,27 @@ def console(color: Color) -> Console:
     )
 
 
+def _may_color(color: Color) -> bool:
+    """Whether rich could take stderr for a terminal."""
+    asked = color is Color.ALWAYS or any(name in os.environ for name in ASKED_BY)
+    return asked or is_terminal()
+
+
 class Printer:
     """Prints lines on stderr, in the colour of their severity where there are colours; wraps them
     on a terminal.
     """
 
     def __init__(self, color: Color) -> None:
-        self.console = console(color)
-        self._is_plain = not self.console.is_terminal
+        self._color = color
+        self._is_plain = not (_may_color(color) and self.console.is_terminal)
+
+    @cached_property
+    def console(self) -> Console:
+        """The console of stderr; not loaded for plain lines, which a run's first sample would wait
+        for.
+        """
+        return console(self._color)
 
     def print(self, text: str, severity: Severity = Severity.INFO) -> None:
         if self._is_plain:

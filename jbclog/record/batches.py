@@ -204,6 +204,14 @@ def _field(head: bytes, table: int, number: int) -> int | None:
     return table + offset if offset else None
 
 
+def prepare_arrow() -> None:
+    """Have Arrow take a recorder's memory from the system, which gets back what is freed (its own
+    pool keeps 4 MB), and keep pandas out.
+    """
+    pa.set_memory_pool(pa.system_memory_pool())
+    keep_pandas_out()
+
+
 def keep_pandas_out() -> None:
     """Keep pyarrow from importing pandas at its first conversion: half a second and 50 MB that a
     recorder does not need.

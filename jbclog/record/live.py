@@ -39,7 +39,7 @@ from jbclog.core.rows import (
     Severity,
     StationFacts,
 )
-from jbclog.record.batches import BARE, ROWS_A_BATCH, Batch, NotRows, encode, keep_pandas_out
+from jbclog.record.batches import BARE, ROWS_A_BATCH, Batch, NotRows, encode, prepare_arrow
 from jbclog.record.chains import Chain
 from jbclog.record.seal_child import SEAL_S, SealChild
 from jbclog.record.store import FACTS, META, StoreWriter
@@ -308,7 +308,7 @@ class LiveStore:
         """Create the store and start to commit. Raises `RecordError`, and then leaves nothing
         open.
         """
-        keep_pandas_out()
+        prepare_arrow()
         self._lock = FolderLock.take(self.folder)
         try:
             self._writer.begin(self._meta())
