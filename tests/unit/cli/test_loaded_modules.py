@@ -1,0 +1,143 @@
+"""What a command has loaded when it has printed, or, for a run, when its first byte is due.
+
+A module that creeps in costs every start: it belongs on these lists, or is imported where it is
+needed.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.records.small_run import make_run
+
+LINE = """
+[line]
+name = "bench"
+[[station]]
+name = "dde-1"
+url = "nowhere"
+family = "dde"
+ports = [1]
+"""
+RECIPE = Path(__file__).parents[3] / "profiles" / "recipes" / "sn100c-tht.toml"
+TELL = """
+import os, sys
+from jbclog.transport.reactor import Reactor
+def tell(*_):
+    os.write(2, " ".join(["\\n", *sys.modules]).encode())
+    os._exit(0)
+Reactor.run = tell
+"""
+SHOWN = """
+import atexit, sys
+atexit.register(lambda: print(*sys.modules, file=sys.stderr))
+"""
+MAIN = "from jbclog.cli import main; main()"
+
+COMMAND_LINE = {"typer", "click", "shellingham", "annotated_doc", "typing_extensions"}
+MODELS = {"pydantic", "pydantic_core", "annotated_types", "typing_inspection"}
+ARROW = {"pyarrow", "numpy", "cloudpickle", "msgspec"}
+MADE_BY_CYTHON = {"cython_runtime"}
+
+PLAN = {
+    *("app", "app.run", "app.run.plan"),
+    *("cli", "cli.app", "cli.front_page", "cli.help", "cli.names", "cli.options", "cli.output"),
+    *("cli.streams", "config", "config.line", "config.load_recipe", "config.recipe"),
+    *("config.recipe_sections", "config.recipe_settings", "config.schema", "config.sim_spec"),
+    *("config.toml_reader", "core", "core.clock", "core.errors", "core.foreign"),
+    *("core.foreign.files", "core.io_requests", "core.outcome", "core.quantities", "core.rows"),
+    *("core.serial_line", "core.states", "core.text", "protocol", "protocol.client"),
+    *("protocol.client.confirmed_reads", "protocol.client.dialogue", "protocol.client.interface"),
+    *("protocol.client.make", "protocol.client.omega", "protocol.client.robot"),
+    *("protocol.client.timing", "protocol.commands", "protocol.commands.command"),
+    *("protocol.commands.decisions", "protocol.commands.defaults", "protocol.commands.family"),
+    *("protocol.commands.hotair", "protocol.commands.omega", "protocol.commands.ranges"),
+    *("protocol.commands.robot", "protocol.commands.signals", "protocol.commands.status"),
+    *("protocol.frame", "protocol.omega", "session", "session.run", "session.run.context"),
+    *("session.run.identify", "session.run.pace", "session.run.watch", "session.scheduler"),
+}
+RUN = PLAN | {
+    *("analysis", "analysis.alarms", "analysis.alarms.from_record", "analysis.alarms.kpi"),
+    *("analysis.alarms.live", "analysis.alarms.match", "analysis.alarms.port_watch"),
+    *("analysis.alarms.state_machine", "analysis.rule_versions"),
+    *("app.run.goals", "app.run.recorder", "app.run.run_record", "app.run.runner"),
+    *("app.run.unit_feed", "cli.progress", "cli.run", "cli.terminal"),
+    *("core.capture_rows", "core.durable_files", "core.foreign.database"),
+    *("core.foreign.json_reader", "core.locks"),
+    *("guard", "guard.action_log", "guard.lease", "guard.open_leases", "guard.supervisor"),
+    *("guard.takeover", "guard.watch", "maintenance", "maintenance.verification"),
+    *("record", "record.batches", "record.capture", "record.capture_file"),
+    *("record.capture_recorder", "record.chains", "record.folder", "record.guard_actions"),
+    *("record.live", "record.manifest", "record.manifest_counts", "record.port_owner"),
+    *("record.schema", "record.seal_child", "record.store"),
+    *("session.run.alarms", "session.run.apply", "session.run.condition", "session.run.outage"),
+    *("session.run.readings", "session.run.safe", "session.run.sampling", "session.run.scan"),
+    *("session.run.setting", "session.run.station_run", "session.safety"),
+    *("session.safety.cooling", "session.safety.orders", "session.safety.secure"),
+    *("session.safety.tools", "transport", "transport.blocking", "transport.cpu_limit"),
+    *("transport.event_loop", "transport.opening", "transport.port", "transport.port_thread"),
+    *("transport.reactor", "transport.session_history", "transport.session_runner"),
+    *("transport.signals", "transport.start_barrier", "transport.system_ports"),
+    *("transport.typed_lines",),
+}
+DRAWN = {
+    *("PIL", "contourpy", "cycler", "fontTools", "kiwisolver", "matplotlib", "mpl_toolkits"),
+    *("packaging", "pyparsing", "dateutil", "six", "pandas", "scipy", "jinja2", "markupsafe"),
+    *("typst", "charset_normalizer", "numexpr", "bottleneck"),
+}
+
+
+def loaded(before: str, words: list[str], folder: Path) -> set[str]:
+    """The modules that the command has loaded."""
+    done = subprocess.run(
+        [sys.executable, "-c", f"{before}{MAIN}", *words],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=folder,
+        env=os.environ | {"JBCLOG_NO_METRICS": "1"},
+    )
+    return set(done.stderr.splitlines()[-1].split())
+
+
+def own(modules: set[str]) -> set[str]:
+    return {name.removeprefix("jbclog.") for name in modules if name.startswith("jbclog.")}
+
+
+def foreign(modules: set[str]) -> set[str]:
+    packages = {name.partition(".")[0] for name in modules} - sys.stdlib_module_names
+    return {name for name in packages if not name.startswith("_")} - MADE_BY_CYTHON - {"jbclog"}
+
+
+@pytest.fixture(scope="module")
+def words(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    line = tmp_path_factory.mktemp("line") / "line.toml"
+    line.write_text(LINE)
+    return [str(RECIPE), "--line", str(line)]
+
+
+def test_plan(words: list[str], tmp_path: Path) -> None:
+    modules = loaded(SHOWN, ["plan", *words], tmp_path)
+    assert own(modules) - {"cli.plan"} - PLAN == set()
+    assert foreign(modules) - COMMAND_LINE - MODELS == set()
+
+
+def test_a_run_when_its_first_byte_is_due(words: list[str], tmp_path: Path) -> None:
+    modules = loaded(TELL, ["run", *words], tmp_path)
+    assert "app.run.recorder" in own(modules)
+    assert own(modules) - RUN == set()
+    assert foreign(modules) - COMMAND_LINE - MODELS - ARROW - {"serial"} == set()
+    assert {"pyarrow.compute", "pyarrow.parquet", "pyarrow.dataset"} & modules == set()
+
+
+def test_report(tmp_path: Path) -> None:
+    modules = loaded(SHOWN, ["report", str(make_run(tmp_path, 20.0))], tmp_path)
+    assert foreign(modules) - COMMAND_LINE - MODELS - ARROW - DRAWN == set()
+    assert {"rich", "serial", "matplotlib.pyplot", "pandas.plotting._matplotlib"} & modules == set()
+    forbidden = ("session", "transport", "sim", "live", "app", "guard", "protocol.client")
+    assert [name for name in own(modules) if name.startswith(forbidden)] == []
