@@ -102,6 +102,9 @@ def main() -> None:
     and no text are made.
     """
     make_usable()
+    # plug-ins of other packages have no place in the checks of options and recipes, and to look for
+    # them opens a file of every installed package
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     threading.excepthook = _note_thread_error
     try:
         app()

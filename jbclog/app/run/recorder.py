@@ -16,6 +16,7 @@ import signal
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from jbclog import __version__
 from jbclog.app.run.goals import Goals
@@ -35,8 +36,6 @@ from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.guard.open_leases import settle
 from jbclog.guard.supervisor import RunGuard
 from jbclog.guard.watch import RENEW_S
-from jbclog.record.capture import WHOLE, Head
-from jbclog.record.capture_recorder import WireRecorder
 from jbclog.record.guard_actions import LOCK as GUARD_LOCK
 from jbclog.record.guard_actions import action_log
 from jbclog.record.manifest import iso
@@ -45,10 +44,13 @@ from jbclog.session.run.station_run import run_station
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
 from jbclog.transport.reactor import Reactor
-from jbclog.transport.session_history import Tee, captured
 from jbclog.transport.signals import Signals
 from jbclog.transport.system_ports import SharedPortWatch
 from jbclog.transport.typed_lines import LineSource
+
+if TYPE_CHECKING:  # loaded with --wire
+    from jbclog.record.capture import Head
+    from jbclog.record.capture_recorder import WireRecorder
 
 GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # values in the manifest
 RUNNING = "running"  # outcome of a session in progress
@@ -94,7 +96,7 @@ class Recorder:
         self._contexts = self._run_record.contexts
         self._reactor = Reactor(allow_missing=plan.starts_without_missing)
         self._sharers = SharedPortWatch(context.order.url for context in self._contexts)
-        self._wires = WireRecorder(self._run_record.folder) if plan.wanted.wire else None
+        self._wires = self._capturing() if plan.wanted.wire else None
         wanted = plan.wanted
         refuses = any(one.recipe.units.repeat == "refuse" for one in plan.stations)
         self._units = (
@@ -214,6 +216,8 @@ class Recorder:
         if self._wires is None:
             self._reactor.add(run_station(context), opened, order.name)
             return
+        from jbclog.transport.session_history import Tee, captured
+
         keep, now = self._wires.begin(self._head(context)), self._clock.monotonic
         self._reactor.add(
             captured(run_station(context), keep, now),
@@ -221,7 +225,14 @@ class Recorder:
             order.name,
         )
 
+    def _capturing(self) -> WireRecorder:
+        from jbclog.record.capture_recorder import WireRecorder
+
+        return WireRecorder(self._run_record.folder)
+
     def _head(self, context: SessionContext) -> Head:
+        from jbclog.record.capture import Head
+
         order, manifest = context.order, self._run_record.manifest
         return Head(
             station=order.name,
@@ -288,6 +299,8 @@ class Recorder:
         if self._wires is not None:
             self._wires.close()
             self._note_captures()
+            from jbclog.record.capture import WHOLE
+
             self._run_record.manifest.wire = " ".join(self._wires.troubles()) or WHOLE
 
     def _look_for_units(self) -> None:
