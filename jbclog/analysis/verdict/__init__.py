@@ -6,7 +6,7 @@ Start with `verdict.py`, then `rules.py`, `port_rules.py`, `joint_rules.py`, `re
 """
 
 from jbclog.analysis.rule_versions import RULES
-from jbclog.analysis.verdict.acceptance import Acceptance, Limits, asks_for_joints
+from jbclog.analysis.verdict.acceptance import asks_for_joints
 from jbclog.analysis.verdict.bounds import Bound
 from jbclog.analysis.verdict.evidence import Evidence, Feeds, Joints, PortJoints, Recovery
 from jbclog.analysis.verdict.reached import Targets
@@ -16,13 +16,11 @@ from jbclog.analysis.verdict.verdict import Judgement, Verdict, judge
 
 __all__ = [
     "RULES",
-    "Acceptance",
     "Bound",
     "Evidence",
     "Feeds",
     "Joints",
     "Judgement",
-    "Limits",
     "PortJoints",
     "PortMeasure",
     "Recovery",

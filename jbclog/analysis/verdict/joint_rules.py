@@ -21,14 +21,18 @@ missing evidence.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
-from jbclog.analysis.verdict.acceptance import Acceptance, is_bare
+from jbclog.analysis.verdict.acceptance import is_bare
 from jbclog.analysis.verdict.evidence import Evidence, Feeds, PortJoints, not_read
 from jbclog.analysis.verdict.quantiles import SHARE, censored_quantile, upper_p95
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.rules import has_feeder, has_tip, not_applicable
 from jbclog.core.rows import StationFacts
 from jbclog.core.text import count_text
+
+if TYPE_CHECKING:  # pydantic is not loaded for a verdict
+    from jbclog.config.recipe_sections import Acceptance
 
 RECOVERY, RECOVERED, AGAINST_COUNTER = (
     "recovery_p95",

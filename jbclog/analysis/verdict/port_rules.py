@@ -14,9 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from jbclog.analysis.rule_versions import BOUNDS_HOLD
-from jbclog.analysis.verdict.acceptance import REACHED_LIMITS, Acceptance, is_bare
+from jbclog.analysis.verdict.acceptance import REACHED_LIMITS, is_bare
 from jbclog.analysis.verdict.bounds import Bound
 from jbclog.analysis.verdict.evidence import Evidence, PortLedger
 from jbclog.analysis.verdict.idle import NOT_IDLE, NOT_SEEN_IDLE
@@ -33,6 +34,9 @@ from jbclog.analysis.verdict.rule import RESOLVES, Result, Rule, allowed_misses,
 from jbclog.analysis.verdict.rules import not_applicable, reports
 from jbclog.analysis.verdict.samples import SKIPPED, TEMPERATURE, PortMeasure, judged_signals
 from jbclog.core.rows import StationFacts, TipCheck
+
+if TYPE_CHECKING:  # pydantic is not loaded for a verdict
+    from jbclog.config.recipe_sections import Acceptance
 
 EXPIRED = "expired"
 ADJUSTED = "adjusted since"

@@ -5,12 +5,12 @@ planned.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from jbclog.analysis.verdict.acceptance import (
     BARE,
     ESTIMATED_LIMITS,
     LIMIT_NAMES,
-    Acceptance,
     is_bare,
 )
 from jbclog.analysis.verdict.evidence import Event, Evidence, Outcomes, PortLedger
@@ -18,6 +18,9 @@ from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.samples import TEMPERATURE, WITHOUT_TIP
 from jbclog.core.rows import Goal, StationFacts
 from jbclog.core.text import count_text
+
+if TYPE_CHECKING:  # pydantic is not loaded for a verdict
+    from jbclog.config.recipe_sections import Acceptance
 
 COUNTED_ALARMS = ("alarm.high", "alarm.low")
 WITH_FEEDER = ("ale",)

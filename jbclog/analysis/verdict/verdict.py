@@ -13,9 +13,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from jbclog.analysis.rule_versions import RULES
-from jbclog.analysis.verdict.acceptance import Acceptance, asks_for_anything
+from jbclog.analysis.verdict.acceptance import asks_for_anything
 from jbclog.analysis.verdict.evidence import (
     Event,
     Evidence,
@@ -42,6 +43,9 @@ from jbclog.analysis.verdict.rules import (
 )
 from jbclog.analysis.verdict.samples import TEMPERATURE, Measures, Measuring, measure
 from jbclog.core.rows import StationFacts
+
+if TYPE_CHECKING:  # pydantic is not loaded for a verdict
+    from jbclog.config.recipe_sections import Acceptance
 
 
 class Verdict(StrEnum):

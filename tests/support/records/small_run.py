@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 
-from jbclog.analysis.verdict import RULES, Evidence, Limits, Targets, judge
+from jbclog.analysis.verdict import RULES, Evidence, Targets, judge
+from jbclog.config.recipe_sections import Acceptance
 from jbclog.core.rows import (
     COLUMN,
     SAMPLE_COLUMNS,
@@ -71,7 +72,9 @@ idle_error_c = 15
 idle_sd_c = 5
 alarms_max = 0
 """
-LIMITS = Limits(coverage_percent=99.5, longest_gap_s=5, idle_error_c=15, idle_sd_c=5, alarms_max=0)
+LIMITS = Acceptance(
+    coverage_percent=99.5, longest_gap_s=5, idle_error_c=15, idle_sd_c=5, alarms_max=0
+)
 """The recipe's `[acceptance]`."""
 
 

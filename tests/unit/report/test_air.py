@@ -16,7 +16,8 @@ from jbclog.analysis.figures.lanes import lanes_of
 from jbclog.analysis.figures.port import draw
 from jbclog.analysis.figures.style import WIDE
 from jbclog.analysis.figures.trace import Grid, Trace
-from jbclog.analysis.verdict import Evidence, Limits, judge
+from jbclog.analysis.verdict import Evidence, judge
+from jbclog.config.recipe_sections import Acceptance
 from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.ledger import ledger_of
@@ -171,7 +172,7 @@ def test_without_a_thermocouple_the_page_says_so(tmp_path: Path) -> None:
 
 def test_hot_air_is_judged_by_what_it_tells(folder: Path) -> None:
     """It has no alarm flags: that is no missing evidence."""
-    limits = Limits(
+    limits = Acceptance(
         coverage_percent=99.5, longest_gap_s=5, idle_error_c=15, idle_sd_c=5, alarms_max=0
     )
     facts = [jtse(600)]

@@ -9,16 +9,17 @@ from typing import Any
 
 import pytest
 
-from jbclog.analysis.verdict import Limits, Result, Rule, Verdict, judge
+from jbclog.analysis.verdict import Result, Rule, Verdict, judge
 from jbclog.analysis.verdict.rule import allowed_misses
+from jbclog.config.recipe_sections import Acceptance
 
 
-def rule(case: Any, name: str, limits: Limits, by: int = 2) -> Rule:
+def rule(case: Any, name: str, limits: Acceptance, by: int = 2) -> Rule:
     return next(one for one in judge(case.evidence(), {"a": limits}, by).rules if one.name == name)
 
 
 def coverage(case: Any, least: float) -> Result:
-    return rule(case, "coverage", Limits(coverage_percent=least)).result
+    return rule(case, "coverage", Acceptance(coverage_percent=least)).result
 
 
 @pytest.mark.parametrize(
@@ -41,13 +42,13 @@ def test_one_reading_of_194_does_not_fail_99_and_a_half(case: Any, tip: Callable
     case.station("a", tip(19.4).lose(5, 0.1))
     assert coverage(case, 99.5) is Result.PASS
     assert coverage(case, 100.0) is Result.FAIL
-    seen = rule(case, "coverage", Limits(coverage_percent=99.5))
+    seen = rule(case, "coverage", Acceptance(coverage_percent=99.5))
     assert (
         seen.text
         == "Tip temperature coverage 99.48 % (193 of 194), required 99.5 %. One reading is 0.52 %:"
         " within the resolution."
     )
-    assert rule(case, "coverage", Limits(coverage_percent=99.5), by=1).result is Result.FAIL
+    assert rule(case, "coverage", Acceptance(coverage_percent=99.5), by=1).result is Result.FAIL
 
 
 def test_two_do(case: Any, tip: Callable[..., Any]) -> None:
@@ -66,7 +67,7 @@ def test_what_the_computer_skipped_is_missing_evidence_and_no_reject(
     case: Any, tip: Callable[..., Any]
 ) -> None:
     case.station("a", tip(60).skip(20, 0.6))
-    limits = Limits(coverage_percent=99.5)
+    limits = Acceptance(coverage_percent=99.5)
     seen = rule(case, "coverage", limits)
     assert seen.result is Result.MISSING
     assert (
@@ -83,7 +84,7 @@ def test_what_the_link_lost_is_a_reject_whatever_the_computer_skipped(
     case: Any, tip: Callable[..., Any]
 ) -> None:
     case.station("a", tip(60).skip(20, 0.6).lose(30, 0.4))
-    seen = rule(case, "coverage", Limits(coverage_percent=99.5))
+    seen = rule(case, "coverage", Acceptance(coverage_percent=99.5))
     assert seen.result is Result.FAIL
     assert "too late for 6 of them" in seen.text
 
@@ -107,15 +108,15 @@ def test_ticks_that_the_station_made_late_are_not_the_computers(
 
 def test_a_gap_that_the_computer_made_is_no_reject(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip(60).skip(20, 4).lose(24, 0.5))
-    seen = rule(case, "longest_gap", Limits(longest_gap_s=3))
+    seen = rule(case, "longest_gap", Acceptance(longest_gap_s=3))
     assert seen.result is Result.MISSING
     assert (
         seen.text
         == "Longest gap in temperature 4.5 s, allowed 3 s. The recorder was too late for some"
         " readings (busy or stopped); without these it is 0.5 s."
     )
-    assert rule(case, "longest_gap", Limits(longest_gap_s=0.4)).result is Result.FAIL
-    assert rule(case, "longest_gap", Limits(longest_gap_s=3), by=1).result is Result.FAIL
+    assert rule(case, "longest_gap", Acceptance(longest_gap_s=0.4)).result is Result.FAIL
+    assert rule(case, "longest_gap", Acceptance(longest_gap_s=3), by=1).result is Result.FAIL
 
 
 def test_nor_one_in_which_it_stood_still_and_left_no_rows(
@@ -124,14 +125,14 @@ def test_nor_one_in_which_it_stood_still_and_left_no_rows(
     facts = case.station("a", tip(30))
     case.seal([("a", 1, tip(30).lose(0, 1))], first_tick=380)
     facts.skipped, facts.last_tick = 80, 679
-    seen = rule(case, "longest_gap", Limits(longest_gap_s=5))
+    seen = rule(case, "longest_gap", Acceptance(longest_gap_s=5))
     assert (seen.result, seen.observed) == (Result.MISSING, 9)
     assert "without these it is 1 s" in seen.text
     facts.skipped = 0  # nobody stood still: rows are missing
-    assert rule(case, "longest_gap", Limits(longest_gap_s=5)).result is Result.FAIL
+    assert rule(case, "longest_gap", Acceptance(longest_gap_s=5)).result is Result.FAIL
 
 
 def test_a_busy_computer_alone_is_no_deviation(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip(60).skip(20, 0.2))
     case.event("host.busy", "warning", "a", text="The computer was busy.")
-    assert judge(case.evidence(), {"a": Limits(coverage_percent=99)}).verdict is Verdict.ACCEPT
+    assert judge(case.evidence(), {"a": Acceptance(coverage_percent=99)}).verdict is Verdict.ACCEPT

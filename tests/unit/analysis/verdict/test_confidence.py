@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jbclog.analysis.verdict import Judgement, Limits, judge
+from jbclog.analysis.verdict import Judgement, judge
 from jbclog.analysis.verdict.rules import JUDGED_BARE
 from jbclog.config.load_recipe import load_recipe
+from jbclog.config.recipe_sections import Acceptance
 from jbclog.core.errors import Problems
 from jbclog.report.verdict import FINE, _reasons
 
@@ -35,7 +36,7 @@ def judged(
         int(value) for value in np.random.default_rng(1).integers(349, 352, len(one.temperature))
     ]
     case.station("a", one)
-    return judge(case.evidence(), {"a": Limits(idle_error_c=15, idle_sd_c=5, **limits)}, by)
+    return judge(case.evidence(), {"a": Acceptance(idle_error_c=15, idle_sd_c=5, **limits)}, by)
 
 
 def test_ten_seconds_of_rest_are_no_accept(case: Any, tip: Callable[..., Any]) -> None:
@@ -74,7 +75,7 @@ def test_a_bare_figure_that_breaks_its_limit_is_rejected(
     one = tip(12)
     one.temperature = [380] * 120
     case.station("a", one)
-    found = judge(case.evidence(), {"a": Limits(idle_error_c=15, confidence="none")})
+    found = judge(case.evidence(), {"a": Acceptance(idle_error_c=15, confidence="none")})
     assert found.verdict == "REJECT"
     assert JUDGED_BARE in _reasons(found.verdict, found.rules_as_dicts()).__next__().text
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jbclog.analysis.verdict import Limits, judge
+from jbclog.analysis.verdict import judge
 from jbclog.analysis.verdict.idle import IdleError, by_block
 from jbclog.analysis.verdict.samples import measure
+from jbclog.config.recipe_sections import Acceptance
 
 
 def idle(case: Any) -> IdleError:
@@ -48,7 +49,7 @@ def test_heating_up_is_left_out_and_a_constant_error_is_not(
         one.temperature[i] = 328
     case.station("a", one)
     assert idle(case).mean_c == pytest.approx(-22)
-    judgement = judge(case.evidence(), {"a": Limits(idle_error_c=15)})
+    judgement = judge(case.evidence(), {"a": Acceptance(idle_error_c=15)})
     assert judgement.verdict == "REJECT"
     assert "-22.0 °C" in judgement.rules[-1].text
 
@@ -57,7 +58,7 @@ def test_an_oscillating_tip_is_seen(case: Any, tip: Callable[..., Any]) -> None:
     one = tip(60)
     one.temperature = [350] * 40 + [350 + (20 if i // 10 % 2 else -20) for i in range(560)]
     case.station("a", one)
-    assert judge(case.evidence(), {"a": Limits(idle_sd_c=5)}).verdict == "REJECT"
+    assert judge(case.evidence(), {"a": Acceptance(idle_sd_c=5)}).verdict == "REJECT"
 
 
 @pytest.mark.parametrize("status", ["stand", "sleep", "hibernation", "off", None])
@@ -68,7 +69,7 @@ def test_a_tool_that_does_not_work_is_not_idle(
     one.status = [status] * 600
     case.station("a", one)
     assert idle(case).rows == 0
-    assert judge(case.evidence(), {"a": Limits(idle_error_c=15)}).verdict == "INCONCLUSIVE"
+    assert judge(case.evidence(), {"a": Acceptance(idle_error_c=15)}).verdict == "INCONCLUSIVE"
 
 
 def test_too_little_is_unknown_and_never_zero(case: Any, tip: Callable[..., Any]) -> None:

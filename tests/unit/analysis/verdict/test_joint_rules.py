@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from jbclog.analysis.verdict import Feeds, Judgement, Limits, PortJoints, Recovery, Rule, judge
+from jbclog.analysis.verdict import Feeds, Judgement, PortJoints, Recovery, Rule, judge
+from jbclog.config.recipe_sections import Acceptance
 
-RECOVERY = Limits(recovery_p95_s=2.5)
-COUNTER = Limits(joints_against_counter_percent=2.0)
+RECOVERY = Acceptance(recovery_p95_s=2.5)
+COUNTER = Acceptance(joints_against_counter_percent=2.0)
 QUICK = [1.5] * 117
 NAMES = ("recovery_p95", "recovered_before_next", "joints_against_counter")
-RECOVERED = Limits(recovered_before_next_percent=95.0)
+RECOVERED = Acceptance(recovered_before_next_percent=95.0)
 LATE, CUT_OFF = Recovery(1.8, back=False), Recovery(1.8, back=None)  # s that the tip had
 
 
@@ -28,7 +29,11 @@ def mixed(recoveries: Sequence[float | Recovery | None]) -> list[Recovery | None
 
 
 def judged(
-    case: Any, tip: Callable[..., Any], limits: Limits, seen: PortJoints | None, family: str = "ale"
+    case: Any,
+    tip: Callable[..., Any],
+    limits: Acceptance,
+    seen: PortJoints | None,
+    family: str = "ale",
 ) -> Judgement:
     case.station("a", tip()).family = family
     joints = {} if seen is None else {("a", 1): seen}
@@ -83,13 +88,13 @@ def test_the_figure_the_bound_and_n_stand_in_the_rule(case: Any, tip: Callable[.
 @pytest.mark.parametrize(
     ("limits", "result", "observed"),
     [
-        (Limits(recovery_p95_s=3.0), "missing", None),
-        (Limits(recovery_p95_s=1.5), "fail", None),  # longer than what is allowed, all of them
+        (Acceptance(recovery_p95_s=3.0), "missing", None),
+        (Acceptance(recovery_p95_s=1.5), "fail", None),  # longer than what is allowed, all of them
         (RECOVERED, "fail", 0),
     ],
 )
 def test_a_line_whose_tip_never_recovers_is_no_pass(
-    case: Any, tip: Callable[..., Any], limits: Limits, result: str, observed: float | None
+    case: Any, tip: Callable[..., Any], limits: Acceptance, result: str, observed: float | None
 ) -> None:
     """488 joints, each followed by the next after 1.8 s with a tip that is still far below: no
     recovery is known to be short.
@@ -133,7 +138,7 @@ def test_the_share_of_joints_that_recovered_in_time(
     ],
 )
 def test_joints_in_gaps_may_be_anything(
-    case: Any, tip: Callable[..., Any], limits: Limits, back: int, hidden: int, result: str
+    case: Any, tip: Callable[..., Any], limits: Acceptance, back: int, hidden: int, result: str
 ) -> None:
     rule = the_rule(
         judged(
@@ -193,7 +198,7 @@ def test_joints_against_the_counter(
 @pytest.mark.parametrize("limits", [RECOVERY, RECOVERED, COUNTER])
 @pytest.mark.parametrize("seen", [None, PortJoints(why="Its joints could not be looked for.")])
 def test_joints_that_were_not_searched_are_missing_evidence(
-    case: Any, tip: Callable[..., Any], limits: Limits, seen: PortJoints | None
+    case: Any, tip: Callable[..., Any], limits: Acceptance, seen: PortJoints | None
 ) -> None:
     judgement = judged(case, tip, limits, seen)
     assert (the_rule(judgement).result, judgement.verdict) == ("missing", "INCONCLUSIVE")
@@ -210,14 +215,14 @@ def test_joints_that_were_not_searched_are_missing_evidence(
     ],
 )
 def test_a_station_without_joints_or_feeder_is_not_judged_by_them(
-    case: Any, tip: Callable[..., Any], limits: Limits, family: str
+    case: Any, tip: Callable[..., Any], limits: Acceptance, family: str
 ) -> None:
-    judgement = judged(case, tip, replace(limits, coverage_percent=99), None, family)
+    judgement = judged(case, tip, limits.model_copy(update={"coverage_percent": 99}), None, family)
     assert (the_rule(judgement).result, judgement.verdict) == ("not applicable", "ACCEPT")
 
 
 def test_who_does_not_ask_is_not_judged_by_joints(case: Any, tip: Callable[..., Any]) -> None:
     judgement = judged(
-        case, tip, Limits(coverage_percent=99), PortJoints([9.0] * 100, Feeds(0, 0, 0, 9))
+        case, tip, Acceptance(coverage_percent=99), PortJoints([9.0] * 100, Feeds(0, 0, 0, 9))
     )
     assert {rule.name for rule in judgement.rules} == {"record", "station", "settings", "coverage"}

@@ -7,12 +7,13 @@ from typing import Any
 
 import pytest
 
-from jbclog.analysis.verdict import Limits, Result, Rule, Verdict, judge
+from jbclog.analysis.verdict import Result, Rule, Verdict, judge
+from jbclog.config.recipe_sections import Acceptance
 
-LIMITS = Limits(coverage_percent=90)
+LIMITS = Acceptance(coverage_percent=90)
 
 
-def reached(case: Any, limits: Limits = LIMITS, port: int = 1) -> Rule:
+def reached(case: Any, limits: Acceptance = LIMITS, port: int = 1) -> Rule:
     rules = [
         rule
         for rule in judge(case.evidence(), {"a": limits}).rules
@@ -22,7 +23,7 @@ def reached(case: Any, limits: Limits = LIMITS, port: int = 1) -> Rule:
     return rules[0]
 
 
-def verdict(case: Any, limits: Limits = LIMITS) -> Verdict:
+def verdict(case: Any, limits: Acceptance = LIMITS) -> Verdict:
     return judge(case.evidence(), {"a": limits}).verdict
 
 
@@ -108,7 +109,7 @@ def test_nine_degrees_short_is_there_and_eleven_are_not_unless_the_recipe_says_s
     case.station("a", tip().at(0, 60, 339, 60))
     case.ask("a", "working", 1)
     assert reached(case).result is Result.FAIL
-    assert reached(case, Limits(coverage_percent=90, reached_within_c=11)).result is Result.PASS
+    assert reached(case, Acceptance(coverage_percent=90, reached_within_c=11)).result is Result.PASS
 
 
 def test_the_band_is_kept_to_its_edge(case: Any, tip: Callable[..., Any]) -> None:
@@ -208,8 +209,8 @@ def test_a_tool_that_the_station_sends_to_sleep_is_not_at_work(
 def test_the_share_is_the_recipes(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", asleep(tip, 30))
     case.ask("a", "working", 1)
-    assert reached(case, Limits(coverage_percent=90, at_work_percent=50)).result is Result.PASS
-    assert reached(case, Limits(coverage_percent=90, at_work_percent=52)).result is Result.FAIL
+    assert reached(case, Acceptance(coverage_percent=90, at_work_percent=50)).result is Result.PASS
+    assert reached(case, Acceptance(coverage_percent=90, at_work_percent=52)).result is Result.FAIL
 
 
 def test_no_tool_has_to_work_if_the_recipe_requires_no_time(
@@ -218,7 +219,7 @@ def test_no_tool_has_to_work_if_the_recipe_requires_no_time(
     """As at a rework place, where the operator's hand decides; a tool that is taken has to arrive
     all the same.
     """
-    limits = Limits(coverage_percent=90, at_work_percent=0)
+    limits = Acceptance(coverage_percent=90, at_work_percent=0)
     case.station("a", cold(tip), cold(tip, "working"))
     case.ask("a", "stand", 1, 2, heated=(1, 2))
     assert reached(case, limits).result is Result.NOT_APPLICABLE
@@ -228,7 +229,7 @@ def test_no_tool_has_to_work_if_the_recipe_requires_no_time(
 def test_what_was_not_read_is_neither_at_work_nor_not(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip().lose(10, 20))
     case.ask("a", "working", 1)
-    rule = reached(case, Limits(coverage_percent=1))
+    rule = reached(case, Acceptance(coverage_percent=1))
     assert rule.result is Result.MISSING
     assert "Not known for 33.33 % of it" in rule.text
 
@@ -236,7 +237,7 @@ def test_what_was_not_read_is_neither_at_work_nor_not(case: Any, tip: Callable[.
 def test_ticks_without_rows_count_as_not_known(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip(), skipped=300)
     case.ask("a", "working", 1)
-    rule = reached(case, Limits(coverage_percent=1))
+    rule = reached(case, Acceptance(coverage_percent=1))
     assert (rule.result, rule.observed) == (Result.MISSING, pytest.approx(100 * 600 / 900))
 
 
@@ -302,7 +303,7 @@ def test_a_recipe_that_sets_no_temperature_is_not_asked(case: Any, tip: Callable
     ] == []
     assert verdict(case) is Verdict.ACCEPT
     # it names the limit itself
-    assert reached(case, Limits(at_work_percent=50)).result is Result.MISSING
+    assert reached(case, Acceptance(at_work_percent=50)).result is Result.MISSING
 
 
 def test_no_limits_no_verdict(case: Any, tip: Callable[..., Any]) -> None:

@@ -10,8 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.analysis.verdict import RULES, Limits, judge
+from jbclog.analysis.verdict import RULES, judge
 from jbclog.analysis.verdict.samples import KeptMeasures, measure
+from jbclog.config.recipe_sections import Acceptance
 
 
 def gap(case: Any, port: int = 1) -> float | None:
@@ -45,7 +46,7 @@ def test_skipped_ticks_have_no_rows_and_count_in_both(case: Any, tip: Callable[.
     assert facts.last_tick == 659
     coverage = next(
         rule
-        for rule in judge(case.evidence(), {"a": Limits(coverage_percent=95)}).rules
+        for rule in judge(case.evidence(), {"a": Acceptance(coverage_percent=95)}).rules
         if rule.name == "coverage"
     )
     assert coverage.observed == pytest.approx(100 * 600 / 660)
@@ -87,7 +88,9 @@ def test_a_port_without_any_temperature_has_no_gap(case: Any, tip: Callable[...,
     assert gap(case) is None
     rules = {
         rule.name: rule
-        for rule in judge(case.evidence(), {"a": Limits(longest_gap_s=5, coverage_percent=0)}).rules
+        for rule in judge(
+            case.evidence(), {"a": Acceptance(longest_gap_s=5, coverage_percent=0)}
+        ).rules
     }
     assert rules["longest_gap"].result == "missing"
 
@@ -101,7 +104,7 @@ def test_coverage_is_never_rounded_up_to_its_limit(
     case.station("a", tip(25_000, hz=1).lose(0, 25_000 - ok))
     coverage = next(
         rule
-        for rule in judge(case.evidence(), {"a": Limits(coverage_percent=99.5)}).rules
+        for rule in judge(case.evidence(), {"a": Acceptance(coverage_percent=99.5)}).rules
         if rule.name == "coverage"
     )
     assert coverage.result == result

@@ -11,10 +11,11 @@ from typing import Any
 
 import pytest
 
-from jbclog.analysis.verdict import Limits, Result, Rule, Verdict, judge
+from jbclog.analysis.verdict import Result, Rule, Verdict, judge
 from jbclog.analysis.verdict.verdict import verdict_of
+from jbclog.config.recipe_sections import Acceptance
 
-ALL = Limits(coverage_percent=99.5, longest_gap_s=5, idle_error_c=15, idle_sd_c=5, alarms_max=0)
+ALL = Acceptance(coverage_percent=99.5, longest_gap_s=5, idle_error_c=15, idle_sd_c=5, alarms_max=0)
 
 
 def rule(judgement: Any, name: str, port: int | None = 1) -> Rule:
@@ -57,9 +58,9 @@ def test_a_clean_run_is_accepted_and_every_rule_is_written_down(
     }
 
 
-@pytest.mark.parametrize("acceptance", [{}, {"a": None}, {"a": Limits()}])
+@pytest.mark.parametrize("acceptance", [{}, {"a": None}, {"a": Acceptance()}])
 def test_without_limits_nothing_is_judged(
-    case: Any, tip: Callable[..., Any], acceptance: dict[str, Limits | None]
+    case: Any, tip: Callable[..., Any], acceptance: dict[str, Acceptance | None]
 ) -> None:
     case.station("a", tip().lose(10, 40))
     judgement = judge(case.evidence(), acceptance)
@@ -247,7 +248,7 @@ def test_counted_alarms(case: Any, tip: Callable[..., Any]) -> None:
     case.event("alarm.high", "error", "b", 1)
     assert rule(judge(case.evidence(), {"a": ALL}), "alarms", None).observed == 2
     assert judge(case.evidence(), {"a": ALL}).verdict == "REJECT"
-    assert judge(case.evidence(), {"a": Limits(alarms_max=2)}).verdict == "ACCEPT"
+    assert judge(case.evidence(), {"a": Acceptance(alarms_max=2)}).verdict == "ACCEPT"
 
 
 def test_flags_that_were_never_read_are_no_evidence_of_no_alarm(
@@ -309,7 +310,7 @@ def test_a_station_without_limits_beside_one_with(case: Any, tip: Callable[..., 
 
 def test_only_what_is_asked_is_judged(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip().lose(10, 40))
-    judgement = judge(case.evidence(), {"a": Limits(alarms_max=0)})
+    judgement = judge(case.evidence(), {"a": Acceptance(alarms_max=0)})
     assert judgement.verdict == "ACCEPT"
     assert {one.name for one in judgement.rules} == {"record", "station", "settings", "alarms"}
 

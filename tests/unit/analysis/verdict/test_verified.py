@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
-from jbclog.analysis.verdict import Limits, judge
+from jbclog.analysis.verdict import judge
+from jbclog.config.recipe_sections import Acceptance
 from jbclog.core.rows import TipCheck
 
-DAYS = Limits(verification_days=30)
+DAYS = Acceptance(verification_days=30)
 
 
 def check(state: str = "pass", days: float = 3.0, port: int = 1) -> TipCheck:
@@ -61,7 +62,7 @@ def test_who_does_not_ask_for_it_is_not_judged_by_it(case: Any, tip: Callable[..
     case.station("a", tip())
     judgement = judge(
         replace(case.evidence(), verifications=[check("fail")]),
-        {"a": Limits(alarms_max=0, idle_error_c=15)},
+        {"a": Acceptance(alarms_max=0, idle_error_c=15)},
     )
     assert "verification" not in {rule.name for rule in judgement.rules}
 
