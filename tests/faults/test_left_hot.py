@@ -52,8 +52,7 @@ def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def line(tmp_path: Path) -> Iterator[ServedLine]:
     (tmp_path / "line").mkdir()
     with ServedLine(tmp_path / "line") as served:
-        for port in served.tools():
-            port.tools[port.tool].sleep_delay, port.tools[port.tool].hibernation_delay = 5, 30
+        served.cool_soon()
         yield served
 
 

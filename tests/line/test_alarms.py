@@ -11,16 +11,11 @@ import pytest
 
 from jbclog.core.rows import COLUMN, EventRow
 from support.oracles.account import reasons_in
+from support.virtual.lines import fault
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 AT_TEMPERATURE_S = 10.0  # long after the tip has reached its setting
 ONE_PORT = "ports = [1]"
-
-
-def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(
-        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
-    )
 
 
 def one_port(sim: str = "", recipe: str = RECIPE, duration_s: float = 30) -> VirtualRun:

@@ -8,15 +8,10 @@ import pytest
 
 from jbclog.analysis.alarms import Detector, LiveAlarms, flag_episodes
 from jbclog.core.rows import COLUMN, EventRow
+from support.virtual.lines import fault
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 GOES_ON = RECIPE + 'on_difference = "continue"\n'
-
-
-def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(
-        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
-    )
 
 
 def run_with(sim: str, recipe: str = GOES_ON, duration_s: float = 40) -> VirtualRun:

@@ -15,14 +15,8 @@ from jbclog.protocol.commands.command import Command
 from jbclog.session.run.setting import listed
 from jbclog.sim.hotair import AirModel, AirStation
 from support.oracles.account import assert_account_holds, reasons_in, wrong_values
-from support.virtual.lines import AIR, hot_air, plant
+from support.virtual.lines import AIR, fault, hot_air, plant
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
-
-
-def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(
-        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
-    )
 
 
 def cells(run: VirtualRun, column: str) -> list[object]:

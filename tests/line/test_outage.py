@@ -14,15 +14,10 @@ from jbclog.core.rows import COLUMN
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.status import STAND, WORKING
 from support.oracles.account import assert_account_holds, reasons_in, wrong_values
+from support.virtual.lines import fault
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 GOING_ON = RECIPE + 'on_difference = "continue"\n'
-
-
-def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(
-        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
-    )
 
 
 def away_for_3_s(kind: str) -> str:

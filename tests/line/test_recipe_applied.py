@@ -13,17 +13,11 @@ from jbclog.core.rows import SettingRow
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.status import STAND, WORKING
 from jbclog.session.run.setting import REPEATS
-from support.virtual.lines import say
+from support.virtual.lines import fault, say
 from support.virtual.virtual_run import RECIPE, VirtualRun, is_cold_in_extractor, line_text, prepare
 
 ALL_FAMILIES = 'families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]'
 TOOL_2, TOOL_3 = (FAMILIES["dde"].tool_name(code) for code in (2, 3))
-
-
-def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(
-        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
-    )
 
 
 def rows(run: VirtualRun, setting: str, port: int | None = 1) -> list[SettingRow]:

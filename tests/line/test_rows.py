@@ -7,17 +7,11 @@ import pytest
 from jbclog.core.rows import COLUMN, SampleRow
 from jbclog.protocol.commands.family import FAMILIES, ROBOT
 from support.oracles.account import assert_account_holds, reasons_in, wrong_values
-from support.virtual.lines import AIR
+from support.virtual.lines import AIR, fault
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 ALL_FAMILIES = 'families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]'
 GOING_ON = RECIPE + 'on_difference = "continue"\n'
-
-
-def fault(kind: str, **keys: object) -> str:
-    return "\n[[station.sim.fault]]\n" + "".join(
-        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
-    )
 
 
 def of_family(family: str, sim: str = "", keys: str = "", **more: object) -> VirtualRun:

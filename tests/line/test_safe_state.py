@@ -22,6 +22,7 @@ from jbclog.sim.port import SimPort
 from jbclog.sim.virtual import build_device
 from support.oracles.account import assert_account_holds
 from support.oracles.listed_writes import strange_writes
+from support.virtual.lines import fault
 from support.virtual.virtual_run import (
     RECIPE,
     Memory,
@@ -33,13 +34,6 @@ from support.virtual.virtual_run import (
 
 ALE_RECIPE = RECIPE + "\n[feeder]\nlength_mm = 7.5\n"
 APPLIED_S = 1.2  # by then the recipe is on the station and the tools are at work
-
-
-def fault(kind: str, **keys: object) -> str:
-    """A table of the line file."""
-    return "\n[[station.sim.fault]]\n" + "".join(
-        f"{key} = {value!r}\n" for key, value in {"kind": kind, **keys}.items()
-    )
 
 
 def ale_line(sim: str = "") -> str:

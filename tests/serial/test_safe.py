@@ -37,8 +37,7 @@ TOOLS = 6
 def line(tmp_path: Path) -> Iterator[ServedLine]:
     (tmp_path / "line").mkdir()
     with ServedLine(tmp_path / "line") as served:
-        for port in served.tools():
-            port.tools[port.tool].sleep_delay, port.tools[port.tool].hibernation_delay = 5, 30
+        served.cool_soon()
         yield served
 
 

@@ -4,6 +4,7 @@ afterwards.
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -14,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from jbclog.guard.action_log import NAME as ACTION_LOG
 from support.command import started, until
 from support.virtual.served_line import ServedLine
 
@@ -51,6 +53,14 @@ def events(folder: Path) -> list[str]:
     import pandas as pd  # half a second, which tests without a guard do not wait for
 
     return list(pd.read_parquet(folder / "events")["kind"])
+
+
+def actions_in(folder: Path) -> list[tuple[str, str, int | None, str]]:
+    """Kind, severity, port and text of what the guard of this run wrote down; none without it."""
+    log = folder / ACTION_LOG
+    lines = log.read_text().splitlines() if log.exists() else ()
+    rows = (json.loads(line) for line in lines if line)
+    return [(row["kind"], row["severity"], row["port"], row["text"]) for row in rows]
 
 
 def guard_of(recorder: int) -> int | None:

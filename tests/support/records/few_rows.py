@@ -165,3 +165,13 @@ def sealed_events(folder: Path) -> list[int]:
         rows += group.to_pylist()
     assert list(breaks(folder.name, rows)) == []
     return [row["code"] for row in rows if row["kind"] == "test.event"]
+
+
+def with_cell(table: pa.Table, row: int, column: str, value: object) -> pa.Table:
+    """The table with another value in one cell."""
+    values = table[column].to_pylist()
+    values[row] = value
+    place = table.schema.get_field_index(column)
+    return table.set_column(
+        place, table.schema.field(column), pa.array(values, table.schema.field(column).type)
+    )

@@ -8,7 +8,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
-from types import TracebackType
 from typing import Self
 
 from jbclog.config.line import load_line
@@ -180,12 +179,7 @@ class ServedLine:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._server is not None and self._thread is not None:
             self._server.stop()
             self._thread.join(5.0)
@@ -227,6 +221,11 @@ class ServedLine:
             one for one in self.stations.values() if isinstance(one.device.face, SolderingModel)
         )
         return [port for station in soldering for port in station.plant.ports.values() if port.tool]
+
+    def cool_soon(self) -> None:
+        """Set the delays with which a tool in stand cools."""
+        for port in self.tools():
+            port.tools[port.tool].sleep_delay, port.tools[port.tool].hibernation_delay = 5, 30
 
     def at_work(self) -> int:
         """How many tools are at work now."""

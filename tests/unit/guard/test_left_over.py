@@ -4,17 +4,16 @@ and no further.
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from jbclog.guard import open_leases
-from jbclog.guard.action_log import NAME as DIARY
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease, guard_lock, read_leases, write_leases
 from jbclog.guard.open_leases import LeftOver, Seen, close, settle
+from support.faults.guarded import actions_in
 
 URL = "/dev/no1"
 LEASE = StationLease("ale-1", URL, 19200, "8N1", 1, "ale", "ALE", "1.0", "stand", (1, 2), True)
@@ -50,16 +49,6 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def told(folder: Path) -> list[tuple[str, str, int | None, str]]:
-    path = folder / DIARY
-    rows = (
-        [json.loads(line) for line in path.read_text().splitlines() if line]
-        if path.exists()
-        else []
-    )
-    return [(row["kind"], row["severity"], row["port"], row["text"]) for row in rows]
-
-
 def nobody(folder: Path) -> bool:
     return False
 
@@ -89,7 +78,7 @@ def test_what_was_read_back_closes_so_much_of_the_lease(
     assert ("ale-1" in after) == (left is not None)
     if left is not None:
         assert after["ale-1"] == replace(LEASE, ports=left[0], feeds=left[1])
-    assert told(run) == lines
+    assert actions_in(run) == lines
 
 
 def test_of_two_of_which_one_may_be_hot_not_every_tool_is_safe(run: Path) -> None:
@@ -98,7 +87,7 @@ def test_of_two_of_which_one_may_be_hot_not_every_tool_is_safe(run: Path) -> Non
         run
     ]
     assert read_leases(run) == [replace(OTHER, ports=(2,), feeds=False)]
-    kind, severity, _, text = told(run)[-1]
+    kind, severity, _, text = actions_in(run)[-1]
     assert (kind, severity) == ("guard.left_over", "critical")
     assert (
         text
@@ -113,7 +102,7 @@ def test_of_two_of_which_one_may_be_hot_not_every_tool_is_safe(run: Path) -> Non
 )
 def test_where_another_was_seen_or_none_nothing_is_closed(run: Path, seen: Seen | None) -> None:
     assert close([URL], lambda _: seen, nobody, "jbclog safe") == []
-    assert (read_leases(run), told(run)) == ([LEASE, OTHER], [])
+    assert (read_leases(run), actions_in(run)) == ([LEASE, OTHER], [])
 
 
 def test_a_run_that_goes_on_or_has_its_guard_there_closes_its_lease_itself(run: Path) -> None:
@@ -121,7 +110,7 @@ def test_a_run_that_goes_on_or_has_its_guard_there_closes_its_lease_itself(run: 
     with guard_lock(run):
         assert close([URL], lambda _: SAFE, nobody, "jbclog safe") == []
     assert close(["/dev/no3"], lambda _: SAFE, nobody, "jbclog safe") == []
-    assert (read_leases(run), told(run)) == ([LEASE, OTHER], [])
+    assert (read_leases(run), actions_in(run)) == ([LEASE, OTHER], [])
 
 
 def test_a_lease_stays_open_where_it_cannot_be_written_down_why_it_was_closed(

@@ -4,7 +4,6 @@ it opens.
 
 from __future__ import annotations
 
-import json
 import resource
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,27 +14,17 @@ import pytest
 from jbclog.core.errors import LinkFlooded
 from jbclog.core.states import SafetyResult
 from jbclog.guard import takeover
-from jbclog.guard.action_log import NAME as DIARY
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.takeover import OPENING, TakeOver
 from jbclog.protocol.commands.status import EXTRACTOR, STAND
 from jbclog.session.safety.tools import SafetyTask
 from jbclog.transport.opening import BESIDE
+from support.faults.guarded import actions_in
 
 LEASE = StationLease(
     "dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False
 )
-
-
-def told(folder: Path) -> list[tuple[str, str, int | None, str]]:
-    path = folder / DIARY
-    rows = (
-        [json.loads(line) for line in path.read_text().splitlines() if line]
-        if path.exists()
-        else []
-    )
-    return [(row["kind"], row["severity"], row["port"], row["text"]) for row in rows]
 
 
 @pytest.fixture
@@ -179,7 +168,7 @@ def test_each_tool_is_in_the_diary_once_and_what_is_not_safe_stays_leased(
         for (kind, severity, text), port in zip(lines, ports, strict=False)
         if not (again and severity == "critical")  # that was said the first time
     ]
-    assert told(tmp_path) == expected
+    assert actions_in(tmp_path) == expected
     places = ["dde-1" if port is None else f"dde-1 port {port}" for _, _, port, _ in expected]
     assert [f"{line}." for line in said] == [
         f"{place}: {text[0].lower()}{text[1:]}"
@@ -205,7 +194,7 @@ def test_a_fault_of_a_moment_is_tried_again_and_one_that_stays_is_written_down(
 
     becomes(fails)
     assert TakeOver([LEASE], ActionLog(tmp_path)).run() == left
-    lines = [line[:2] + line[3:] for line in told(tmp_path)]
+    lines = [line[:2] + line[3:] for line in actions_in(tmp_path)]
     assert lines == (
         [("guard.failed", "critical", f"The guard failed, MemoryError: no memory; {HOT}")]
         if left

@@ -21,6 +21,7 @@ from jbclog.record.conclude import files_of
 from jbclog.record.manifest import Manifest, manifest_sha256, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
 from support.records import few_rows
+from support.records.few_rows import with_cell
 from support.records.small_run import make_run
 
 
@@ -131,47 +132,38 @@ def rewrite(folder: Path, table: str, change: Change) -> None:
     write_manifest(folder, manifest)
 
 
-def set_cell(table: pa.Table, row: int, column: str, value: object) -> pa.Table:
-    values = table[column].to_pylist()
-    values[row] = value
-    place = table.schema.get_field_index(column)
-    return table.set_column(
-        place, table.schema.field(column), pa.array(values, table.schema.field(column).type)
-    )
-
-
 @pytest.mark.parametrize(
     ("table", "change", "said"),
     [
         ("samples", lambda t: t.slice(3), "temperature_c: {'due'"),
         ("samples", lambda t: t.filter(pc.not_equal(t["station"], "ale-1")), "ale-1 port 1"),
-        ("samples", lambda t: set_cell(t, 5, "temperature_c", None), "temperature_c"),
+        ("samples", lambda t: with_cell(t, 5, "temperature_c", None), "temperature_c"),
         (
             "samples",
-            lambda t: set_cell(t, 5, "reasons", "temperature_c=timeout"),
+            lambda t: with_cell(t, 5, "reasons", "temperature_c=timeout"),
             "a value of temperature_c and a reason",
         ),
         (
             "samples",
-            lambda t: set_cell(t, 5, "reasons", "temperature_c=timeout"),
+            lambda t: with_cell(t, 5, "reasons", "temperature_c=timeout"),
             "quality ok with reasons temperature_c=timeout",
         ),
         (
             "samples",
-            lambda t: set_cell(t, 5, "reasons", "colour=red"),
+            lambda t: with_cell(t, 5, "reasons", "colour=red"),
             "colour, which is not a signal",
         ),
         (
             "samples",
-            lambda t: set_cell(t, 5, "quality", "timeout"),
+            lambda t: with_cell(t, 5, "quality", "timeout"),
             "quality timeout with reasons None",
         ),
-        ("samples", lambda t: set_cell(t, 9, "tick", 0), "ticks do not rise"),
-        ("samples", lambda t: set_cell(t, 9, "time", 5), "time goes back"),
-        ("counters", lambda t: set_cell(t, 0, "value", None), "plugged_h"),
+        ("samples", lambda t: with_cell(t, 9, "tick", 0), "ticks do not rise"),
+        ("samples", lambda t: with_cell(t, 9, "time", 5), "time goes back"),
+        ("counters", lambda t: with_cell(t, 0, "value", None), "plugged_h"),
         (
             "events",
-            lambda t: set_cell(t, 0, "text", "nothing happened"),
+            lambda t: with_cell(t, 0, "text", "nothing happened"),
             "event 2 does not carry the hash",
         ),
         ("events", lambda t: t.slice(1), "event 2 follows event 0; 1 are missing"),
@@ -198,16 +190,16 @@ def test_the_due_time_of_a_missed_tick_may_lie_before_a_late_answer(run: Path) -
         ).to_pylist()
         rows = [place for place, is_mine in enumerate(mine) if is_mine]
         skipped = samples["time"].to_pylist()[rows[4]]
-        samples = set_cell(samples, rows[3], "time", skipped + timedelta(milliseconds=5))
-        return set_cell(samples, rows[4], "temperature_c", None)
+        samples = with_cell(samples, rows[3], "time", skipped + timedelta(milliseconds=5))
+        return with_cell(samples, rows[4], "temperature_c", None)
 
     rewrite(run, "samples", late)
     assert not any("time goes back" in text for text in texts(run))
 
 
 def test_a_stepped_clock_explains_a_time_that_goes_back(run: Path) -> None:
-    rewrite(run, "samples", lambda t: set_cell(t, 9, "time", 5))
-    rewrite(run, "events", lambda t: set_cell(t, 1, "kind", "clock.step"))
+    rewrite(run, "samples", lambda t: with_cell(t, 9, "time", 5))
+    rewrite(run, "events", lambda t: with_cell(t, 1, "kind", "clock.step"))
     assert not any("time goes back" in text for text in texts(run))
 
 

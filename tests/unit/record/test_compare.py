@@ -17,6 +17,7 @@ import pytest
 from jbclog.record.compare import MOST_SHOWN, compare_records
 from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.record.parts import part_paths
+from support.records.few_rows import with_cell
 from support.records.small_run import make_run
 
 Change = Callable[[pa.Table], pa.Table]
@@ -41,15 +42,6 @@ def rewrite(folder: Path, table: str, change: Change) -> None:
     with pq.ParquetFile(path) as file:
         changed = change(file.read())
     pq.write_table(changed, path)
-
-
-def with_value(table: pa.Table, row: int, column: str, value: object) -> pa.Table:
-    values = table[column].to_pylist()
-    values[row] = value
-    place = table.schema.get_field_index(column)
-    return table.set_column(
-        place, table.schema.field(column), pa.array(values, table.schema.field(column).type)
-    )
 
 
 def test_the_same_run_twice(pair: tuple[Path, Path]) -> None:
@@ -83,7 +75,7 @@ def test_moments_of_writing_and_events_of_the_run_as_a_whole_are_left_out(
 def test_one_value_is_found_and_named(
     pair: tuple[Path, Path], table: str, column: str, value: object
 ) -> None:
-    rewrite(pair[1], table, lambda rows: with_value(rows, 4, column, value))
+    rewrite(pair[1], table, lambda rows: with_cell(rows, 4, column, value))
     (found,) = compare_records(*pair).differences
     assert found.startswith(f"{table}, ")
     assert f"{column} {value!r} instead of" in found

@@ -334,24 +334,26 @@ def test_a_port_that_takes_its_time_to_close_delays_nobody() -> None:
     assert slow.is_closed
 
 
+def until_ended(story: list[str]) -> Steps[None]:
+    """Wait until the run ends, and then for one more answer; both are noted in `story`."""
+    try:
+        yield Wait(soon(LONG_S))
+    except RunEnded as end:
+        story.append(str(end))
+    yield Reopen()
+    story.append((yield Ask(b"stand", LONG_S)).data.decode())
+
+
 def test_a_session_that_breaks_ends_the_others_in_good_order() -> None:
-    story = []
+    story = list[str]()
 
     def broken() -> Steps[None]:
         yield Wait(soon(0.05))
         raise ZeroDivisionError("injected")
 
-    def other() -> Steps[None]:
-        try:
-            yield Wait(soon(LONG_S))
-        except RunEnded as end:
-            story.append(str(end))
-        yield Reopen()
-        story.append((yield Ask(b"stand", LONG_S)).data.decode())
-
     reactor = Reactor()
     reactor.add(broken(), PairPort)
-    reactor.add(other(), PairPort)
+    reactor.add(until_ended(story), PairPort)
     with pytest.raises(ZeroDivisionError, match="injected"):
         reactor.run()
     assert story == ["a session broke: injected", "dnats"]
@@ -361,21 +363,13 @@ def test_what_breaks_beside_the_sessions_ends_them_in_good_order() -> None:
     """An alarm that was lost, say, because there was no memory for it: somebody may wait for it for
     ever.
     """
-    story = []
-
-    def steady() -> Steps[None]:
-        try:
-            yield Wait(soon(LONG_S))
-        except RunEnded as end:
-            story.append(str(end))
-        yield Reopen()
-        story.append((yield Ask(b"stand", LONG_S)).data.decode())
+    story = list[str]()
 
     def fail() -> None:
         raise MemoryError
 
     reactor = Reactor()
-    reactor.add(steady(), PairPort)
+    reactor.add(until_ended(story), PairPort)
     reactor.loop.call_later(0.05, fail)
     with pytest.raises(MemoryError):
         reactor.run(lambda: story.append("all well"))
