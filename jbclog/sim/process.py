@@ -6,7 +6,6 @@ import selectors
 import subprocess
 import sys
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Self
 
 from jbclog.core.errors import UsageError
@@ -61,12 +60,7 @@ class SimProcess:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._process is not None:
             process, self._process = self._process, None
             self._end(process)
