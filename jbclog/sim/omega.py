@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from random import Random
 from typing import Final
-from zlib import crc32
 
 from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import FaultSpec, SimSpec
@@ -33,10 +32,10 @@ from jbclog.protocol.commands.omega import (
 )
 from jbclog.protocol.omega import OmegaReader, encode
 from jbclog.sim.device import AcceptedWrite, FaultyAnswer, RefusedRequest, StationLog
-from jbclog.sim.faults import OF_OMEGA, FaultChange, FaultSchedule
+from jbclog.sim.faults import OF_OMEGA, FaultChange
 from jbclog.sim.soldering import TableRequest
 from jbclog.sim.tip import JointSchedule
-from jbclog.sim.virtual import LineTiming, Reply
+from jbclog.sim.virtual import FaultyStation, LineTiming, Reply
 
 # Where no document describes a controller: it prepares for `WARM_UP_S` after switching on; its
 # temperature leaves the range in the later part of each joint and is back at its end; a condition
@@ -156,19 +155,15 @@ RECORD, NUMBER = StoredCondition(), ConditionNumber()
 SET_C = 350  # of condition 399, which sets a temperature
 
 
-class VirtualOmega:
+class VirtualOmega(FaultyStation):
     """One controller, switched on at `now`. `log` is its own log, `plant` its machine."""
 
-    def __init__(self, spec: StationSpec, *, now: float, seed: int | None = None) -> None:
+    def __init__(self, spec: StationSpec, *, now: float) -> None:
         sim = spec.sim or SimSpec()
         _check_names(spec.name, sim)
+        super().__init__(spec, sim)
         line = LineFormat(spec.baudrate, spec.format)
-        self.name = spec.name
-        self.seed = next(
-            given for given in (seed, sim.seed, crc32(spec.name.encode())) if given is not None
-        )
         self.log = StationLog()
-        self.faults = FaultSchedule(sim.fault, self.seed)
         joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, self.seed, now)
         self.plant = OmegaPlant(now, joints, _stored(spec.name, sim))
         self._random = Random(self.seed)
@@ -179,14 +174,6 @@ class VirtualOmega:
         self._pace = LineTiming(self._character_s, 0.0)
         self._reader = OmegaReader()
         self._silent_until = float("-inf")
-
-    def is_unplugged(self, now: float) -> bool:
-        """Whether the cable is disconnected: there is no port."""
-        return self.faults.unplugged(now)
-
-    def next_plugging(self, now: float) -> float | None:
-        """Return when `is_unplugged` changes next, as far as known."""
-        return self.faults.next_plugging(now)
 
     def advance_to(self, moment: float) -> None:
         """Simulate physics and faults without a request."""

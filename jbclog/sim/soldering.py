@@ -71,27 +71,6 @@ class Identity:
     robot_mode: bool = True
 
 
-def value_of(asked: TableRequest, plant: Plant, identity: Identity, now: float) -> Value:
-    """Return the value of an answer to `asked`; OFF is sent as 99999. Reading alarm flags clears
-    them.
-    """
-    port = plant.ports.get(asked.port)
-    if port is None:
-        return _station_value(asked.command.name, plant, identity, now)
-    port.advance_to(now)
-    name = asked.command.name
-    if (reading := _PORT_READINGS.get(name)) is not None:
-        return reading(port)
-    if name == "status":
-        return (0, plant.feeder.motor(now), 0, int(port.doing.extractor), port.doing.state)
-    if asked.command.writable:
-        return setting(
-            port.settings if asked.command.scope is Scope.PORT else port.tools[asked.tool], name
-        )
-    count = plant.count(name, port, now)
-    return count if name == "dispensed_length" else int(count) % COUNTER_ROOM
-
-
 def setting(holder: object, name: str) -> Value:
     """Return the setting `name`; the class has slots, so an unknown name raises."""
     value: Value = getattr(holder, name)
@@ -162,53 +141,6 @@ def well_formed(command: Command, data: str) -> bool:
 def is_beyond_inferred(command: Command, value: Value) -> bool:
     """Whether the value exceeds a limit that only another manual prints."""
     return command.inferred is not None and command.inferred.limits.problem(value) is not None
-
-
-def allowed(command: Command, value: Value, family: Family, plant: Plant) -> bool:
-    """Whether the station accepts this value, by printed limits and by its own."""
-    if command.limits.problem(value) is not None:
-        return False
-    limits = plant.settings
-    match command.name:
-        case "status":
-            return (
-                isinstance(value, tuple)
-                and value in ORDERS
-                and (value != EXTRACTOR or family.manual != "000")
-            )
-        case "selected_temperature":
-            return (
-                isinstance(value, int)
-                and limits.minimum_temperature <= value <= limits.maximum_temperature
-            )
-        case "maximum_temperature":
-            return (
-                isinstance(value, int)
-                and limits.minimum_temperature < value <= plant.factory.maximum_temperature
-            )
-        case "minimum_temperature":
-            return (
-                isinstance(value, int)
-                and plant.factory.minimum_temperature <= value < limits.maximum_temperature
-            )
-    return True
-
-
-def apply(asked: TableRequest, value: Value, plant: Plant, now: float) -> None:
-    """Apply an accepted write to a port, a tool, the feeder or the station's limits."""
-    plant.advance_to(now)
-    command, port = asked.command, plant.ports.get(asked.port)
-    if port is None:
-        _apply_to_station(command.name, value, plant, now)
-    elif command.name == "status":
-        _order(port, value)
-    else:
-        set_value(
-            port.settings if command.scope is Scope.PORT else port.tools[asked.tool],
-            command.name,
-            value,
-        )
-        port.changed()
 
 
 def set_value(holder: object, name: str, value: Value) -> None:
@@ -286,15 +218,67 @@ class SolderingModel:
         self.plant.advance_to(moment)
 
     def value_of(self, asked: TableRequest, identity: Identity, now: float) -> Value:
-        return value_of(asked, self.plant, identity, now)
+        """Return the value of an answer to `asked`. Reading alarm flags clears them."""
+        port = self.plant.ports.get(asked.port)
+        if port is None:
+            return _station_value(asked.command.name, self.plant, identity, now)
+        port.advance_to(now)
+        name = asked.command.name
+        if (reading := _PORT_READINGS.get(name)) is not None:
+            return reading(port)
+        if name == "status":
+            return (0, self.plant.feeder.motor(now), 0, int(port.doing.extractor), port.doing.state)
+        if asked.command.writable:
+            return setting(
+                port.settings if asked.command.scope is Scope.PORT else port.tools[asked.tool], name
+            )
+        count = self.plant.count(name, port, now)
+        return count if name == "dispensed_length" else int(count) % COUNTER_ROOM
 
     def allowed(self, command: Command, value: Value) -> bool:
-        return allowed(command, value, self.family, self.plant) and not (
+        if command.limits.problem(value) is not None or (
             self.strict and is_beyond_inferred(command, value)
-        )
+        ):
+            return False
+        limits = self.plant.settings
+        match command.name:
+            case "status":
+                return (
+                    isinstance(value, tuple)
+                    and value in ORDERS
+                    and (value != EXTRACTOR or self.family.manual != "000")
+                )
+            case "selected_temperature":
+                return (
+                    isinstance(value, int)
+                    and limits.minimum_temperature <= value <= limits.maximum_temperature
+                )
+            case "maximum_temperature":
+                return (
+                    isinstance(value, int)
+                    and limits.minimum_temperature < value <= self.plant.factory.maximum_temperature
+                )
+            case "minimum_temperature":
+                return (
+                    isinstance(value, int)
+                    and self.plant.factory.minimum_temperature <= value < limits.maximum_temperature
+                )
+        return True
 
     def apply(self, asked: TableRequest, value: Value, now: float) -> None:
-        apply(asked, value, self.plant, now)
+        self.plant.advance_to(now)
+        command, port = asked.command, self.plant.ports.get(asked.port)
+        if port is None:
+            _apply_to_station(command.name, value, self.plant, now)
+        elif command.name == "status":
+            _order(port, value)
+        else:
+            set_value(
+                port.settings if command.scope is Scope.PORT else port.tools[asked.tool],
+                command.name,
+                value,
+            )
+            port.changed()
 
     def restart(self, now: float) -> None:
         self.plant.restart(now)

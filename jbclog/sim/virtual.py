@@ -210,20 +210,33 @@ class LineTiming:
         return self._sent_at
 
 
-class VirtualStation:
+class FaultyStation:
+    """The name, seed and faults of a virtual station."""
+
+    def __init__(self, spec: StationSpec, sim: SimSpec) -> None:
+        self.name = spec.name
+        self.seed = crc32(spec.name.encode()) if sim.seed is None else sim.seed
+        self.faults = FaultSchedule(sim.fault, self.seed)
+
+    def is_unplugged(self, now: float) -> bool:
+        """Whether the cable is disconnected: there is no port."""
+        return self.faults.unplugged(now)
+
+    def next_plugging(self, now: float) -> float | None:
+        """Return when `is_unplugged` changes next, as far as known."""
+        return self.faults.next_plugging(now)
+
+
+class VirtualStation(FaultyStation):
     """One station, switched on at `now`. `log` is its own log, `plant` the physics of a soldering
     station.
     """
 
-    def __init__(self, spec: StationSpec, *, now: float, seed: int | None = None) -> None:
+    def __init__(self, spec: StationSpec, *, now: float) -> None:
         sim = spec.sim or SimSpec()
+        super().__init__(spec, sim)
         line = LineFormat(spec.baudrate, spec.format)
-        self.name = spec.name
-        self.seed = next(
-            given for given in (seed, sim.seed, crc32(spec.name.encode())) if given is not None
-        )
         self.device = build_device(spec, now, self.seed)
-        self.faults = FaultSchedule(sim.fault, self.seed)
         self._pace = LineTiming(line.character_s if sim.wire else 0.0, sim.turnaround_ms / 1000)
         self._reader = FrameReader()
         self._whole = True  # the reader holds no partial frame
@@ -240,14 +253,6 @@ class VirtualStation:
         if not isinstance(face, SolderingModel):
             raise TypeError(f"{self.name} is no soldering station")
         return face.plant
-
-    def is_unplugged(self, now: float) -> bool:
-        """Whether the cable is disconnected: there is no port."""
-        return self.faults.unplugged(now)
-
-    def next_plugging(self, now: float) -> float | None:
-        """Return when `is_unplugged` changes next, as far as known."""
-        return self.faults.next_plugging(now)
 
     def advance_to(self, moment: float) -> None:
         """Simulate physics and faults without a request."""
