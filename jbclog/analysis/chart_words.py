@@ -10,8 +10,7 @@ import numpy as np
 
 from jbclog.analysis import spc
 from jbclog.analysis.charts import Charted, Counted, Ranked
-from jbclog.analysis.trend_words import capability_text
-from jbclog.core.text import count_text
+from jbclog.analysis.trend_words import capability_facts, capability_text, signals_text
 
 MOST: Final = 10
 
@@ -58,9 +57,11 @@ def _charted(one: Charted) -> Iterator[str]:
 
 def _chart(chart: spc.Chart, names: list[str], unit: str, name: str | None = None) -> Iterator[str]:
     shape = "" if chart.distribution == "normal" else f" ({chart.distribution})"
-    signals = count_text(len(chart.signals), "signal") if chart.signals else "no signal"
     limits = f"limits {chart.lower[-1]:.4g} to {chart.upper[-1]:.4g}"
-    yield f"  {name or chart.name}: centre {chart.centre:.4g}, {limits} {unit}{shape}; {signals}"
+    yield (
+        f"  {name or chart.name}: centre {chart.centre:.4g}, {limits} {unit}{shape};"
+        f" {signals_text(chart.signals)}"
+    )
     # a moving range belongs to the later one of its two values
     offset = len(names) - len(chart.points)
     for signal in chart.signals[:MOST]:
@@ -118,7 +119,6 @@ def facts(one: Charted | Counted | Ranked) -> dict[str, object]:
         own = {"refused": asdict(one.charts)}
     else:
         own = [_facts(chart, one.names) for chart in one.charts]
-    index = one.capability
     return {
         "station": series.station,
         "port": series.port,
@@ -133,13 +133,7 @@ def facts(one: Charted | Counted | Ranked) -> dict[str, object]:
         "values": series.values.tolist(),
         "charts": own,
         "fixed": None if one.fixed is None else _facts(one.fixed, series.names),
-        "capability": (
-            None
-            if index is None
-            else {"refused": asdict(index)}
-            if isinstance(index, spc.Refused)
-            else asdict(index)
-        ),
+        "capability": capability_facts(one.capability),
         "notes": one.notes,
     }
 

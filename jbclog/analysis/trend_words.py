@@ -55,11 +55,15 @@ def chart_text(trend: Trend) -> str:
     if isinstance(trend.chart, spc.Refused):
         return f"none. {trend.chart.text}"
     values = trend.chart[0]
-    signals = count_text(len(trend.signals), "signal") if trend.signals else "no signal"
     return (
         f"individuals {values.centre:.4g}, limits {values.lower[0]:.4g} to {values.upper[0]:.4g}"
-        f" {trend.unit}; {signals}"
+        f" {trend.unit}; {signals_text(trend.signals)}"
     )
+
+
+def signals_text(signals: Sequence[object]) -> str:
+    """Return the number of signals in words."""
+    return count_text(len(signals), "signal") if signals else "no signal"
 
 
 def capability_text(found: spc.Capability | spc.Refused, each: str = "run") -> str:
@@ -113,7 +117,7 @@ def facts(trend: Trend) -> dict[str, object]:
         "mean": trend.mean,
         "sd": trend.sd,
         "chart": chart,
-        "capability": _capability(trend.capability),
+        "capability": capability_facts(trend.capability),
         "changes": trend.changes,
         "warnings": trend.warnings,
         "points": [
@@ -123,7 +127,8 @@ def facts(trend: Trend) -> dict[str, object]:
     }
 
 
-def _capability(found: spc.Capability | spc.Refused | None) -> dict[str, object] | None:
+def capability_facts(found: spc.Capability | spc.Refused | None) -> dict[str, object] | None:
+    """Return the capability, or why it is refused, as values for JSON."""
     if found is None:
         return None
     return {"refused": asdict(found)} if isinstance(found, spc.Refused) else asdict(found)
