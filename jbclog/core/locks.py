@@ -188,6 +188,13 @@ def holder_pid(folder: Path) -> int:
     return int(_inside(folder, "pid"))
 
 
+def processes() -> list[int]:
+    """Return the ids of all processes of this computer; none without /proc."""
+    with contextlib.suppress(OSError):
+        return [int(place.name) for place in Path("/proc").iterdir() if place.name.isdigit()]
+    return []
+
+
 def commit_status(folder: Path) -> CommitStatus:
     """Return the commit status that the last recorder wrote; zeros where none is readable."""
     return CommitStatus(

@@ -20,7 +20,7 @@ from typing import Final
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import NotReadable
 from jbclog.core.locks import NAME as LOCK
-from jbclog.core.locks import holder_pid, is_held
+from jbclog.core.locks import holder_pid, is_held, processes
 from jbclog.core.serial_line import PortAddress, port_address
 
 RUNNING: Final = "running"
@@ -34,7 +34,7 @@ def run_that_holds(url: str) -> Path | None:
 def runs_in_progress() -> Iterator[Path]:
     """Yield the folders that recorders of this user (for root: of all users) are writing to."""
     seen: set[Path] = set()
-    for process in _processes():
+    for process in processes():
         for folder in _folders_of(process):
             if folder not in seen and _is_recorded(folder):
                 seen.add(folder)
@@ -82,12 +82,6 @@ def recorder_of(folder: Path) -> int | None:
 def run_of(process: int) -> Path | None:
     """Return the folder of the run that this process records."""
     return next(_folders_of(process), None)
-
-
-def _processes() -> list[int]:
-    with contextlib.suppress(OSError):
-        return [int(place.name) for place in Path("/proc").iterdir() if place.name.isdigit()]
-    return []
 
 
 def _folders_of(process: int) -> Iterator[Path]:

@@ -13,6 +13,8 @@ from typing import Final
 
 from serial.tools import list_ports
 
+from jbclog.core.locks import processes
+
 BY_ID: Final = Path("/dev/serial/by-id")
 TIMERS: Final = Path("/sys/bus/usb-serial/devices")
 
@@ -115,10 +117,10 @@ def openers_of(devices: Iterable[str]) -> set[tuple[str, int]]:
         with contextlib.suppress(OSError, ValueError):
             found = Path(device).stat()
             wanted[found.st_rdev, found.st_ino] = device
-    processes = [process for process in _processes() if process != os.getpid()] if wanted else []
+    others = [process for process in processes() if process != os.getpid()] if wanted else []
     return {
         (wanted[number], process)
-        for process in processes
+        for process in others
         for number in _open_in(process)
         if number in wanted
     }
@@ -171,7 +173,7 @@ def _locker(wanted: os.stat_result) -> int | None:
 def _openers(wanted: os.stat_result) -> Iterator[int]:
     """Return other processes that have it open: the same user's, all for root."""
     return (
-        process for process in _processes() if process != os.getpid() and _has_open(process, wanted)
+        process for process in processes() if process != os.getpid() and _has_open(process, wanted)
     )
 
 
@@ -189,12 +191,6 @@ def _is_behind(process: int, number: int) -> bool:
                 if f"tty-index:\t{number}\n" in described.read_text():
                     return True
     return False
-
-
-def _processes() -> list[int]:
-    with contextlib.suppress(OSError):
-        return [int(place.name) for place in Path("/proc").iterdir() if place.name.isdigit()]
-    return []
 
 
 def _has_open(process: int, wanted: os.stat_result) -> bool:
