@@ -306,7 +306,8 @@ class SlowReadings:
         One that has waited a whole period is returned even without time: on a link with many
         repeats ticks may be late or skipped, but slow signals are not starved.
         """
-        self._fall_due(now)
+        if self._coming and self._coming[0][0] <= now:
+            self._fall_due(now)
         if not self._waiting:
             return None
         one = min(self._waiting, key=_urgency)
@@ -330,7 +331,9 @@ class SlowReadings:
 
         But not before the tick due at `following`, nor twice in a row: a row has one value for it.
         """
-        self.worst_periods = max(self.worst_periods, (now - slow.last) / slow.period_s)
+        waited = (now - slow.last) / slow.period_s
+        if waited > self.worst_periods:
+            self.worst_periods = waited
         slow.last = now
         slow.due = max(slow.due + slow.period_s, now + slow.period_s / 2, following)
         self._waiting.remove(slow)

@@ -11,12 +11,14 @@ import pytest
 from jbclog.config.line import parse_line
 from jbclog.core.errors import RecordError
 from jbclog.core.io_requests import Steps
+from jbclog.core.quantities import Value
 from jbclog.core.rows import EventRow, SampleRow
 from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.session.run import station_run as session_run
 from jbclog.session.run.context import SessionContext
-from jbclog.session.run.scan import Scanner
+from jbclog.session.run.readings import Fill, fill_of
 from jbclog.session.safety.secure import LOOK_S
+from jbclog.session.scheduler import ScheduledRead
 from jbclog.sim.port import STAND as STANDING
 from jbclog.sim.port import SimPort
 from jbclog.sim.virtual import build_device
@@ -155,14 +157,19 @@ def test_a_run_that_is_refused_half_way(at_s: float) -> None:
 @pytest.mark.parametrize("reading", [0, 1, 7, 50])
 def test_a_fault_of_this_program(monkeypatch: pytest.MonkeyPatch, reading: int) -> None:
     """An exception that nobody expected, at some reading."""
-    keep, count = Scanner._keep, iter(range(10_000))
+    count = iter(range(10_000))
 
-    def broken(*arguments: object) -> None:
-        if next(count) == reading:
-            raise ZeroDivisionError("injected")
-        keep(*arguments)  # type: ignore[arg-type]
+    def broken_fill(read: ScheduledRead, context: SessionContext) -> Fill:
+        fill = fill_of(read, context)
 
-    monkeypatch.setattr(Scanner, "_keep", broken)
+        def broken(row: SampleRow, value: Value) -> None:
+            if next(count) == reading:
+                raise ZeroDivisionError("injected")
+            fill(row, value)
+
+        return broken
+
+    monkeypatch.setattr("jbclog.session.run.scan.fill_of", broken_fill)
     run = prepare(duration_s=5).go()
     assert run.facts.outcome == "failed"
     assert "ZeroDivisionError: injected" in run.facts.reason

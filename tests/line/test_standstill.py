@@ -11,7 +11,7 @@ import pytest
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Steps, Wait
 from jbclog.core.rows import COLUMN
-from jbclog.session.run.sampling import Standstill
+from jbclog.session.run.lateness import Standstill
 from support.oracles.account import assert_account_holds
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
 

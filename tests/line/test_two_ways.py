@@ -1,12 +1,20 @@
-"""A sample is read by `request` and `value`, and by `ask` where the answer is not as expected: both
-give the same record.
+"""A sample is read by `Sampler._take` alone where its answer is as expected, and else by
+`Scanner.settle`: both give the same record.
 """
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+
 import pytest
 
+from jbclog.core.io_requests import IoResult, Steps
+from jbclog.core.quantities import Value
 from jbclog.protocol.client.robot import Station
+from jbclog.session.run.scan import PortScan, Scanner, SignalRead
+from support.oracles.account import assert_account_holds
 from support.virtual.lines import fault, hot_air
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
@@ -38,6 +46,28 @@ LINKS = {
 }
 
 
+def stopped() -> VirtualRun:
+    """The host stands still between requests and within them, for long and for short."""
+    run = prepare(duration_s=40.0)
+    for at_s, for_s in ((4.0, 0.45), (6.003, 0.45), (9.013, 1.3), (15.031, 8.0), (28.05, 6.0)):
+        run.at(at_s, lambda s=for_s: run.driver.clock.advance_to(run.driver.clock.monotonic() + s))  # type: ignore[misc]
+    return run
+
+
+def ended(at_s: float) -> VirtualRun:
+    run = prepare(duration_s=None)
+    run.at(at_s, lambda: run.driver.end("stopped"))
+    return run
+
+
+def flooded() -> VirtualRun:
+    """A flood that ends in the pause before a tick, so that the next request finds it."""
+    run = prepare(line_text(keys="ports = [1]"), duration_s=12.0, rate=2.0)
+    for second in range(5, 12):
+        run.at(second - 0.3, lambda: run.driver.say("dde-1", b"x" * 5000))
+    return run
+
+
 def recorded(run: VirtualRun) -> list[object]:
     """All that the run recorded, and all that its station was asked."""
     memory = run.go().memory
@@ -66,3 +96,36 @@ def test_both_ways_record_the_same(family: str, link: str, monkeypatch: pytest.M
     assert recorded(made(family, LINKS[link])) == short
     assert len(requests) > 100  # else the second run did not go the other way
     assert short[0]
+
+
+RUNS: dict[str, Callable[[], VirtualRun]] = {
+    "flooded": flooded,
+    "stopped": stopped,
+    **{f"ended at {s}": partial(ended, s) for s in (3.0, 3.003, 3.013, 3.031, 3.05, 3.0901)},
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_both_ways_record_the_same_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = RUNS[name]()
+    short = recorded(run)
+    assert bool(run.memory.of_kind("link.flooded")) == (name == "flooded")
+    assert bool(run.memory.of_kind("host.suspended")) == (name == "stopped")
+    assert_account_holds(run)
+    monkeypatch.setattr(Station, "request", lambda station, question: None)
+    assert recorded(RUNS[name]()) == short
+
+
+def test_a_good_answer_goes_the_short_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    settle, settled = Scanner.settle, list[str]()
+
+    def counted(
+        scanner: Scanner, probe: SignalRead, scan: PortScan, *result: IoResult | Value
+    ) -> Steps[None]:
+        settled.append(probe.reading.name)
+        return settle(scanner, probe, scan, *result)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Scanner, "settle", counted)
+    run = prepare(duration_s=60.0).go()
+    assert run.facts.outcome == "completed", run.facts.reason
+    assert len(settled) < len(run.memory.samples) / 10, Counter(settled)

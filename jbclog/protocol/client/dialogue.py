@@ -56,8 +56,8 @@ KNOWN_QUESTIONS = 4096
 
 
 Known = tuple[dict[bytes, tuple[str, Value]], dict[str, Value], dict[str, int]]
-"""Caches: complete answers to data fields with their values, data fields to values, and odd data
-fields to their B-numbers.
+"""Caches: complete answers in the recommended form to data fields with their values, data fields to
+values, and odd data fields to their B-numbers.
 """
 
 
@@ -79,9 +79,11 @@ class Question:
     answer_start: bytes  # STX, addresses, A and the code
     answer_length: int
     wire_s: float
+    usual: Ask  # its request with the time-out of nearly every read
     tries: int  # at most
     is_short: bool
-    known: dict[bytes, tuple[str, Value]]  # complete answers that were checked before
+    # complete answers that were checked before, and of which nothing is to be noted
+    known: dict[bytes, tuple[str, Value]]
     _values: dict[str, Value]
     odd: dict[str, int]  # B-numbers of accepted data fields with an odd form
     also: str = ""
@@ -109,7 +111,7 @@ class Question:
             answer = text, self.value_of(text)
         except ValueError:
             return None
-        if len(self.known) < KNOWN_ANSWERS:
+        if not self.also and self.odd_row(text) is None and len(self.known) < KNOWN_ANSWERS:
             self.known[data] = answer
         return answer
 
@@ -160,6 +162,7 @@ REPEATS = 2  # a read is sent three times at most
 # response time allowed for before any was measured (docs/reference/contradictions.md, B-13)
 UNMEASURED_S = 0.3
 LEAST_S = 0.1  # minimum response time allowed for: a busy host may need that long to pass bytes on
+FAST_S = LEAST_S / 4  # up to this response time nothing more is allowed for
 SETTING_S = 1.0  # the minimum for a write: a setting, a tool's state
 # the minimum for a write that erases, stores, restarts, moves or changes the address
 STORING_S = 2.0
@@ -217,7 +220,7 @@ class Dialogue:
         self._is_clear = True  # nothing was in doubt when the pending request left
         self._pending = self._last = ""  # codes of the pending request and of the one before
         self._is_overdue = False  # the last request timed out
-        self._patience_s = 0.0  # of the pending request
+        self._request = Ask(b"", 0.0)  # the pending one
         # the learnt order of addresses in answers (docs/reference/contradictions.md, B-6)
         self._answer_from_station = True
         # addresses that may acknowledge the pending change of address
@@ -244,15 +247,28 @@ class Dialogue:
         start = self._frame("A", code, sending=not self._answer_from_station)[:-2]
         length = len(start) + (UNEXPECTED_LENGTH if digits is None else digits) + 2
         wire_s = self.line.seconds(len(frame) + length)
+        usual = Ask(frame, wire_s + LEAST_S)
         tries = 1 if is_write or command.sent_once else 1 + REPEATS
         is_short = command.scope is Scope.STATION and len(code) == 2
         known = known_answers(frame, command, start)
         question = Question(
-            command, port, frame, code, digits, start, length, wire_s, tries, is_short, *known
+            command,
+            port,
+            frame,
+            code,
+            digits,
+            start,
+            length,
+            wire_s,
+            usual,
+            tries,
+            is_short,
+            *known,
         )
         answered_as = (WRITE_ANSWERED_AS if is_write else READ_ANSWERED_AS).get(command.name)
         if answered_as is not None:
             question.also_number, question.also = answered_as[0], f"{answered_as[1]}{port}"
+            question.known = {}  # not another station's, of which its own code may be known
         if is_write:
             question.is_write, question.least_s = True, least_s(command)
             question.repeated = data if command.name in ACKNOWLEDGED_WITH_VALUE else ""
@@ -269,8 +285,6 @@ class Dialogue:
     def patience_s(self, question: Question) -> float:
         """Return the time-out of a request, from the moment it is sent."""
         seen = self.turnaround_s
-        if seen is not None and 4 * seen <= LEAST_S >= question.least_s:
-            return question.wire_s + LEAST_S  # of nearly every read
         from_reads = UNMEASURED_S if seen is None else min(max(LEAST_S, 4 * seen), MOST_S)
         return question.wire_s + max(from_reads, question.least_s)
 
@@ -282,7 +296,7 @@ class Dialogue:
             if text is not None:
                 self._note_time(heard.now, question, question.wire_s)
                 return text
-        return (yield from self._gather(question, heard, heard.sent + self._patience_s))
+        return (yield from self._gather(question, heard, heard.sent + self._request.patience_s))
 
     def _begin(self, question: Question) -> Ask:
         """Note that `question` is sent, and return the request; only writes on a flooded link."""
@@ -295,10 +309,11 @@ class Dialogue:
         doubted.append(question.code)  # until this or a later request is answered
         if len(doubted) > MOST_DOUBTED:
             del doubted[0]
-        self._patience_s = patience_s = (
+        patience_s = (
             self._patience_of_write_s(question) if question.is_write else self.patience_s(question)
         )
-        return Ask(question.frame, patience_s)
+        self._request = request = Ask(question.frame, patience_s)
+        return request
 
     def _count(self, question: Question, heard: IoResult) -> bool:
         """Note the result of a request; return whether no answer may be accepted, because far more

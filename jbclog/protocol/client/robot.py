@@ -39,6 +39,7 @@ from jbclog.core.io_requests import Ask, IoResult, Steps
 from jbclog.core.quantities import Value
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.dialogue import (
+    FAST_S,
     LEAST_S,
     REPEATS,
     AnsweredByOtherCode,
@@ -98,12 +99,51 @@ class Station(Dialogue):
 
     def request(self, question: PreparedRead) -> Ask | None:
         assert isinstance(question, Question)
-        if question.is_short or question.code in self._doubted:
+        seen = self.turnaround_s
+        if (
+            self._doubted
+            or question.is_short
+            or seen is None
+            or seen > FAST_S
+            or self._reader.held
+            or self.flow.found is not None
+        ):
+            return self._unusual_request(question)
+        # `_begin`, where nothing is in doubt, in the way, or slow
+        self._last, self._pending, self._is_clear = self._pending, question.code, True
+        self._doubted.append(question.code)
+        self._request = request = question.usual
+        return request
+
+    def _unusual_request(self, question: Question) -> Ask | None:
+        if question.is_short or question.code in self._doubted or self.flow.found is not None:
             return None
         return self._begin(question)
 
     def value(self, question: PreparedRead, heard: IoResult) -> Value | None:
         assert isinstance(question, Question)
+        answer = question.known.get(heard.data)
+        now, seen, flow = heard.now, self.turnaround_s, self.flow
+        if answer is None or seen is None or now >= flow.quiet_until:
+            return self._unusual_value(question, heard)
+        # `_count` and `_note_time`, where all that came is a plain answer, and none to an earlier
+        # request can be on its way
+        self.exchanges += 1
+        flow.in_order += question.answer_length
+        self.now = self.heard = now
+        self.sent = sent = heard.sent
+        self._doubted.clear()
+        self._is_overdue = False
+        took = now - sent - question.wire_s
+        if took < 0.0:
+            took = 0.0
+        self.turnaround_s = took if took > seen else seen * 0.999 + took * 0.001
+        if not self._answer_from_station:
+            self.anomalies.counts[6] += 1
+        self.data, value = answer
+        return value
+
+    def _unusual_value(self, question: Question, heard: IoResult) -> Value | None:
         if self._count(question, heard):
             return None
         answer = question.known.get(heard.data) or question.answer_in(heard.data)
@@ -254,7 +294,8 @@ class Station(Dialogue):
     def unasked(self, heard: IoResult) -> None:
         """Note the time and bytes received without a request."""
         self.now = heard.now
-        self.flow.came(heard.now, len(heard.data))
+        if heard.data or heard.now >= self.flow.quiet_until:
+            self.flow.came(heard.now, len(heard.data))
         if heard.data:
             self.strays["unasked"] += 1
             self._reader.feed(heard.data)  # dropped with the next request

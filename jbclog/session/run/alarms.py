@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
+from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.watch import counts
@@ -45,10 +46,13 @@ def bears_out(context: SessionContext, port: PortState, value: int) -> bool:
     """Whether `value` is the first beyond a limit while alarms count, so that it makes a set flag
     an alarm.
     """
-    return counts(context, port) and any(
-        _is_beyond(side, port, value) and not _is_beyond(side, port, port.temperature_c)
-        for side in SIDES
-    )
+    before = port.temperature_c
+    if value == before:
+        return False
+    for side in SIDES:
+        if _is_beyond(side, port, value) and not _is_beyond(side, port, before):
+            return counts(context, port)
+    return False
 
 
 def _is_beyond(side: _Side, port: PortState, value: int | None) -> bool:
@@ -73,6 +77,11 @@ class AlarmWatch:
         self._port = port
         self._last_read: float | None = None
         self._reported: dict[str, FlagState] = {}  # set flags, as reported
+
+    def observe(self, word: Value) -> None:
+        """Process the flags just read as `word`."""
+        if isinstance(word, tuple):
+            self.read(word, self._context.station.heard)
 
     def read(self, word: tuple[int, ...], now: float) -> None:
         """Process the flags read as `word` at `now`."""

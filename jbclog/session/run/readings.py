@@ -218,8 +218,10 @@ class SecondLook:
 
     def is_due(self, context: SessionContext, value: Value) -> bool:
         """Whether `value` is doubtful."""
-        doubtful = self.doubt is not None and self.doubt(context, self.port, value)
-        if not (doubtful or self._is_impossible(value)):
+        doubt, possible = self.doubt, self.possible
+        if (doubt is None or not doubt(context, self.port, value)) and (
+            possible is None or possible(value)
+        ):
             return False
         # else it means nothing anyway
         return context.family.void(self.reading.name, self.port.tool, self.port.error) is None

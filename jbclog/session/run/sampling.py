@@ -9,18 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from math import inf
-from typing import Final, NamedTuple
 
 from jbclog.core.errors import LinkError, RobotModeOff, StartRefused, StationError, StationSilent
-from jbclog.core.io_requests import Ask, IoResult, Listen, Request, RunEnded, Steps, T, Wait
+from jbclog.core.io_requests import IoResult, RunEnded, Steps, T, Wait
 from jbclog.core.quantities import OFF, text_of
 from jbclog.core.rows import SettingOutcome, SettingRow, Severity
+from jbclog.protocol.client.dialogue import LEAST_S
 from jbclog.protocol.commands.command import Scope
 from jbclog.session.run.alarms import AlarmWatch
 from jbclog.session.run.apply import read_tool, readable_settings
 from jbclog.session.run.context import PortState, ReadingCount, SessionContext
+from jbclog.session.run.lateness import KIND, SLOW_KIND, WHY_STILL, SkippedTicks, Standstill
 from jbclog.session.run.safe import put_in_safe_state
 from jbclog.session.run.scan import SKIPPED, PortScan, Scanner, SignalRead
 from jbclog.session.run.watch import report_completions
@@ -94,149 +93,6 @@ def _make_safe(context: SessionContext, port: PortState) -> Steps[None]:
     yield from put_in_safe_state(context, port)
 
 
-# Skipped ticks are reported together, so that a busy hour does not become thousands of events:
-# after `QUIET_S` without one, and every `LONGEST_S` during a long series.
-
-KIND: Final = "host.busy"
-SLOW_KIND: Final = "station.slow"
-QUIET_S: Final = 10.0
-LONGEST_S: Final = 300.0
-
-
-@dataclass(slots=True)
-class SkippedTicks:
-    """Skipped ticks not reported yet. Times are monotonic seconds; `since` is when the first tick
-    was due.
-    """
-
-    ticks: int = 0
-    places: int = 0
-    late_s: float = 0.0
-    since: float = 0.0
-    last: float = 0.0
-
-    def add(self, ticks: int, due: float, now: float) -> None:
-        """Count `ticks` skipped from the one due at `due` on; it is `now`."""
-        if not self.ticks:
-            self.since = due
-        self.ticks += ticks
-        self.places += 1
-        self.late_s = max(self.late_s, now - due)
-        self.last = now
-
-    def is_due(self, now: float) -> bool:
-        return self.ticks > 0 and (now - self.last >= QUIET_S or now - self.since >= LONGEST_S)
-
-    def text(self, period_s: float) -> str:
-        why = "the computer was busy, or something stopped the recorder for a moment"
-        return (
-            f"The recorder was too late ({why}): {self._what(period_s)}; less work beside the run"
-            " helps."
-        )
-
-    def text_of_station(self, period_s: float) -> str:
-        return (
-            f"The station was slow to answer, or did not: {self._what(period_s)}; a lower rate"
-            " leaves more time."
-        )
-
-    def _what(self, period_s: float) -> str:
-        ticks = f"{self.ticks} tick{'' if self.ticks == 1 else 's'} of {period_s:g} s"
-        places = "" if self.places == 1 else f" in {self.places} places"
-        return f"{ticks} not run{places}, {self.late_s:.2f} s late at most"
-
-
-# A station that hangs makes a tick late, and so does a suspended host, which is an event of its own
-# (docs/reference/tables.md). The request distinguishes them: it says until when it may last.
-
-# A stopped process and a busy or suspended computer cannot always be told apart, so the texts name
-# both.
-WHY_STILL: Final = "the computer was suspended or stood still, or something stopped the recorder"
-SUSPENDED_S = 5.0  # a longer standstill of the host is an event, and its ticks have no rows
-
-
-class LateSpan(NamedTuple):
-    """From the latest time at which a request should have returned to the time at which it did,
-    monotonic seconds.
-    """
-
-    begin: float
-    end: float
-
-
-@dataclass(slots=True)
-class Standstill:
-    """Standstills of the host since `spans` was last cleared, and the total time by which requests
-    returned late.
-
-    Waiting is no standstill: that begins when the pending request should have ended.
-    """
-
-    spans: list[LateSpan] = field(default_factory=list)
-    late_s: float = 0.0
-    _due: float = -inf  # until here the host was running, or had nothing to do
-
-    def watch(self, steps: Steps[T], now: float) -> Steps[T]:
-        """Run `steps` from `now` on, and note by how much their requests return late."""
-        self._due = max(self._due, now)
-        try:
-            request = next(steps)
-            # not `relay`, for every sample passes here; nearly all are answers in time, which need
-            # no note
-            while True:
-                try:
-                    heard = yield request
-                except Exception as error:  # without a time: does not count as the host's
-                    self._due = _latest(request, self._due)
-                    request = steps.throw(error)
-                else:
-                    due, self._due = self._due, heard.now
-                    if (
-                        type(request) is not Ask
-                        or not heard.data
-                        or heard.late_s
-                        or heard.now > due + request.patience_s
-                    ):
-                        self._note(min(_latest(request, due), _held_up(request, heard)), heard.now)
-                    request = steps.send(heard)
-        except StopIteration as end:
-            result: T = end.value
-            return result
-        finally:
-            steps.close()
-
-    def _note(self, begin: float, end: float) -> None:
-        """Note that a request that should have ended at `begin` ended at `end`."""
-        if end > begin:
-            self.late_s += end - begin
-            if end - begin > SUSPENDED_S:
-                self.spans.append(LateSpan(begin, end))
-
-    def covers(self, moment: float) -> bool:
-        """Whether `moment` is within a standstill."""
-        return any(span.begin < moment <= span.end for span in self.spans)
-
-
-def _latest(request: Request, now: float) -> float:
-    """Return the time by which `request` should have returned. Reopening a port, and `Gather`, have
-    no limit.
-    """
-    match request:
-        case Ask():
-            return now + request.patience_s
-        case Listen() | Wait():
-            return max(now, request.until)
-        case _:
-            return inf
-
-
-def _held_up(request: Request, heard: IoResult) -> float:
-    """Return since when an answer may have been waiting for the driver; for other requests only
-    their end matters.
-    """
-    return heard.now - heard.late_s if isinstance(request, Ask | Listen) and heard.data else inf
-
-
 FINISH_S = 0.5  # a tick in which the run is ended may take this much longer; hot tools are waiting
 
 
@@ -267,16 +123,18 @@ class Sampler:
         self._standstill = Standstill()
         self._busy = SkippedTicks()
         self._slow = SkippedTicks()
-        self._late_s = 0.0  # current delay caused by the computer
         context.facts.skipped_by_host = context.facts.skipped_by_host or 0
         self._ending: RunEnded | None = None
         self._finish_by = math.inf
         self._scanner = Scanner(context)
-        self._probes = {(one.name, one.port): SignalRead.of(context, one) for one in readings}
+        alarms = {number: AlarmWatch(context, port) for number, port in context.ports.items()}
+        self._probes = {
+            (one.name, one.port): SignalRead.of(context, one, alarms[one.port]) for one in readings
+        }
         context.count_readings = self._count_readings
         self._scans = {
-            port.number: PortScan(port, self._fast_of(port.number), AlarmWatch(context, port))
-            for port in context.ports.values()
+            number: PortScan(port, self._fast_of(number), alarms[number])
+            for number, port in context.ports.items()
         }
 
     def _count_readings(self, port: int) -> ReadingCount:
@@ -330,45 +188,46 @@ class Sampler:
         Raises `StationLost` after writing the rows of its tick, and `StartRefused` where the
         station has nothing to sample.
         """
+        standstill, station = self._standstill, self.context.station
+        standstill.due = max(standstill.due, station.now)
         while not self.is_over(tick):
-            self._standstill.spans.clear()
-            self._late_s = min(self._late_s, max(self.context.now - self.grid.due(tick), 0.0))
-            yield from self.watched(self._await(tick))
+            due = self.grid.due(tick)
+            standstill.spans.clear()
+            if standstill.late_s:  # no tick was late for longer than this one is
+                standstill.late_s = min(standstill.late_s, max(station.now - due, 0.0))
+            if self.paced:
+                wait = Wait(due)
+                heard = yield wait
+                standstill.wait_over(wait, heard.now)
+                station.unasked(heard)
+            self.context.facts.last_tick = tick
+            yield from self._tick(tick, due if self.paced else None)
             # without pause the loop would never wait
             if not any(scan.fast for scan in self._scans.values()):
                 raise StartRefused(
                     f"{self.context.name}: it knows none of the signals that are read on every tick"
                 )
             report_completions(self.context)
-            yield from self.watched(self._meet_new_tools())
+            for port in self.context.ports.values():
+                if port.tool_is_new:
+                    yield from self._meet_new_tool(port)
             tick = self._following(tick)
-            self._report_skipped()
+            if self._busy.ticks or self._slow.ticks:
+                self._report_skipped()
         return tick
 
     def watched(self, steps: Steps[T]) -> Steps[T]:
         """Run `steps` and note the host's delays."""
-        self._standstill.late_s = 0.0
+        return self._standstill.watch(steps, self.context.now)
+
+    def _meet_new_tool(self, port: PortState) -> Steps[None]:
         try:
-            return (yield from self._standstill.watch(steps, self.context.now))
-        finally:
-            self._late_s += self._standstill.late_s
-
-    def _await(self, tick: int) -> Steps[None]:
-        if self.paced:
-            self.context.station.unasked((yield Wait(self.grid.due(tick))))
-        self.context.facts.last_tick = tick
-        yield from self._tick(tick)
-
-    def _meet_new_tools(self) -> Steps[None]:
-        for port in self.context.ports.values():
-            if port.tool_is_new:
-                try:
-                    yield from meet_tool(self.context, port)
-                except (LinkError, StationSilent, RobotModeOff) as error:
-                    raise StationLost(error) from error
+            yield from self.watched(meet_tool(self.context, port))
+        except (LinkError, StationSilent, RobotModeOff) as error:
+            raise StationLost(error) from error
 
     def _following(self, tick: int) -> int:
-        if not self.paced:
+        if not self.paced or self.context.station.now <= self.grid.due(tick + 1):
             return tick + 1
         following = self.grid.next_after(tick, self.context.now)
         if following > tick + 1:
@@ -385,7 +244,7 @@ class Sampler:
         self.context.facts.last_tick = first + len(missed) - 1
         by_host = (
             end
-            - self.grid.next_after(first - 1, self.context.now - self._late_s)
+            - self.grid.next_after(first - 1, self.context.now - self._standstill.late_s)
             - len(missed)
             + len(late)
         )
@@ -435,15 +294,14 @@ class Sampler:
             raw=f"late_s={late.late_s:.3f}",
         )
 
-    def _tick(self, tick: int) -> Steps[None]:
-        due = self.grid.due(tick) if self.paced else None
+    def _tick(self, tick: int, due: float | None) -> Steps[None]:
         scans = self._scans.values()
         unasked = SKIPPED
         for scan in scans:
             self._scanner.begin(scan, tick)
         try:
             for scan in scans:
-                yield from self._take_fast(scan)
+                yield from self._take(scan, scan.fast)
             if self._ending is None:
                 yield from self._take_slow(tick)
         except (LinkError, StationSilent, RobotModeOff) as error:
@@ -456,33 +314,67 @@ class Sampler:
         if self._ending is not None:
             raise self._ending
 
-    def _take_fast(self, scan: PortScan) -> Steps[None]:
-        """Read the fast signals of one port. If the run is ended meanwhile, finish them first.
+    def _take(self, scan: PortScan, probes: Sequence[SignalRead]) -> Steps[None]:
+        """Read signals of one port. If the run is ended meanwhile, finish the fast ones first.
 
         A driver ends a run once, and half a row would count as loss.
+
+        An answer as expected, as nearly all are, takes what is here and no other generator, which
+        is a third of the work; with anything else `Scanner.settle` continues. Both ways record the
+        same (tests/line/test_two_ways.py).
         """
-        for probe in scan.fast:
-            if self._ending is not None and self.context.now > self._finish_by:
+        context, scanner, standstill = self.context, self._scanner, self._standstill
+        station = context.station
+        for probe in probes:
+            if self._ending is not None and station.now > self._finish_by:
                 raise self._ending
+            probe.due += 1
+            heard: IoResult | BaseException | None = None
+            value = None
+            request = station.request(probe.question)
+            if request is not None:
+                try:
+                    heard = result = yield request
+                    value = station.value(probe.question, result)
+                    now = result.now
+                    if result.late_s or now > standstill.due + LEAST_S:  # sooner, nothing is late
+                        standstill.note(request, result)
+                    standstill.due = now
+                    is_doubtful = (
+                        value is None
+                        or probe.expect is not None
+                        or probe.look.is_due(context, value)
+                    )
+                except BaseException as error:
+                    standstill.fail(request)
+                    heard = error
+                else:
+                    if value is not None and not is_doubtful:
+                        if scan.first_sent is None:
+                            scan.first_sent = result.sent
+                        scanner.keep(probe, scan, value)
+                        continue
             try:
-                yield from self._scanner.take(probe, scan)
+                yield from self.watched(scanner.settle(probe, scan, heard, value))
             except RunEnded as end:
+                if probe.reading.period_s is not None:
+                    raise
                 self._ending = end  # also if a remaining reading fails
                 self._finish_by = self.context.now + FINISH_S
-                yield from self._scanner.take(probe, scan)
+                yield from self.watched(scanner.take(probe, scan))
 
     def _take_slow(self, tick: int) -> Steps[None]:
         """Read slow signals, most urgent first, while there is time; without a grid, or behind it,
         one after each scan.
         """
         following = self.grid.due(tick + 1) if self.paced else math.inf
-        while (slow := self.slow.next(self.context.now, following)) is not None:
+        while (slow := self.slow.next(self.context.station.now, following)) is not None:
             probe, scan = (
                 self._probes[slow.reading.name, slow.reading.port],
                 self._scans[slow.reading.port],
             )
             try:
-                yield from self._scanner.take(probe, scan)
+                yield from self._take(scan, (probe,))
             finally:
                 self.slow.taken(slow, self.context.now, following if self.paced else 0.0)
             if probe.is_lacking:

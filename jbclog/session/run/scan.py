@@ -18,7 +18,7 @@ from jbclog.core.errors import (
     StationError,
     StationSilent,
 )
-from jbclog.core.io_requests import Steps
+from jbclog.core.io_requests import IoResult, Steps
 from jbclog.core.quantities import Value
 from jbclog.core.rows import (
     COLUMN,
@@ -31,6 +31,7 @@ from jbclog.core.rows import (
 )
 from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.family import NEEDS_A_TOOL
+from jbclog.protocol.commands.signals import UsageCounter
 from jbclog.session.run.alarms import AlarmWatch, bears_out
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identify import (
@@ -141,6 +142,7 @@ class SignalRead:
     look: SecondLook
     place: int | None  # of its first column
     may_be_unusable: bool
+    dates_row: bool  # whether the row's time is that of its answer
     expect: Expect | None = None
     due: int = 0
     missed: dict[str, int] = field(default_factory=dict)
@@ -149,7 +151,7 @@ class SignalRead:
     is_lacking: bool = False  # the station does not have it
 
     @classmethod
-    def of(cls, context: SessionContext, reading: ScheduledRead) -> SignalRead:
+    def of(cls, context: SessionContext, reading: ScheduledRead, alarms: AlarmWatch) -> SignalRead:
         question = context.station.question(reading.command, reading.asks_port)
         fill = fill_of(reading, context) if reading.columns else None
         place = COLUMN[reading.columns[0]] if reading.columns else None
@@ -166,12 +168,41 @@ class SignalRead:
             question,
             port,
             fill,
-            OBSERVERS.get(name),
+            _observer(reading, alarms),
             look,
             place,
             is_doubtful,
+            name == "temperature_c",
             _expectation(context, reading),
         )
+
+
+def _observer(reading: ScheduledRead, alarms: AlarmWatch) -> Observe | None:
+    if reading.name == "alarm_high":
+        return lambda context, port, value: alarms.observe(value)
+    if reading.counter is not None:
+        return lambda context, port, value: _count(context, port, reading, value)
+    return OBSERVERS.get(reading.name)
+
+
+def _count(context: SessionContext, port: PortState, reading: ScheduledRead, value: Value) -> None:
+    if isinstance(value, int | float) and reading.counter is not None:
+        port.counted[reading.counter.name] = value
+        raw = reading.command.raw_text(context.station.data, value)
+        _counter_row(context, port, reading.counter, float(value), raw)
+
+
+def _counter_row(
+    context: SessionContext,
+    port: PortState,
+    counter: UsageCounter,
+    value: float | None,
+    raw: str,
+) -> None:
+    time = context.utc.micros(context.now)
+    context.journal.counter(
+        CounterRow(time, context.name, port.number, counter.name, value, counter.unit, raw)
+    )
 
 
 Expect = Callable[[SessionContext, SignalRead, Value], None]
@@ -207,36 +238,41 @@ class Scanner:
     def __init__(self, context: SessionContext) -> None:
         self._context = context
         self._station = context.station
+        self._name = context.name
 
     def begin(self, scan: PortScan, tick: int) -> None:
         row: SampleRow = [None] * WIDTH
-        row[_TICK], row[_STATION], row[_PORT] = tick, self._context.name, scan.port.number
+        row[_TICK], row[_STATION], row[_PORT] = tick, self._name, scan.port.number
         scan.row, scan.reasons = row, {}
         scan.first_sent = scan.last_heard = scan.temperature_at = None
         scan.no_tool = is_no_tool(self._context, scan.port)
 
     def take(self, probe: SignalRead, scan: PortScan) -> Steps[None]:
+        """Read one value from the beginning, as `settle` does."""
+        probe.due += 1
+        return self.settle(probe, scan)
+
+    def settle(
+        self,
+        probe: SignalRead,
+        scan: PortScan,
+        heard: IoResult | BaseException | None = None,
+        value: Value | None = None,
+    ) -> Steps[None]:
         """Read one value; store it, or the reason why there is none.
 
-        Raises what makes further requests impossible: `LinkError`, `StationSilent`, `RobotModeOff`,
-        and the run's end.
+        `heard` is the result of its request, or what was raised instead, if that was sent; `value`
+        what the result means, if that is known. Raises what makes further requests impossible:
+        `LinkError`, `StationSilent`, `RobotModeOff`, and the run's end.
         """
         station = self._station
-        probe.due += 1
         if scan.first_sent is None:
-            station.first_sent = None
+            station.first_sent = heard.sent if isinstance(heard, IoResult) else None
         try:
-            request = station.request(probe.question)
-            if request is None:
-                value = yield from station.ask(probe.question)
-            else:
-                heard = yield request
-                answer = station.value(probe.question, heard)
-                value = (
-                    answer
-                    if answer is not None
-                    else (yield from station.ask(probe.question, heard))
-                )
+            if isinstance(heard, BaseException):
+                raise heard
+            if value is None:
+                value = yield from station.ask(probe.question, heard)
             if probe.look.is_due(self._context, value):
                 value = yield from probe.look.settle(self._context, value)
                 if self._is_change(probe, scan, value):
@@ -264,13 +300,7 @@ class Scanner:
                 probe.due -= 1
             raise
         else:
-            scan.last_heard = probe.look.heard_at = station.heard
-            try:
-                self._keep(probe, scan, value)
-            # a fault of this program: without a value in the row it does not count as read
-            except Exception:
-                probe.due -= probe.place is None or scan.row[probe.place] is None
-                raise
+            self.keep(probe, scan, value)
         finally:
             if scan.first_sent is None:
                 scan.first_sent = station.first_sent
@@ -302,25 +332,31 @@ class Scanner:
         )
         return meaningless or error.reason
 
-    def _keep(self, probe: SignalRead, scan: PortScan, value: Value) -> None:
-        name = probe.reading.name
-        if name == "temperature_c":
+    def keep(self, probe: SignalRead, scan: PortScan, value: Value) -> None:
+        """Store a value that is believed, unless it means nothing at the moment."""
+        scan.last_heard = probe.look.heard_at = self._station.heard
+        if probe.dates_row:
             scan.temperature_at = scan.last_heard
-        why = self._why_unusable(probe, scan, value)
-        if why is not None:
-            self.unread(probe, scan, why)
-            if name == "delay_s":
-                note_zero_countdown(self._context, probe.port, value)
-            return
-        probe.failing, probe.is_known = False, True
-        if probe.fill is not None:
-            probe.fill(scan.row, value)
-        if probe.observe is not None:
-            probe.observe(self._context, probe.port, value)
-        if name == "alarm_high" and isinstance(value, tuple):
-            scan.alarms.read(value, self._station.heard)
-        elif probe.reading.counter is not None:
-            self._count(probe, value)
+        try:
+            if scan.no_tool or probe.may_be_unusable:
+                why = self._why_unusable(probe, scan, value)
+                if why is not None:
+                    self._leave(probe, scan, value, why)
+                    return
+            probe.failing, probe.is_known = False, True
+            if probe.fill is not None:
+                probe.fill(scan.row, value)
+            if probe.observe is not None:
+                probe.observe(self._context, probe.port, value)
+        # a fault of this program: without a value in the row it does not count as read
+        except Exception:
+            probe.due -= probe.place is None or scan.row[probe.place] is None
+            raise
+
+    def _leave(self, probe: SignalRead, scan: PortScan, value: Value, why: str) -> None:
+        self.unread(probe, scan, why)
+        if probe.reading.name == "delay_s":
+            note_zero_countdown(self._context, probe.port, value)
 
     def _why_unusable(self, probe: SignalRead, scan: PortScan, value: Value) -> str | None:
         if scan.no_tool and probe.reading.name in NEEDS_A_TOOL:
@@ -348,8 +384,9 @@ class Scanner:
         probe.missed[why] = probe.missed.get(why, 0) + 1
         for column in probe.reading.columns:
             scan.reasons[column] = why
-        if probe.reading.counter is not None:
-            self._counter_row(probe, None, f"<{why}>")
+        counter = probe.reading.counter
+        if counter is not None:
+            _counter_row(self._context, probe.port, counter, None, f"<{why}>")
         if probe.reading.name == "alarm_high" and sent:
             scan.alarms.lost(self._context.now, why)
         if why not in EXPECTED and not probe.failing:
@@ -362,25 +399,6 @@ class Scanner:
                 raw=error_text or None,
             )
 
-    def _count(self, probe: SignalRead, value: Value) -> None:
-        if isinstance(value, int | float) and probe.reading.counter is not None:
-            probe.port.counted[probe.reading.counter.name] = value
-            self._counter_row(
-                probe,
-                float(value),
-                probe.reading.command.raw_text(self._context.station.data, value),
-            )
-
-    def _counter_row(self, probe: SignalRead, value: float | None, raw: str) -> None:
-        counter, context = probe.reading.counter, self._context
-        if counter is not None:
-            time = context.utc.micros(context.now)
-            context.journal.counter(
-                CounterRow(
-                    time, context.name, probe.port.number, counter.name, value, counter.unit, raw
-                )
-            )
-
     def finish(self, scan: PortScan, unasked: str, due: float | None) -> None:
         """Write the row: readings not even requested, the times, the quality."""
         row, reasons = scan.row, scan.reasons
@@ -388,23 +406,20 @@ class Scanner:
             if row[probe.place or 0] is None and probe.reading.name not in reasons:
                 probe.due += 1
                 self.unread(probe, scan, unasked)
-        self._stamp(scan, due)
+        row[_QUALITY] = quality_of(reasons) if reasons else "ok"
         if reasons:
-            row[_QUALITY], row[_REASONS] = quality_of(reasons), reasons_text(reasons)
-        else:
-            row[_QUALITY] = "ok"
+            row[_REASONS] = reasons_text(reasons)
+        first, last = scan.first_sent, scan.last_heard
+        moment = due if scan.temperature_at is None else scan.temperature_at
+        row[_TIME] = self._context.utc.micros(self._context.now if moment is None else moment)
+        if first is not None:
+            if due is not None:
+                row[_LATE] = round((first - due) * 1e6)
+            if last is not None:
+                row[_SCAN] = round((last - first) * 1e6)
         self._context.journal.sample(row)
         if self._station.anomalies.pending:
             self._context.report_anomalies()
-
-    def _stamp(self, scan: PortScan, due: float | None) -> None:
-        row, first, last = scan.row, scan.first_sent, scan.last_heard
-        moment = scan.temperature_at if scan.temperature_at is not None else due
-        row[_TIME] = self._context.utc.micros(self._context.now if moment is None else moment)
-        if first is not None and due is not None:
-            row[_LATE] = round((first - due) * 1e6)
-        if first is not None and last is not None:
-            row[_SCAN] = round((last - first) * 1e6)
 
 
 def _sentence(probe: SignalRead, why: str) -> str:

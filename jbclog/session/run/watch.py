@@ -288,17 +288,15 @@ Observe = Callable[[SessionContext, PortState, Value], None]
 
 def _temperature(context: SessionContext, port: PortState, value: Value) -> None:
     assert isinstance(value, int)
-    if arrives(context, port, value):
-        port.at_temperature = True
-    _note_above(context, port, value)
+    if not port.at_temperature:
+        port.at_temperature = arrives(context, port, value)
+        _note_above(context, port, value)
     port.temperatures_c["temperature_c"] = value
     if counts(context, port):
-        port.hottest_c = (
-            value if port.hottest_c is None or value > port.hottest_c else port.hottest_c
-        )
-        port.coolest_c = (
-            value if port.coolest_c is None or value < port.coolest_c else port.coolest_c
-        )
+        if port.hottest_c is None or value > port.hottest_c:
+            port.hottest_c = value
+        if port.coolest_c is None or value < port.coolest_c:
+            port.coolest_c = value
     else:
         port.has_counted = False
 
@@ -367,7 +365,7 @@ def _status(context: SessionContext, port: PortState, word: Value) -> None:
     before, port.status = port.status, word
     if before is not None and before[2] == word[2]:
         _suction(context, port, is_on=word[2] == 1)
-    if before is not None and _is_changed_status(context, before, word):
+    if before is not None and before != word and _is_changed_status(context, before, word):
         found_changed(context, port, "status", text_of(before), text_of(word))
 
 

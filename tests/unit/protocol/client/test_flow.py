@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 
 from jbclog.core.errors import LinkError, LinkFlooded
@@ -128,3 +130,33 @@ def test_a_link_that_was_flooded_is_listened_to_before_anything_is_asked(
         steps.send(IoResult(50.0 + QUIET_S, bytes(came), 0.0))
     assert client.flow.is_flooded is is_flooded
     assert client.flow.found is None
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_answers_in_order_may_be_added_without_a_call(seed: int) -> None:
+    """Answers among noise, late ones, floods and silence, told in both ways."""
+    chance = random.Random(seed)
+    told, added = FloodDetector(), FloodDetector()
+    now, short = 100.0, 0
+    for _ in range(3000):
+        now += chance.choice([0.001, 0.014, 0.05, 0.3])
+        if chance.random() < 0.9:
+            told.came(now, 18, 18)
+            if now < added.quiet_until:
+                added.in_order += 18
+                short += 1
+            else:
+                added.came(now, 18, 18)
+        else:
+            size, due = chance.choice([0, 5, 100, 600, 6000]), chance.choice([0, 13, 18])
+            assert told.came(now, size, due) == added.came(now, size, due)
+        assert told.is_suspect == added.is_suspect
+        assert told.is_flooded == added.is_flooded
+        assert str(told.found) == str(added.found)
+        if told.found is not None and chance.random() < 0.5:
+            told.taken()
+            added.taken()
+        elif chance.random() < 0.01:
+            told.calm()
+            added.calm()
+    assert short > 300

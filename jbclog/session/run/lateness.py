@@ -1,0 +1,152 @@
+"""How late ticks are, and whether by the computer or by the station."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import inf
+from typing import Final, NamedTuple
+
+from jbclog.core.io_requests import Ask, IoResult, Listen, Request, Steps, T, Wait, relay
+
+# Skipped ticks are reported together, so that a busy hour does not become thousands of events:
+# after `QUIET_S` without one, and every `LONGEST_S` during a long series.
+
+KIND: Final = "host.busy"
+SLOW_KIND: Final = "station.slow"
+QUIET_S: Final = 10.0
+LONGEST_S: Final = 300.0
+
+
+@dataclass(slots=True)
+class SkippedTicks:
+    """Skipped ticks not reported yet. Times are monotonic seconds; `since` is when the first tick
+    was due.
+    """
+
+    ticks: int = 0
+    places: int = 0
+    late_s: float = 0.0
+    since: float = 0.0
+    last: float = 0.0
+
+    def add(self, ticks: int, due: float, now: float) -> None:
+        """Count `ticks` skipped from the one due at `due` on; it is `now`."""
+        if not self.ticks:
+            self.since = due
+        self.ticks += ticks
+        self.places += 1
+        self.late_s = max(self.late_s, now - due)
+        self.last = now
+
+    def is_due(self, now: float) -> bool:
+        return self.ticks > 0 and (now - self.last >= QUIET_S or now - self.since >= LONGEST_S)
+
+    def text(self, period_s: float) -> str:
+        why = "the computer was busy, or something stopped the recorder for a moment"
+        return (
+            f"The recorder was too late ({why}): {self._what(period_s)}; less work beside the run"
+            " helps."
+        )
+
+    def text_of_station(self, period_s: float) -> str:
+        return (
+            f"The station was slow to answer, or did not: {self._what(period_s)}; a lower rate"
+            " leaves more time."
+        )
+
+    def _what(self, period_s: float) -> str:
+        ticks = f"{self.ticks} tick{'' if self.ticks == 1 else 's'} of {period_s:g} s"
+        places = "" if self.places == 1 else f" in {self.places} places"
+        return f"{ticks} not run{places}, {self.late_s:.2f} s late at most"
+
+
+# A station that hangs makes a tick late, and so does a suspended host, which is an event of its own
+# (docs/reference/tables.md). The request distinguishes them: it says until when it may last.
+
+# A stopped process and a busy or suspended computer cannot always be told apart, so the texts name
+# both.
+WHY_STILL: Final = "the computer was suspended or stood still, or something stopped the recorder"
+SUSPENDED_S = 5.0  # a longer standstill of the host is an event, and its ticks have no rows
+
+
+class LateSpan(NamedTuple):
+    """From the latest time at which a request should have returned to the time at which it did,
+    monotonic seconds.
+    """
+
+    begin: float
+    end: float
+
+
+@dataclass(slots=True)
+class Standstill:
+    """Standstills of the host since `spans` was last cleared, and the total time by which requests
+    returned late.
+
+    Waiting is no standstill: that begins when the pending request should have ended.
+    """
+
+    spans: list[LateSpan] = field(default_factory=list)
+    late_s: float = 0.0
+    due: float = -inf  # until here the host was running, or had nothing to do
+
+    def watch(self, steps: Steps[T], now: float) -> Steps[T]:
+        """Run `steps` from `now` on, and note by how much their requests return late."""
+        self.due = max(self.due, now)
+        return relay(steps, self._watched)
+
+    def _watched(self, request: Request) -> Steps[IoResult]:
+        try:
+            heard = yield request
+        except Exception:
+            self.fail(request)
+            raise
+        self.note(request, heard)
+        return heard
+
+    def fail(self, request: Request) -> None:
+        """Note that `request` has failed: without a time it does not count as the host's."""
+        self.due = _latest(request, self.due)
+
+    def note(self, request: Request, heard: IoResult) -> None:
+        """Note by how much `request` returned late. An answer in time only sets `due`, which a
+        caller may do as well.
+        """
+        self._note(min(_latest(request, self.due), _held_up(request, heard)), heard.now)
+        self.due = heard.now
+
+    def wait_over(self, wait: Wait, now: float) -> None:
+        """Note that `wait` returned at `now`."""
+        self._note(max(self.due, wait.until), now)
+        self.due = now
+
+    def _note(self, begin: float, end: float) -> None:
+        """Note that a request that should have ended at `begin` ended at `end`."""
+        if end > begin:
+            self.late_s += end - begin
+            if end - begin > SUSPENDED_S:
+                self.spans.append(LateSpan(begin, end))
+
+    def covers(self, moment: float) -> bool:
+        """Whether `moment` is within a standstill."""
+        return any(span.begin < moment <= span.end for span in self.spans)
+
+
+def _latest(request: Request, now: float) -> float:
+    """Return the time by which `request` should have returned. Reopening a port, and `Gather`, have
+    no limit.
+    """
+    match request:
+        case Ask():
+            return now + request.patience_s
+        case Listen() | Wait():
+            return max(now, request.until)
+        case _:
+            return inf
+
+
+def _held_up(request: Request, heard: IoResult) -> float:
+    """Return since when an answer may have been waiting for the driver; for other requests only
+    their end matters.
+    """
+    return heard.now - heard.late_s if isinstance(request, Ask | Listen) and heard.data else inf
