@@ -148,9 +148,19 @@ if sys.platform == "linux":
             self._epoll.unregister(fd)
 
         def run_forever(self) -> None:
+            readers, alarms, soon, elapsed = self._readers, self._alarms, self._soon, clock.elapsed
+            now = elapsed()
             try:
                 while not self._is_stopped:
-                    self._turn()
+                    left_s = 0.0 if soon else alarms[0][0] - now if alarms else LONGEST_S
+                    for descriptor, _ in self._wait(left_s):
+                        ready = readers.get(descriptor)  # an earlier call may have removed it
+                        if ready is not None:
+                            ready()
+                    now = elapsed()
+                    if soon or (alarms and alarms[0][0] <= now):
+                        self._call_due(now)
+                        now = elapsed()
             finally:
                 self._is_stopped = False
 
@@ -162,25 +172,21 @@ if sys.platform == "linux":
             self._wake_out.close()
             self._wake_in.close()
 
-        def _turn(self) -> None:
-            readers, alarms, soon = self._readers, self._alarms, self._soon
-            for descriptor, _ in self._wait():
-                ready = readers.get(descriptor)  # an earlier call may have removed it
-                if ready is not None:
-                    ready()
-            now = clock.elapsed()
+        def _call_due(self, now: float) -> None:
+            alarms, soon = self._alarms, self._soon
             while alarms and alarms[0][0] <= now:
                 moment, _, ring = heappop(alarms)
                 ring(moment)
             for _ in range(len(soon)):
                 soon.popleft()()
 
-        def _wait(self) -> list[tuple[int, int]]:
-            """Return what is readable, at the latest when the next call is due.
+        def _wait(self, left_s: float) -> list[tuple[int, int]]:
+            """Return what is readable, after `left_s` at the latest.
 
             A wait ends after its whole milliseconds, and the next one is for the rest.
             """
-            left_s = self._left_s()
+            if left_s > LONGEST_S:
+                left_s = LONGEST_S
             if left_s >= 0.001:
                 return self._epoll.poll((int(left_s * 1000) - 0.5) / 1000)  # rounded up by epoll
             descriptor = self._epoll.fileno()
@@ -191,14 +197,6 @@ if sys.platform == "linux":
             ):
                 return []
             return self._epoll.poll(0)
-
-        def _left_s(self) -> float:
-            """Return the time until the next call, or `LONGEST_S`."""
-            if self._soon:
-                return 0.0
-            return (
-                min(self._alarms[0][0] - clock.elapsed(), LONGEST_S) if self._alarms else LONGEST_S
-            )
 
 
 BEAT_S: Final = 0.05
@@ -212,12 +210,12 @@ class LoopLag:
     timer waits for no station.
     """
 
-    __slots__ = ("_due_s", "_late_s", "_loop")
+    __slots__ = ("_due_s", "_loop", "noted_after_s", "noted_s")
 
     def __init__(self, loop: EventLoop) -> None:
         self._loop = loop
-        self._late_s = 0.0
-        self._due_s = float("inf")
+        self.noted_s = 0.0  # what `late_s` returns until `noted_after_s`
+        self._due_s = self.noted_after_s = float("inf")
 
     def start(self) -> None:
         """Start the timer; call it once, before the loop runs."""
@@ -225,14 +223,14 @@ class LoopLag:
 
     def late_s(self, now: float) -> float:
         """Return the total time by which the loop was late until `now`."""
-        late = now - self._due_s
-        return self._late_s + late if late > NOTED_S else self._late_s
+        return self.noted_s if now <= self.noted_after_s else self.noted_s + now - self._due_s
 
     def _beat(self, _moment: float) -> None:
         now = clock.elapsed()
-        self._late_s = self.late_s(now)
+        self.noted_s = self.late_s(now)
         self._next(now)
 
     def _next(self, now: float) -> None:
         self._due_s = now + BEAT_S
+        self.noted_after_s = self._due_s + NOTED_S
         self._loop.wake_at(self._due_s, self._beat)

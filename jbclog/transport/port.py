@@ -249,18 +249,18 @@ REST_S: Final = 0.05
 
 
 class Budget:
-    """How much may be read from a port before it is paused."""
+    """How much may be read from a port before it is paused. `reads`: since the last request."""
 
-    __slots__ = ("_reads",)
+    __slots__ = ("reads",)
 
     def __init__(self) -> None:
-        self._reads = 0
+        self.reads = 0
 
     def asked(self) -> None:
         """Reset for a new request: its answer may arrive in pieces."""
-        self._reads = 0
+        self.reads = 0
 
     def is_spent(self, size: int) -> bool:
         """Whether to pause the port after a read of `size` bytes."""
-        self._reads += 1
-        return size >= MOST_AT_ONCE or self._reads > MOST_READS
+        self.reads += 1
+        return size >= MOST_AT_ONCE or self.reads > MOST_READS
