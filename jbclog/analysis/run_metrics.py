@@ -8,7 +8,7 @@ feeder is measured as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, astuple, replace
 from itertools import groupby
 from math import inf
@@ -19,7 +19,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.analysis.joints.packed import column_of
+from jbclog.analysis.joints.packed import column_of, dwells_of, kinds_of
 from jbclog.analysis.joints.parameters import JointOptions, options_of
 from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once
 from jbclog.analysis.joints.port_rows import CYCLES, Clock, Key, cycles_of, kind_of
@@ -45,7 +45,9 @@ from jbclog.core.rows import StationFacts
 from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import manifest_sha256
 
-ROWS_AT_ONCE: Final = 4096
+AS_THEY_ARE: Final = ("fed", "why", "recovered")
+FIELDS: Final = {"peak_permille": "peak", "heat_permille_s": "heat", "energy_permille_s": "energy"}
+"""Column of the table -> field of a joint or its draw, where they differ; floats are rounded."""
 # status words of W-PS (manuals 000, 001, 002)
 ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}
 
@@ -61,13 +63,13 @@ class MeasuredPort(NamedTuple):
     edges_us: Counts
 
     def joint_table(self) -> pa.Table:
-        """Return a row for each joint; a few thousand of them are Python's values at once."""
-        joints = self.measured.joints
-        return _concatenated(
+        """Return a row for each joint."""
+        return pa.table(
             [
-                _joint_rows(self, first, joints[first : first + ROWS_AT_ONCE])
-                for first in range(0, len(joints), ROWS_AT_ONCE)
-            ]
+                pa.array(column, field.type)
+                for field, column in zip(JOINTS_SCHEMA, _columns(self), strict=True)
+            ],
+            schema=JOINTS_SCHEMA,
         )
 
     def metric_rows(self) -> list[MetricRow]:
@@ -313,45 +315,33 @@ def _concatenated(joints: Sequence[pa.Table]) -> pa.Table:
     return pa.concat_tables([JOINTS_SCHEMA.empty_table(), *joints]).combine_chunks()
 
 
-def _joint_rows(one: MeasuredPort, before: int, joints: Sequence[Joint]) -> pa.Table:
-    """Return rows for some joints of a port, of which `before` come before them."""
-    draws, rated_w, count = [joint.draw for joint in joints], one.facts.rated_power_w, len(joints)
-    energies = [joint.energy for joint in joints]
-    columns: dict[str, Sequence[object] | Counts] = {
-        "station": [one.facts.name] * count,
-        "port": [one.port] * count,
-        "joint": range(before + 1, before + count + 1),
-        "start": one.edges_us[2 * before : 2 * (before + count) : 2],
-        "end": one.edges_us[2 * before + 1 : 2 * (before + count) : 2],
-        "start_s": [round(draw.start_s, 6) for draw in draws],
-        "end_s": [round(draw.end_s, 6) for draw in draws],
-        "touches": [draw.contacts for draw in draws],
-        "dwell_s": _rounded(joint.dwell_s for joint in joints),
-        "depth_c": _rounded(joint.depth_c for joint in joints),
-        "recovery_s": _rounded(joint.recovery_s for joint in joints),
-        "peak_permille": _rounded(draw.peak for draw in draws),
-        "heat_permille_s": _rounded(draw.heat for draw in draws),
-        "energy_permille_s": _rounded(energies),
-        "energy_j": _rounded(
+def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts]:
+    """Yield the columns of a port's joints one after the other, as they are in the table."""
+    joints, rated_w = one.measured.joints, one.facts.rated_power_w
+    others: dict[str, Callable[[], Sequence[object] | Counts]] = {
+        "station": lambda: [one.facts.name] * len(joints),
+        "port": lambda: [one.port] * len(joints),
+        "joint": lambda: range(1, len(joints) + 1),
+        "start": lambda: one.edges_us[::2],
+        "end": lambda: one.edges_us[1::2],
+        "start_s": lambda: [round(moment, 6) for moment in column_of(joints, "start_s")],
+        "end_s": lambda: [round(moment, 6) for moment in column_of(joints, "end_s")],
+        "touches": lambda: column_of(joints, "contacts"),
+        "dwell_s": lambda: _rounded(dwells_of(joints)),
+        "energy_j": lambda: _rounded(
             None if energy is None or rated_w is None else energy * rated_w / 1000
-            for energy in energies
+            for energy in column_of(joints, "energy")
         ),
-        "fed": [draw.fed for draw in draws],
-        "confidence": [draw.confidence for draw in draws],
-        "why": [joint.why for joint in joints],
-        "kind": [joint.kind for joint in joints],
-        "heat_j": _rounded(joint.heat_j for joint in joints),
-        "setpoint_c": _rounded(joint.setpoint_c for joint in joints),
-        "deficit_c": _rounded(joint.deficit_c for joint in joints),
-        "resting_below_c": _rounded(joint.resting_below_c for joint in joints),
-        "lowest_c": _rounded(joint.lowest_c for joint in joints),
-        "end_c": _rounded(joint.end_c for joint in joints),
-        "recovered": [joint.recovered for joint in joints],
-        "had_s": _rounded(joint.had_s for joint in joints),
+        "confidence": lambda: column_of(joints, "confidence"),
+        "kind": lambda: kinds_of(joints),
     }
-    return pa.table(
-        [pa.array(columns[field.name], field.type) for field in JOINTS_SCHEMA], schema=JOINTS_SCHEMA
-    )
+    for name in JOINTS_SCHEMA.names:
+        if name in others:
+            yield others[name]()
+        elif name in AS_THEY_ARE:
+            yield column_of(joints, name)
+        else:
+            yield _rounded(column_of(joints, FIELDS.get(name, name)))
 
 
 def _rounded(values: Iterable[float | None]) -> list[float | None]:

@@ -236,9 +236,11 @@ def regroup(tables: Iterable[pa.Table]) -> Iterator[pa.Table]:
         yield pa.concat_tables(held).combine_chunks()
 
 
-def row_groups(folder: Path, table: str, columns: list[str] | None = None) -> Iterator[pa.Table]:
-    """Yield the sealed rows of a table by row groups."""
-    return groups_of(part_paths(folder, table), columns)
+def row_groups(
+    folder: Path, table: str, columns: list[str] | None = None, *, coded: bool = False
+) -> Iterator[pa.Table]:
+    """Yield the sealed rows of a table by row groups; `coded`: with dictionaries for texts."""
+    return groups_of(part_paths(folder, table), columns, coded=coded)
 
 
 def groups_of(

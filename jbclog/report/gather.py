@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from math import inf
 
+import pyarrow as pa
+
 from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.figures.marks import happenings
 from jbclog.analysis.figures.style import NARROW, WIDE
@@ -43,6 +45,7 @@ def gather(run: Run, joints: Joints) -> Facts:
     overview = Overview(round((manifest.t0_utc or 0.0) * 1e6))
     measuring = KeptMeasures()
     verdict = verdict_facts(run.folder, manifest, measuring)
+    pa.default_memory_pool().release_unused()
     stations = list(_stations(run, joints, overview, verdict, measuring))
     add_reasons(verdict, [asdict(station) for station in stations], cut_off=is_cut_off(manifest))
     return Facts(
@@ -111,7 +114,7 @@ def _by_port(
     }
     by_name = {facts.name: facts for facts in stations}
     every = [*dict.fromkeys(name for facts in stations for name in columns_of(facts))]
-    for group in run.coded("samples", ["station", "port", *every]):
+    for group in run.coded("samples", ["station", "port", "late_us", *every]):
         for (name, port), rows in by_port(group):
             if name not in found:
                 continue

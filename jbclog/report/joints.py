@@ -102,6 +102,7 @@ def joints_of(run: Run) -> Joints:
     """Find the joints in the samples; the same run gives the same bytes. Raises `RecordError`."""
     table, metrics, taken = joints_and_metrics(run)
     units = run.unit_at(pd.Series(table["start"].to_pandas())).tolist() if table.num_rows else []
+    pa.default_memory_pool().release_unused()  # what the search took, between what is kept
     serials = [None if pd.isna(serial) else str(serial) for serial in units]
     by_port: dict[tuple[object, object], dict[str, Row]] = {}
     for row in metrics:

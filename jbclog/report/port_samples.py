@@ -25,12 +25,10 @@ from jbclog.record.parts import ROWS_A_GROUP
 from jbclog.record.schema import SCHEMAS
 
 TEXTS: Final = ("quality", "reasons", "status")
-COUNTS: Final = ("tick", "late_us")
 COUNTED: Final = {kind: pd.ArrowDtype(kind) for kind in (pa.int32(), pa.int64())}
 READINGS: Final = ("temperature_c", "power_permille", "set_c")
 COLUMNS: Final = (
     "tick",
-    "late_us",
     "quality",
     "reasons",
     "temperature_c",
@@ -59,8 +57,10 @@ class PortSamples:
 
     def add(self, rows: pa.Table) -> None:
         """Add the next rows, oldest first."""
+        self._late_us.append(_short(rows["late_us"].drop_null()).to_numpy())
         self._held.append(_narrow(rows.select(self._columns)))
         self._held_rows += len(rows)
+        self.rows += len(rows)
         if self._at_once is not None and self._held_rows >= self._at_once:
             self._trace_held()
 
@@ -81,12 +81,9 @@ class PortSamples:
         pieces = [none, *self._held]
         rows = pa.concat_tables(pieces, promote_options="permissive").unify_dictionaries()
         self._held.clear()
-        self.rows, self._held_rows = self.rows + len(rows), 0
-        self._late_us.append(rows["late_us"].drop_null().to_numpy())
+        self._held_rows = 0
         columns = {
-            name: rows[name].to_pandas(types_mapper=COUNTED.get)
-            for name in rows.column_names
-            if name != "late_us"
+            name: rows[name].to_pandas(types_mapper=COUNTED.get) for name in rows.column_names
         }
         columns |= {name: _exact_in_16(columns[name]) for name in READINGS if name in columns}
         frame = pd.DataFrame(columns, copy=False)
@@ -98,9 +95,7 @@ class PortSamples:
 
 
 def columns_of(facts: StationFacts) -> list[str]:
-    """Return the columns that the report reads; on a grid of ticks the time of a row is not
-    needed.
-    """
+    """Return the columns of a trace; on a grid of ticks the time of a row is not needed."""
     return [
         *(() if facts.period_s else ("time",)),
         *COLUMNS,
@@ -119,7 +114,7 @@ def _narrow(rows: pa.Table) -> pa.Table:
         for name in READINGS
         if name in rows.column_names
     }
-    narrow |= {name: _short(rows[name]) for name in COUNTS if name in rows.column_names}
+    narrow["tick"] = _short(rows["tick"])
     return pa.table({name: narrow.get(name, rows[name]) for name in rows.column_names})
 
 

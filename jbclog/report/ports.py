@@ -82,6 +82,7 @@ def port_facts(
     figures begin with `file`.
     """
     rows = samples.pop(port)
+    late_us = rows.late_us(0.99)  # before the trace: it takes as much memory
     drawn = replace(
         rows.trace(),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
@@ -89,7 +90,9 @@ def port_facts(
         joints=spans_of(context.joints.of_port(facts.name, port)),
     )
     measure = context.measures.get((facts.name, port))
-    recorded = _recorded(rows, drawn, measure, due_readings(context.ledger, facts, port))
+    recorded = _recorded(
+        rows.rows, late_us, drawn, measure, due_readings(context.ledger, facts, port)
+    )
     seen = PortRows(rows.rows, _last(drawn.temperature), rows.last_status)
     pa.default_memory_pool().release_unused()
     if seen.number and context.has_overview:
@@ -156,13 +159,12 @@ def _air_facts(air: Air) -> AirFacts:
 
 
 def _recorded(
-    rows: PortSamples, drawn: Trace, measure: PortMeasure | None, due: int
+    rows: int, late_us: float | None, drawn: Trace, measure: PortMeasure | None, due: int
 ) -> RecordedFacts:
     readings = 0 if measure is None else measure.readings
-    late_us = rows.late_us(0.99)
     longest = sorted(drawn.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))[:MOST_GAPS]
     return RecordedFacts(
-        rows=rows.rows,
+        rows=rows,
         due=due,
         readings=readings,
         coverage_percent=100 * readings / due if due else None,

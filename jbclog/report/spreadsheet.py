@@ -7,6 +7,7 @@ formula has an apostrophe before it; numbers stay numbers (`jbclog.core.text`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from io import BytesIO
 from typing import Final
 
 from jbclog.core.text import csv_bytes, csv_text
@@ -124,12 +125,19 @@ def csv_tables(document: Mapping[str, object], joints: Joints) -> dict[str, byte
     ]
     return {
         name: (
-            b"".join(csv_bytes(columns, joints.columns()))
+            _together(csv_bytes(columns, joints.columns()))
             if name == "joints"
             else csv_text([*columns, *(reasons if name == "ledger" else [])], rows[name]).encode()
         )
         for name, columns in TABLES.items()
     }
+
+
+def _together(pieces: Iterable[bytes]) -> bytes:
+    """Join bytes without having them twice."""
+    out = BytesIO()
+    out.writelines(pieces)
+    return out.getvalue()
 
 
 def _rule(row: RowView) -> RowView:

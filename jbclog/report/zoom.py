@@ -244,7 +244,8 @@ def _moments(trace: Trace) -> Iterator[tuple[float, float]]:
 
 def _parts(trace: Trace, kept: NDArray[np.bool_]) -> list[list[float]]:
     """Return from when to when, in seconds since the start, the rows are in the page."""
-    edges = np.flatnonzero(np.diff(kept.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    inside = np.concatenate([[False], kept, [False]])
+    edges = np.flatnonzero(inside[1:] != inside[:-1]).reshape(-1, 2)
     starts, ends = (
         trace.seconds[places] - trace.start for places in (edges[:, 0], edges[:, 1] - 1)
     )

@@ -182,9 +182,11 @@ def _knee(
     """Return the temperature below which the scale may be coarser: few samples, no line, and enough
     height saved; else None.
     """
-    known = np.concatenate(read)
-    if not len(known):
+    # an empty part would make all of them 64 bits wide
+    parts = [part for part in read if len(part)]
+    if not parts:
         return None
+    known = np.concatenate(parts)
     floor = min(
         float(_known(part).min())
         for part in (np.array([quantile(known, RARE)]), *lines)

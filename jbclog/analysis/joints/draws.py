@@ -66,14 +66,21 @@ class Draw(NamedTuple):
         """``joint``, or ``not known`` if it can also be a wipe, a touch without solder, or a feed
         without a joint.
         """
-        if self.is_unfed:
-            return NOT_KNOWN
-        sure = (
-            self.dwell_s >= SURE_DWELL_S
-            and (self.heat or 0.0) >= SURE_HEAT
-            and (self.peak or 0.0) >= SURE_PEAK
-        )
-        return JOINT if (self.fed and self.heat is not None) or sure else NOT_KNOWN
+        return kind_of_draw(self.dwell_s, self.heat, self.peak, self.fed, self.is_unfed)
+
+
+def kind_of_draw(
+    dwell_s: float,
+    heat: float | None,
+    peak: float | None,
+    fed: bool | None,  # fields of a draw
+    is_unfed: bool,
+) -> str:
+    """Return the kind of a draw with these fields."""
+    if is_unfed:
+        return NOT_KNOWN
+    sure = dwell_s >= SURE_DWELL_S and (heat or 0.0) >= SURE_HEAT and (peak or 0.0) >= SURE_PEAK
+    return JOINT if (fed and heat is not None) or sure else NOT_KNOWN
 
 
 def is_joint(draw: Draw, settings: JointSettings) -> bool:

@@ -71,7 +71,10 @@ def joint_evidence(
     """Return the joints of each port of these stations that has a tip; `t0_utc` is the
     manifest's.
     """
-    read = partial(row_groups, folder)
+
+    def read(table: str, columns: list[str]) -> Iterable[pa.Table]:
+        return row_groups(folder, table, columns, coded=table == "samples")
+
     stepped_s = sum(abs(step.size_s) for step in clock_steps(read))
     return {
         key: _port_joints(one, stepped_s)

@@ -10,6 +10,7 @@ from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final, NamedTuple, TypeVar, get_args, get_type_hints, overload
 
+from jbclog.analysis.joints.draws import kind_of_draw
 from jbclog.analysis.joints.recovery import Joint
 
 R = TypeVar("R", bound=NamedTuple)
@@ -119,6 +120,12 @@ def column_of(joints: Sequence[Joint], name: str) -> list[Any]:
     if name in Joint._fields:
         return [getattr(joint, name) for joint in joints]
     return [getattr(joint.draw, name) for joint in joints]
+
+
+def kinds_of(joints: Sequence[Joint]) -> list[str]:
+    """Return the kind of each joint, as `Joint.kind`."""
+    names = ("dwell_s", "heat", "peak", "fed", "is_unfed")
+    return [*map(kind_of_draw, *(column_of(joints, name) for name in names))]
 
 
 def dwells_of(joints: Sequence[Joint]) -> list[float | None]:

@@ -18,7 +18,7 @@ import numpy as np
 from jbclog.analysis.joints.draws import JOINT
 from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.joints import FoundJoints
-from jbclog.analysis.joints.packed import column_of, dwells_of
+from jbclog.analysis.joints.packed import column_of, dwells_of, kinds_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE
 from jbclog.analysis.joints.thermal import Delay
@@ -56,7 +56,7 @@ def joint_figures(port: Totals, found: FoundJoints) -> list[Figure]:
 
 def _counts(port: Totals, found: FoundJoints) -> list[Figure]:
     coverage, joints = port.temperature.coverage, found.joints
-    unknown = sum(joint.kind != JOINT for joint in joints)
+    unknown = len(joints) - kinds_of(joints).count(JOINT)
     gap = port.temperature.gap or port.power.gap
     in_gaps = None if gap is None else f"{gap} Joints in gaps are not known."
     why, heat_why = found.why or in_gaps, found.heat_why or found.number_why or in_gaps

@@ -7,8 +7,8 @@ from math import inf
 
 import numpy as np
 
-from jbclog.analysis.joints.draws import Draw
-from jbclog.analysis.joints.packed import ROWS_AT_ONCE, Packed, column_of, dwells_of
+from jbclog.analysis.joints.draws import JOINT, NOT_KNOWN, Draw
+from jbclog.analysis.joints.packed import ROWS_AT_ONCE, Packed, column_of, dwells_of, kinds_of
 from jbclog.analysis.joints.recovery import Joint
 
 COUNT = 3 * ROWS_AT_ONCE + 7
@@ -62,7 +62,9 @@ def test_columns_of_joints_in_columns_are_those_of_objects() -> None:
     packed = Packed(Joint, every)
     for name in (*Joint._fields[1:], *Draw._fields):
         assert column_of(packed, name) == column_of(every, name), name
-    assert dwells_of(packed) == [one.dwell_s for one in every]
+    assert dwells_of(packed) == dwells_of(every) == [one.dwell_s for one in every]
+    assert kinds_of(packed) == kinds_of(every) == [one.kind for one in every]
+    assert {*kinds_of(packed)} == {JOINT, NOT_KNOWN}
 
 
 def test_a_place_is_found_by_its_moment() -> None:
