@@ -7,6 +7,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -27,10 +28,12 @@ from jbclog.core.foreign.json_reader import (
 )
 from jbclog.core.rows import SCHEMA_VERSION, Goal, StationFacts, TipCheck
 from jbclog.record.manifest_counts import MOST, expect_counts
+from jbclog.record.schema import SAMPLES
 
 NAME: Final = "manifest.json"
 MOST_SAID: Final = 500
 ROUND_A_UNIT: Final = 8  # bytes at most around a unit: its comma, line end and indentation
+SIGNALS: Final = frozenset(name.removesuffix("!") for name, *_ in SAMPLES)
 END: Final = b"\n}\n"
 DIGEST: Final = ',\n "digest": "%s"\n}\n'
 _DIGEST: Final = re.compile(rb',\n "digest": "([0-9a-f]{64})"\n\}\n')
@@ -304,6 +307,7 @@ def read_manifest(folder: Path) -> Manifest:
             )
         manifest = _build_manifest(data)
         expect_counts(manifest.counts(), manifest.stations)
+        _expect_signals(manifest.stations)
         for time in (manifest.started, manifest.ended):
             _expect_time(time)
         expect_moment(manifest.t0_utc)
@@ -316,6 +320,16 @@ def read_manifest(folder: Path) -> Manifest:
         ) from None
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise NoManifest(f"{path} is no manifest: {error}") from error
+
+
+def _expect_signals(stations: Iterable[StationFacts]) -> None:
+    """Raise ValueError for a signal that is no column of the samples: coverage and verdict read
+    the columns of these names.
+    """
+    for one in stations:
+        unknown = next((name for name in one.signals if name not in SIGNALS), None)
+        if unknown is not None:
+            raise ValueError(f"station {one.name}: {unknown!r:.60} is no signal")
 
 
 def _expect_time(text: str | None) -> None:
@@ -352,9 +366,13 @@ def manifest_text(manifest: Manifest) -> str:
 
 
 def expect_readable(manifest: Manifest) -> None:
-    """Raise RecordError for a manifest that no reader would take, because a list or the whole is
-    too long.
+    """Raise RecordError for a manifest that no reader would take: a list or the whole is too long,
+    or a signal is none.
     """
+    try:
+        _expect_signals(manifest.stations)
+    except ValueError as error:
+        raise RecordError(f"no reader takes this manifest: {error}") from error
     try:
         expect_counts(manifest.counts(), manifest.stations)
     except ValueError as error:

@@ -17,6 +17,7 @@ from jbclog.analysis.verdict import RULES
 from jbclog.core.durable_files import line_of, sha256
 from jbclog.core.errors import RecordError
 from jbclog.record.annotations import read as read_annotations
+from jbclog.record.chains import short_head
 from jbclog.record.manifest import manifest_sha256, read_manifest
 
 
@@ -49,8 +50,8 @@ class Identity:
         if known.manifest_sha256 != self.manifest_sha256:
             raise RecordError(
                 f"{self.run}: the store has a run of this name with another manifest"
-                f" ({known.manifest_sha256[:16]}, here {self.manifest_sha256[:16]}); nothing was"
-                " published. `jbclog check` shows which folder was changed"
+                f" ({short_head(known.manifest_sha256)}, here {short_head(self.manifest_sha256)});"
+                " nothing was published. `jbclog check` shows which folder was changed"
             )
         if _begins(self.annotations, known.annotations):
             grown = len(self.annotations) > len(known.annotations)

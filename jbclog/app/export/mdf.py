@@ -24,6 +24,7 @@ from jbclog.analysis.joints.port_rows import Clock
 from jbclog.analysis.run_metrics import clock_steps
 from jbclog.app.export.source import SCHEMA_OF, Source
 from jbclog.core.rows import SIGNAL_OF_COLUMN, StationFacts
+from jbclog.core.text import clean
 
 VERSION: Final = "4.10"
 HELD_ROWS: Final = 300_000  # of samples in memory, until each port's are written in one stretch
@@ -77,7 +78,7 @@ class Choices:
     def values(self, column: pa.ChunkedArray) -> Values:
         coded = column.combine_chunks().dictionary_encode()
         numbers = [
-            self._numbers.setdefault(text, len(self._numbers))
+            self._numbers.setdefault(text and clean(text), len(self._numbers))
             for text in coded.dictionary.to_pylist()
         ]
         places = coded.indices.cast(pa.int64()).fill_null(len(numbers)).to_numpy()
@@ -95,11 +96,11 @@ class Choices:
 
 
 class Texts:
-    """Texts as they are, in UTF-8."""
+    """Texts in UTF-8."""
 
     def values(self, column: pa.ChunkedArray) -> Values:
         return np.array(
-            [(text or "").encode() for text in column.to_pylist()] or [b""], dtype=bytes
+            [clean(text or "").encode() for text in column.to_pylist()] or [b""], dtype=bytes
         )[: len(column)]
 
     def conversion(self) -> None:
@@ -122,8 +123,8 @@ class Group(NamedTuple):
         """Return a group without rows; its texts recur, or are each different."""
         texts = Choices if recur else Texts
         return cls(
-            name,
-            comment,
+            clean(name),
+            clean(comment),
             fields,
             [texts() if pa.types.is_string(one.type) else Numbers(one) for one in fields],
             [],

@@ -11,8 +11,10 @@ import pytest
 from jbclog.core import durable_files
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import Goal, StationFacts
+from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.find_runs import ALL, Unreadable, summary_of
 from jbclog.record.manifest import (
+    SIGNALS,
     LineFile,
     Lost,
     Manifest,
@@ -22,6 +24,7 @@ from jbclog.record.manifest import (
     RecipeFile,
     SealedFile,
     Unit,
+    expect_readable,
     iso,
     manifest_sha256,
     read_manifest,
@@ -210,6 +213,20 @@ def test_a_period_that_no_run_can_have_makes_it_no_manifest(
     found = summary_of(tmp_path, ALL)
     assert isinstance(found, Unreadable)
     assert "is no sampling period" in found.why
+
+
+def test_a_signal_that_is_no_column_makes_it_no_manifest(tmp_path: Path) -> None:
+    """Coverage reads the columns of these names: `report` ended in an internal error."""
+    forged = replace(FULL, stations=[StationFacts("a", "url", "dde", signals=["status", "x"])])
+    write_manifest(tmp_path, forged)
+    with pytest.raises(NoManifest, match="station a: 'x' is no signal"):
+        read_manifest(tmp_path)
+    with pytest.raises(RecordError, match="no reader takes this manifest"):
+        expect_readable(forged)
+
+
+def test_every_signal_of_every_family_is_a_column() -> None:
+    assert {one.name for family in FAMILIES.values() for one in family.signals} <= SIGNALS
 
 
 STATION = StationFacts("a", "url", "dde")

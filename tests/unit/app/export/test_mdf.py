@@ -17,6 +17,7 @@ import pytest
 
 import jbclog
 from jbclog.app.export.source import Source
+from jbclog.core.text import clean
 from jbclog.record.manifest import manifest_sha256
 from support.lazy import asammdf, mdf, mdfreader
 from support.records.sealed_run import T0_UTC_S, lose, samples, seal, station, table
@@ -33,6 +34,9 @@ def path(source: Source, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def file(path: Path) -> Iterator[asammdf.MDF]:
     with asammdf.MDF(path) as opened:
         yield opened
+
+
+SPLITTING = 'Müller\nK0001/1 9\x14255\x0f1,";'  # as in `run`
 
 
 def groups(file: asammdf.MDF) -> dict[str, int]:
@@ -92,6 +96,17 @@ def test_the_header_names_the_run(file: asammdf.MDF, run: jbclog.Run) -> None:
     assert f"exported by jbclog {jbclog.__version__} from run {run.name}" in file.header.comment
     assert f'<e name="fingerprint">{manifest_sha256(run.folder)}</e>' in file.header.comment
     assert "&lt;" not in file.header.comment.partition("<TX>")[0]
+
+
+def test_foreign_texts_stay_on_their_line(file: asammdf.MDF, path: Path, tmp_path: Path) -> None:
+    found = file.get("raw", group=groups(file)["events"]).samples
+    assert {text.decode() for text in found} == {"high", clean(SPLITTING)}
+    facts = station(rows=20)
+    facts.model = SPLITTING
+    made = seal(tmp_path / "runs", [facts], table(samples(20)))
+    mdf.write(Source(jbclog.open_run(made), is_checked=True), tmp_path / "run.mf4")
+    for one in (path, tmp_path / "run.mf4"):
+        assert SPLITTING.encode() not in one.read_bytes()
 
 
 def test_mdfreader_reads_the_same(tmp_path: Path) -> None:
