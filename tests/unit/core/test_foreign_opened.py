@@ -19,7 +19,7 @@ from support.readers.repository import parsed
 PACKAGE = Path(jbclog.__file__).parent
 HOME = ("core", "foreign")
 
-READS = {"read_bytes", "read_text", "readlines"}  # methods of a path
+READS = {"read_bytes", "read_text"}  # methods of a path
 # in Python 3.11 it raises RuntimeError where a link leads to itself; os.path.realpath does not
 LOOPS = {"resolve"}
 FUNCTIONS = {
@@ -31,13 +31,24 @@ FUNCTIONS = {
         "read_metadata",
         "read_parquet",
         "read_csv",
+        "read_feather",
+        "open_csv",
+        "make_fragment",
     ),
-    *("memory_map", "mmap", "fromfile", "loadtxt", "genfromtxt", "OSFile"),
+    *("memory_map", "mmap", "memmap", "fromfile", "loadtxt", "genfromtxt", "open_memmap"),
+    *("OSFile", "FileIO", "input_stream", "open_input_file", "open_input_stream"),
+    *("ZipFile", "TarFile", "GzipFile", "LZMAFile", "BZ2File", "DeltaTable", "Connection"),
+    *("getline", "getlines", "run_path", "fileinput", "copy2", "copytree", "copyfile", "copy_file"),
 }
-WHOLE_NAMES = {
-    *("sqlite3.connect", "pd.read_json"),
-    *("json.load", "tomllib.load", "np.load", "pickle.load", "shutil.copy", "shutil.copyfile"),
+MODULES = {
+    *("sqlite3", "io", "codecs", "gzip", "bz2", "lzma", "zipfile", "tarfile", "wave", "shelve"),
+    *("dbm", "tokenize", "dbapi2"),
 }
+"""Modules whose `open` or `connect` takes a path."""
+LOADERS = {"json", "tomllib", "pickle", "np", "numpy", "marshal", "shelve", "plistlib", "yaml"}
+"""Modules whose `load` takes a file or a path."""
+KNOWN_OPENS = ("port", "opened", "server", "self")
+WHOLE_NAMES = {"shutil.copy", "shutil.copyfileobj", "ds.dataset", "pa.dataset.dataset"}
 
 ALLOWED = {
     "cli/demo.py:read_text": "files of this package",
@@ -53,6 +64,8 @@ ALLOWED = {
     "app/doctor.py:read_text": "the kernel's own, below /sys",
     "transport/system_ports.py:read_text": "the kernel's own, below /proc",
     "core/locks.py:read_text": "the kernel's own, below /proc",
+    "guard/lease.py:os.open": "its `FLAGS` make a new file",
+    "transport/typed_lines.py:os.open": "a source of units, as below",
     "transport/typed_lines.py:open": (
         "a source of units, which is a pipe or a device by its nature; it is polled"
     ),
@@ -63,6 +76,9 @@ ALLOWED = {
     "core/locks.py:os.open": "looked at by `expect_regular` in the line before; nothing is read",
     "sim/links.py:os.open": "a pseudo terminal of a virtual station",
     "record/guard_actions.py:os.open": "read through `read_foreign` before",
+    "analysis/store/place.py:DeltaTable": "looked through by `_expect_plain_log` before",
+    "analysis/store/reader.py:make_fragment": "looked at by `expect_files` in the line before",
+    "analysis/store/parts.py:make_fragment": "files of `Store.dataset`, which looks through them",
     "config/load_recipe.py:read_text": (
         "the function of `config/toml_reader.py`, which reads through `read_foreign`"
     ),
@@ -78,30 +94,56 @@ ALLOWED = {
 
 
 def bare_reads(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and name of each call in a file that reads from what may be anybody's."""
+    """Line and name of each place in a file that reads from what may be anybody's."""
     for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Call) and (name := _read(node)) is not None:
             yield node.lineno, name
+        elif isinstance(node, ast.Attribute) and node.attr in READS:
+            yield node.lineno, node.attr  # also one that is not called: map(Path.read_bytes, paths)
+        elif isinstance(node, ast.ImportFrom):
+            yield from (
+                (node.lineno, f"{node.module}.{one.name}")
+                for one in node.names
+                if _is_of_module(node.module or "", one.name)
+            )
 
 
 def _read(call: ast.Call) -> str | None:
-    whole, last = ast.unparse(call.func), ast.unparse(call.func).rpartition(".")[2]
-    if whole in WHOLE_NAMES or last in FUNCTIONS:
-        return whole if whole in WHOLE_NAMES else last
-    if last in LOOPS and not call.args:
+    whole = ast.unparse(call.func)
+    before, _, last = whole.rpartition(".")
+    if whole in WHOLE_NAMES or _is_of_module(before, last):
+        return whole
+    if last in FUNCTIONS or whole in READS or (last in LOOPS and not call.args):
         return last
-    if last in READS and whole != "self.read":
-        return last
+    if last.startswith("read_") and before in ("pd", "pandas"):
+        return whole
     if whole == "os.open":
-        return (
-            None
-            if any(flag in ast.unparse(call) for flag in ("O_CREAT", "FLAGS", "O_DIRECTORY"))
-            else whole
-        )
-    is_open = whole == "open" or (
-        last == "open" and (not call.args or _is_mode(call.args[0])) and _is_file_mode(call)
+        return None if _is_no_read(call) else whole
+    return "open" if _is_open(call, before, last) and not _writes(call) else None
+
+
+def _is_of_module(before: str, last: str) -> bool:
+    module = before.rpartition(".")[2]
+    return (last in ("open", "connect") and module in MODULES) or (
+        last == "load" and module in LOADERS
     )
-    return "open" if is_open and not _writes(call) else None
+
+
+def _is_no_read(call: ast.Call) -> bool:
+    """Whether `os.open` makes a file, or opens a folder."""
+    flags = ast.unparse(call)
+    return any(flag in flags for flag in ("O_CREAT", "O_DIRECTORY"))
+
+
+def _is_open(call: ast.Call, before: str, last: str) -> bool:
+    """Whether it opens a file. The `open` of a port, a store or a collection of runs has no mode
+    and no name of `KNOWN_OPENS`.
+    """
+    if last != "open":
+        return False
+    if call.args:
+        return before in ("", "Path", "pathlib.Path") or _is_mode(call.args[0])
+    return bool(call.keywords) or before not in KNOWN_OPENS
 
 
 def _is_mode(argument: ast.expr) -> bool:
@@ -110,11 +152,6 @@ def _is_mode(argument: ast.expr) -> bool:
         and isinstance(argument.value, str)
         and set(argument.value) <= set("rwxab+t")
     )
-
-
-def _is_file_mode(call: ast.Call) -> bool:
-    """A path's `open`, with a mode or none; a port's and a store's are others."""
-    return bool(call.args) or any(one.arg in ("mode", "encoding") for one in call.keywords)
 
 
 def _writes(call: ast.Call) -> bool:
@@ -174,6 +211,22 @@ def test_every_exception_is_still_one() -> None:
         ("mmap.mmap(file.fileno(), 0)", "mmap"),
         ("np.fromfile(path)", "fromfile"),
         ("json.load(file)", "json.load"),
+        ("path.open()", "open"),
+        ("(folder / NAME).open(buffering=0)", "open"),
+        ("Path.open(path)", "open"),
+        ("io.open(path)", "io.open"),
+        ("gzip.open(path)", "gzip.open"),
+        ("tarfile.open(path)", "tarfile.open"),
+        ("zipfile.ZipFile(path)", "ZipFile"),
+        ("list(map(Path.read_bytes, paths))", "read_bytes"),
+        ("np.load(path)", "np.load"),
+        ("np.memmap(path)", "memmap"),
+        ("pa.memory_map(path)", "memory_map"),
+        ("pa.input_stream(path)", "input_stream"),
+        ("pd.read_excel(path)", "pd.read_excel"),
+        ("ds.dataset(path)", "ds.dataset"),
+        ("DeltaTable(path)", "DeltaTable"),
+        ("shutil.copytree(path, other)", "copytree"),
         ("path.open('wb')", None),
         ("path.open('x')", None),
         ("os.open(path, os.O_RDWR | os.O_CREAT)", None),
@@ -189,3 +242,8 @@ def test_a_bare_read_is_found(tmp_path: Path, text: str, name: str | None) -> No
     path.parent.mkdir()
     path.write_text(f"x = {text}\n", encoding="utf-8")
     assert list(found_below(tmp_path)) == ([f"record/made_up.py:{name}"] if name else [])
+
+
+def test_an_imported_name_is_found(tmp_path: Path) -> None:
+    (tmp_path / "a.py").write_text("from sqlite3 import connect\nfrom json import dumps, load\n")
+    assert [*found_below(tmp_path)] == ["a.py:sqlite3.connect", "a.py:json.load"]
