@@ -85,10 +85,8 @@ def _show(run: Path, *, as_json: bool) -> None:
     else:
         from jbclog.cli.alarm_lines import lines
 
-        for line in lines(found) or [f"{run}: no alarms"]:
-            echo(line)
-    for wrong in _wrong_annotations(run):
-        note(wrong)
+        echo(*(lines(found) or [f"{run}: no alarms"]))
+    note(*_wrong_annotations(run))
     if waiting:
         note(
             f"{len(waiting)} not acknowledged: jbclog alarms ack {run} {waiting[0].name} --by WHO"

@@ -71,8 +71,7 @@ def batch(
         note(f"note: {text}")
     with hold(home_of(out, jobs), jobs, local(time.time())):
         shift = prepare(orders, out, means, SystemZone(), resume=resume, anew=anew)
-        for text in (*beginning(shift), *(intentions(shift) if resume else ())):
-            note(text)
+        note(*beginning(shift), *(intentions(shift) if resume else ()))
         shown = shown_by(shift, color, quiet=as_json)
         executor = shift.executor(shown, means)
         code = _carry_out(executor, shown)

@@ -10,8 +10,8 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, expect_chart_place, expect_run, is_runs
-from jbclog.cli.output import echo, echo_json, note, note_unreadable, reports_errors
-from jbclog.core.errors import RecordError, UsageError
+from jbclog.cli.output import echo, echo_json, note, note_unreadable, reports_errors, save_figure
+from jbclog.core.errors import UsageError
 from jbclog.core.text import exact_figures
 
 if TYPE_CHECKING:
@@ -103,7 +103,9 @@ def chart(
         cited = None if read is None else read[1]
     _print(found, source, metric, cited, as_json=as_json)
     if plot is not None:
-        _draw(found, plot)
+        from jbclog.analysis.plots import chart_figure
+
+        save_figure(chart_figure(found), plot)
 
 
 def _is_run(source: Path) -> bool:
@@ -208,19 +210,8 @@ def _print(
         )
         return
     for one in found:
-        for text in lines(one):
-            echo(text)
+        echo(*lines(one))
     if cited is not None:
         echo(f"fixed limits: SHA-256 {cited}")
     if not found:
         note(f"{source}: no values of {metric}")
-
-
-def _draw(found: list[Charted | Counted | Ranked], plot: Path) -> None:
-    from jbclog.analysis.plots import chart_figure
-
-    try:
-        chart_figure(found).savefig(plot, dpi=150)
-    except OSError as error:
-        raise RecordError(f"{plot}: cannot write: {error.strerror or error}") from error
-    note(f"written: {plot}")

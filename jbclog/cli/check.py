@@ -81,8 +81,7 @@ def check(
             }
         )
     else:
-        for text in [*notes, *map(str, found)]:
-            echo(text)
+        echo(*notes, *map(str, found))
         none = (
             "no differences"
             + f" in what is covered; {count_text(len(bare), 'file')} not covered" * bool(bare)

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import expect_chart_place, expect_run
-from jbclog.cli.output import echo, echo_json, note, reports_errors
-from jbclog.core.errors import RecordError
+from jbclog.cli.output import echo, echo_json, reports_errors, save_figure
 from jbclog.core.text import exact_figures
-
-if TYPE_CHECKING:
-    from jbclog.analysis.compare import Comparison
 
 
 @reports_errors
@@ -53,17 +48,8 @@ def compare(
     if as_json:
         echo_json(exact_figures(facts(found)))
     else:
-        for text in lines(found):
-            echo(text)
+        echo(*lines(found))
     if plot is not None:
-        _draw(found, plot)
+        from jbclog.analysis.plots import overlay
 
-
-def _draw(found: Comparison, plot: Path) -> None:
-    from jbclog.analysis.plots import overlay
-
-    try:
-        overlay(found).savefig(plot, dpi=150)
-    except OSError as error:
-        raise RecordError(f"{plot}: cannot write: {error.strerror or error}") from error
-    note(f"written: {plot}")
+        save_figure(overlay(found), plot)

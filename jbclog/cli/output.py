@@ -20,10 +20,14 @@ from typing import TYPE_CHECKING, ParamSpec
 import typer
 
 from jbclog.cli.streams import point_to_null, writes_unicode
-from jbclog.core.errors import JbclogError, Problems, unexpected_error_text
+from jbclog.core.errors import JbclogError, Problems, RecordError, unexpected_error_text
 from jbclog.core.text import clean, count_text, json_line, shortened
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
     from jbclog.analysis.runs import Runs
 
 P = ParamSpec("P")
@@ -54,6 +58,15 @@ def note(*lines: str) -> None:
     """Print lines for people on stderr; wraps them between words on a terminal."""
     cleaned = [shown(line) for line in lines]
     _echo([wrapped(line) for line in cleaned] if is_terminal() else cleaned, err=True)
+
+
+def save_figure(figure: Figure, plot: Path) -> None:
+    """Write a figure to a file and print its name. Raises `RecordError`."""
+    try:
+        figure.savefig(plot, dpi=150)
+    except OSError as error:
+        raise RecordError(f"{plot}: cannot write: {error.strerror or error}") from error
+    note(f"written: {plot}")
 
 
 def note_unreadable(runs: Runs) -> None:
@@ -117,6 +130,8 @@ def _cut(cell: str, most: int) -> str:
 
 
 def _echo(lines: list[str], *, err: bool) -> None:
+    if not lines:
+        return
     try:
         typer.echo("\n".join(lines), err=err)
     except OSError:  # the reader is gone, or the disk is full

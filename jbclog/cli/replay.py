@@ -75,8 +75,7 @@ def replay(
         raise UsageError("--record serves no stations: omit --dir and --tcp")
     recording = open_recording(run)
     doubts = recording.doubts
-    for text in doubts:
-        note(text)
+    note(*doubts)
     if doubts:
         note(DOUBTFUL)
     if out is None:
@@ -216,8 +215,7 @@ def _held_json(held: Held | None) -> dict[str, object]:
 
 
 def _print(again: Again, held: Held | None, left: Sequence[str]) -> None:
-    for text in left:
-        note(text)
+    note(*left)
     if held is None:
         note(UNSEALED)
     else:
@@ -227,10 +225,8 @@ def _print(again: Again, held: Held | None, left: Sequence[str]) -> None:
 
 def _print_held(held: Held) -> None:
     differences = held.comparison.differences
-    for text in differences:
-        echo(text)
-    for text in held.uncompared:
-        note(text)
+    echo(*differences)
+    note(*held.uncompared)
     note(held.compared)
     if held.is_same:
         note(f"{SAME}, as far as the captures of the cut-off run reach" if held.lacking else SAME)

@@ -64,7 +64,6 @@ def _verify(run: Path, *, as_json: bool) -> None:
             {"run": str(run), "agrees": found.agrees, "findings": findings, "notes": found.notes}
         )
     else:
-        for text in [*found.notes, *(findings or [f"{run}: the report matches its record"])]:
-            echo(text)
+        echo(*found.notes, *(findings or [f"{run}: the report matches its record"]))
     if found.agrees is not True:
         raise typer.Exit(1)

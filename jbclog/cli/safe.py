@@ -74,8 +74,7 @@ def safe(
     def done(made: StationMadeSafe) -> None:
         stations.append(made)
         if not as_json:
-            for text in lines(made):
-                echo(text)
+            echo(*lines(made))
 
     access = options.port_access(ctx)
     make_line_safe(loaded, done, access)

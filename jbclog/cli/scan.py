@@ -59,13 +59,13 @@ def print_found(reports: list[PortReport], wanted: Path | None, written: Path | 
 
     for report in reports:
         echo(*_lines(report))
-        echo()
+        echo("")
     echo(*_sent_lines(reports))
     if wanted and not written:
-        echo()
+        echo("")
         echo(f"not written: {wanted}; no station that jbclog can drive")
     if written:
-        echo()
+        echo("")
         if is_complete(reports):
             echo(f"written: {written}. Next: jbclog plan RECIPE --line {written}")
         else:

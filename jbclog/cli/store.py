@@ -81,8 +81,7 @@ def _check(place: Place, older_than: timedelta, *, as_json: bool) -> None:
         echo_json({"store": str(place), "agrees": not found.findings, **asdict(found)})
     else:
         note(*found.notes, *found.leftovers, *(f"removed: {text}" for text in found.removed))
-        for text in found.findings:
-            echo(text)
+        echo(*found.findings)
         result = count_text(len(found.findings), "finding") if found.findings else "no differences"
         echo(f"{place}: {result} ({count_text(found.runs, 'run')})")
     if found.findings:

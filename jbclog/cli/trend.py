@@ -125,8 +125,7 @@ def _print(found: list[Trend], runs: Runs, metric: str, *, as_json: bool) -> Non
         )
         return
     for one in found:
-        for text in lines(one):
-            echo(text)
+        echo(*lines(one))
     note(f"{metric}: {metric_text(metric)}" if found else f"{runs.folder}: no run has {metric}")
 
 

@@ -162,8 +162,7 @@ def _print(
         f"  recorded as number {kept.seq} in {out / 'verifications.jsonl'} (fingerprint"
         f" {short_head(head)})"
     )
-    for text in _advice(kept, call):
-        note(text)
+    note(*_advice(kept, call))
 
 
 def _what_is_in(kept: Verification) -> str:

@@ -119,6 +119,12 @@ def test_what_the_parser_repeats_is_cleaned_and_short(words: str) -> None:
     assert len(said.output.splitlines()) <= 4
 
 
+def test_no_line_is_no_empty_line(capsys: pytest.CaptureFixture[str]) -> None:
+    output.echo()
+    output.note()
+    assert capsys.readouterr() == ("", "")
+
+
 def test_a_line_and_a_cell_have_a_most_length(capsys: pytest.CaptureFixture[str]) -> None:
     output.echo("x" * 100_000)
     output.note("y" * 100_000)
