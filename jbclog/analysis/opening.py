@@ -10,8 +10,8 @@ from jbclog.analysis import run as folders
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_tables import Moment
 from jbclog.analysis.runs import Runs, filter_of
-from jbclog.analysis.runs import open_runs as runs_below
 from jbclog.analysis.store.place import is_in_store, is_store, place_of
+from jbclog.core.errors import RecordError
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:
@@ -46,8 +46,11 @@ def open_runs(
     whole, ``*`` stands for any characters. A run starts at `since` or later and before `until`, UTC
     without a zone. Raises `UsageError` for an unknown condition, `RecordError` without the folder.
     """
-    if not is_store(folder):
-        return runs_below(folder, since=since, until=until, tags=tags, **texts)
-    from jbclog.analysis.store.runs import StoredRuns
+    if is_store(folder):
+        from jbclog.analysis.store.runs import StoredRuns
 
-    return StoredRuns(place_of(folder), filter_of(since, until, tags, texts))
+        return StoredRuns(place_of(folder), filter_of(since, until, tags, texts))
+    path = Path(folder)
+    if not path.is_dir():
+        raise RecordError(f"{path} is missing, or not a folder")
+    return Runs(path, filter_of(since, until, tags, texts))

@@ -9,7 +9,6 @@ for piece in runs.samples(columns=["time", "station", "port", "temperature_c"]):
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
@@ -404,27 +403,6 @@ def _with_runs(table: pd.DataFrame, counts: Sequence[tuple[Found, int]]) -> pd.D
     )
     table.insert(0, "run", names)
     return table
-
-
-def open_runs(
-    folder: str | os.PathLike[str] = "runs",
-    *,
-    since: Moment | None = None,
-    until: Moment | None = None,
-    tags: Mapping[str, str] | None = None,
-    **texts: str | None,
-) -> Runs:
-    """Return the runs below `folder` that match all conditions, from their manifests alone.
-
-    `texts` are `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`,
-    `station`, `recipe` (``NAME`` or ``NAME@REVISION``), `verdict`, `state`; each matches as a
-    whole, ``*`` stands for any characters. A run starts at `since` or later and before `until`, UTC
-    without a zone. Raises `UsageError` for an unknown condition, `RecordError` without the folder.
-    """
-    path = Path(folder)
-    if not path.is_dir():
-        raise RecordError(f"{path} is missing, or not a folder")
-    return Runs(path, filter_of(since, until, tags, texts))
 
 
 def filter_of(

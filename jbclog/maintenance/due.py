@@ -16,6 +16,7 @@ from jbclog.config.tasks_file import DAYS, Task
 from jbclog.maintenance.counter_totals.observed import Fact
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval, seconds
 from jbclog.maintenance.counter_totals.totals import Trace
+from jbclog.maintenance.ledger import unit_of
 
 # -- pace ------------------------------------------------------------------------------------------
 # The rate of a counter and its uncertainty: the basis of a forecast.
@@ -351,13 +352,12 @@ def _of_counter(
     begin = max(trace.points[0].time for trace in group)
     known = done if done is not None and seconds(done.time) >= seconds(begin) else None
     used = sum((used_since(trace, known.time if known else None) for trace in group), NOTHING)
-    unit = {"h": "h", "mm": "mm"}.get(task.counter.rpartition("_")[2], "count")
     state = TaskState(
         task.name,
         task.title,
         port,
         task.counter,
-        unit,
+        unit_of(task.counter),
         task.life,
         None,
         None,
