@@ -56,13 +56,13 @@ def _column(readings: list[list[Readings]]) -> Any:
 def _spans(
     lists: Sequence[Sequence[Span]], ends: Sequence[tuple[float, float]], period_s: float
 ) -> list[Span]:
-    """Return the spans of all pieces, whose first and last moments are `ends`; one that goes on in
-    the next piece is one.
+    """Return the spans of all pieces, whose first and last moments are `ends`; one that continues
+    in the next piece is one.
     """
     found: list[Span] = []
     before_s = -inf  # the last row of the piece before
     for spans, (first_s, last_s) in zip(lists, ends, strict=True):
-        goes_on = (
+        continues = (
             found
             and spans
             and found[-1].end == before_s + period_s
@@ -70,9 +70,9 @@ def _spans(
             and spans[0].word == found[-1].word
             and first_s - before_s <= JOINED_PERIODS * period_s
         )
-        if goes_on:
+        if continues:
             found[-1] = replace(found[-1], end=spans[0].end)
-        found += spans[1:] if goes_on else spans
+        found += spans[1:] if continues else spans
         before_s = last_s
     return found
 
