@@ -65,23 +65,23 @@ def batch(
     if resume and anew:
         raise UsageError("--resume continues a batch, --anew discards it: give only one of them")
     never_wait()
-    means = Timing(time.time, lambda: time.sleep(LOOK_EVERY_S))
-    orders = plan_batch(load_jobs(jobs, line), out)
-    for text in orders.notes:
+    timing = Timing(time.time, lambda: time.sleep(LOOK_EVERY_S))
+    plan = plan_batch(load_jobs(jobs, line), out)
+    for text in plan.notes:
         note(f"note: {text}")
     with hold(home_of(out, jobs), jobs, local(time.time())):
-        shift = prepare(orders, out, means, SystemZone(), resume=resume, anew=anew)
-        note(*beginning(shift), *(intentions(shift) if resume else ()))
-        shown = shown_by(shift, color, quiet=as_json)
-        executor = shift.executor(shown, means)
+        prepared = prepare(plan, out, timing, SystemZone(), resume=resume, anew=anew)
+        note(*beginning(prepared), *(intentions(prepared) if resume else ()))
+        shown = shown_by(prepared, color, quiet=as_json)
+        executor = prepared.executor(shown, timing)
         code = _carry_out(executor, shown)
         if as_json:
-            echo_json(facts(shift, out, code))
+            echo_json(facts(prepared, out, code))
         else:
-            print_table(shift, out)
-            note(f"journal: {shift.journal.store.path}; exit code {code}")
+            print_table(prepared, out)
+            note(f"journal: {prepared.journal.store.path}; exit code {code}")
         executor.finish()
-        note(shift.state.closing)
+        note(prepared.state.closing)
     raise typer.Exit(code)
 
 

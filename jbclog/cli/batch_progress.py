@@ -65,55 +65,55 @@ def seconds(iso: str) -> float:
 # -- start -----------------------------------------------------------------------------------------
 
 
-def beginning(shift: PreparedBatch) -> Iterator[str]:
+def beginning(batch: PreparedBatch) -> Iterator[str]:
     """Return whether the batch starts or resumes, and which jobs wait for a time."""
-    jobs = shift.state.jobs
+    jobs = batch.state.jobs
     count = count_text(len(jobs), "job")
-    if shift.is_new:
-        yield f"batch of {count} on line {shift.plan.line.name}; journal: {shift.journal.folder}"
+    if batch.is_new:
+        yield f"batch of {count} on line {batch.plan.line.name}; journal: {batch.journal.folder}"
     else:
         over = sum(job.is_over and not (job.last and job.last.again) for job in jobs.values())
-        begun = local(seconds(shift.state.begun or shift.state.last))
+        begun = local(seconds(batch.state.begun or batch.state.last))
         yield f"resuming the batch of {begun}: {over} of {count} done"
     for job in jobs.values():
         if job.due is not None and not job.is_over and not job.attempts:
             yield f"{job.name} waits until {local(job.due)}"
 
 
-def intentions(shift: PreparedBatch) -> Iterator[str]:
+def intentions(batch: PreparedBatch) -> Iterator[str]:
     """Return a line per job: its state and the next step."""
-    width = max(len(name) for name in shift.state.jobs)
-    for job, text in shift.next_steps():
+    width = max(len(name) for name in batch.state.jobs)
+    for job, text in batch.next_steps():
         yield f"  {job.name:{width}}  {text}"
 
 
 # -- result ----------------------------------------------------------------------------------------
 
 
-def print_table(shift: PreparedBatch, out: Path) -> None:
+def print_table(batch: PreparedBatch, out: Path) -> None:
     """Print a row for each attempt at a job, in the order of the jobs file. A terminal gets the
     columns that fit.
     """
     columns: Sequence[Column] = END_COLUMNS
     rows: Sequence[Sequence[str]] = [
-        row for job in _in_file_order(shift) for row in _rows(shift, job, out)
+        row for job in _in_file_order(batch) for row in _rows(batch, job, out)
     ]
     if sys.stdout.isatty():
         columns, rows = fitting(columns, rows, shutil.get_terminal_size().columns, gap=2)
     echo_table([column.name for column in columns], rows)
     if columns[-1] is not END_COLUMNS[-1]:
         note(
-            f"the runs are in {out}; `jbclog runs {out} --tag batch={shift.plan.file.path.stem}`"
+            f"the runs are in {out}; `jbclog runs {out} --tag batch={batch.plan.file.path.stem}`"
             " lists them"
         )
 
 
-def _in_file_order(shift: PreparedBatch) -> list[JobState]:
-    return [shift.state.jobs[name] for name in shift.plan.specs]
+def _in_file_order(batch: PreparedBatch) -> list[JobState]:
+    return [batch.state.jobs[name] for name in batch.plan.specs]
 
 
-def _rows(shift: PreparedBatch, job: JobState, out: Path) -> Iterator[Sequence[str]]:
-    stations = ",".join(shift.plan.stations[job.name])
+def _rows(batch: PreparedBatch, job: JobState, out: Path) -> Iterator[Sequence[str]]:
+    stations = ",".join(batch.plan.stations[job.name])
     for attempt in job.attempts[:-1]:
         yield (job.name, stations, *_cells(attempt, out))
     if job.last is not None and job.state is job.last.state:
@@ -137,23 +137,23 @@ def _cells(attempt: Attempt, out: Path) -> Sequence[str]:
     return attempt.state.value, code, attempt.verdict or "-", moment(began), took, run
 
 
-def facts(shift: PreparedBatch, out: Path, code: int) -> dict[str, object]:
+def facts(batch: PreparedBatch, out: Path, code: int) -> dict[str, object]:
     """Return the result of the batch as JSON data."""
-    state = shift.state
+    state = batch.state
     return {
-        "batch": str(shift.plan.file.path),
-        "journal": str(shift.journal.store.path),
+        "batch": str(batch.plan.file.path),
+        "journal": str(batch.journal.store.path),
         "finished": not state.is_open(),
         "exit_code": code,
-        "jobs": [_job_facts(shift, job, out) for job in _in_file_order(shift)],
+        "jobs": [_job_facts(batch, job, out) for job in _in_file_order(batch)],
     }
 
 
-def _job_facts(shift: PreparedBatch, job: JobState, out: Path) -> dict[str, object]:
+def _job_facts(batch: PreparedBatch, job: JobState, out: Path) -> dict[str, object]:
     last = job.last
     return {
         "name": job.name,
-        "stations": list(shift.plan.stations[job.name]),
+        "stations": list(batch.plan.stations[job.name]),
         "state": state_of(job),
         "exit_code": None if last is None or not job.is_over else last.exit_code,
         "verdict": None if last is None else last.verdict,
@@ -210,8 +210,8 @@ class Lines:
     showing.
     """
 
-    def __init__(self, shift: PreparedBatch, printer: Printer) -> None:
-        self._batch = shift
+    def __init__(self, batch: PreparedBatch, printer: Printer) -> None:
+        self._batch = batch
         self._printer = printer
         self._followed: dict[str, _Follower] = {}
         self._recording: set[str] = set()
@@ -261,10 +261,10 @@ class Lines:
             self._printer.print(event_line(event, job.name), event.severity)
 
     def _follow(self, job: JobState) -> _Follower:
-        papers = self._batch.processes.job_dir(job.name, max(len(job.attempts), 1))
+        job_dir = self._batch.processes.job_dir(job.name, max(len(job.attempts), 1))
         known = self._followed.get(job.name)
-        if known is None or known.job_dir.folder != papers.folder:
-            known = self._followed[job.name] = _Follower(papers)
+        if known is None or known.job_dir.folder != job_dir.folder:
+            known = self._followed[job.name] = _Follower(job_dir)
         return known
 
     def _now(self, job: JobState) -> JobProgress:
@@ -277,9 +277,9 @@ class Lines:
 class Screen(Lines):
     """Live table for a terminal, with the events above it."""
 
-    def __init__(self, shift: PreparedBatch, printer: Printer) -> None:
-        super().__init__(shift, printer)
-        self._asked: dict[str, JobTable] = {job.name: job for job in shift.plan.file.jobs}
+    def __init__(self, batch: PreparedBatch, printer: Printer) -> None:
+        super().__init__(batch, printer)
+        self._asked: dict[str, JobTable] = {job.name: job for job in batch.plan.file.jobs}
         self._live: Live | None = started_live(printer.console)
 
     def close(self) -> None:
@@ -354,7 +354,7 @@ def tools(now: JobProgress) -> str:
     return " ".join(part for part in (", ".join(states), warm) if part)
 
 
-def shown_by(shift: PreparedBatch, color: Color, *, quiet: bool) -> Lines:
+def shown_by(batch: PreparedBatch, color: Color, *, quiet: bool) -> Lines:
     """Return the live table on a terminal, lines elsewhere and with --json."""
     printer = Printer(color)
-    return Screen(shift, printer) if is_terminal() and not quiet else Lines(shift, printer)
+    return Screen(batch, printer) if is_terminal() and not quiet else Lines(batch, printer)
