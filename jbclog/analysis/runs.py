@@ -1,10 +1,11 @@
 """Many runs at once: found by their manifests, read one after another.
 
-runs = jbclog.open_runs("runs", line="bench-3", order="88123")
-runs.manifests()                                   # a row for each run
-for piece in runs.samples(columns=["time", "station", "port", "temperature_c"]):
-    ...                                            # DataFrames of some 30 000 rows, each with its
-    `run`
+::
+
+    runs = jbclog.open_runs("runs", line="bench-3", order="88123")
+    runs.manifests()  # a row for each run
+    for piece in runs.samples(columns=["time", "station", "port", "temperature_c"]):
+        ...  # DataFrames of some 30 000 rows, each with its `run`
 """
 
 from __future__ import annotations

@@ -4,16 +4,15 @@ opens.
 ::
 
     at_s            what    data
-    8123.480001251  run     {"format": 3, "station": "dde-1", ...}       the session's options
-    (`Head`) 8123.480341902  opened  /dev/ttyUSB0                                  lost, failed and
-    closed give the reason 8123.481126017  sent    023030303152534d4e0302
-    bytes, two hexadecimal digits each 8123.498264515  heard   023031303041534d4e204444450374
-    8123.498271302  told    ask 15 8123.481124960                         the request answered, with
-    its number of bytes, 8123.580107466  told    wait 0                                        and
-    when the command was sent 8125.006217701  told    gather 0
-    all stations have finished this step of the start 9001.220071830  broke   listen the port is
-    gone                       instead of an answer; stopped: the run's end 9002.118204002  done
-    the session ended
+    8123.480001251  run     {"format": 3, "station": "dde-1", ...}  the session's options (`Head`)
+    8123.480341902  opened  /dev/ttyUSB0      lost, failed and closed give the reason
+    8123.481126017  sent    023030303152534d4e0302  bytes, two hexadecimal digits each
+    8123.498264515  heard   023031303041534d4e204444450374
+    8123.498271302  told    ask 15 8123.481124960  the request answered, with its number of bytes,
+    8123.580107466  told    wait 0            and when the command was sent
+    8125.006217701  told    gather 0          all stations have finished this step of the start
+    9001.220071830  broke   listen the port is gone  instead of an answer; stopped: the run's end
+    9002.118204002  done                      the session ended
 
 `at_s` is the recorder's monotonic clock in seconds. Texts have JSON's escapes. ``zcat`` and
 ``pandas.read_csv`` read it.

@@ -93,8 +93,8 @@ def _plain(text: str) -> str:
 # ::
 #
 #     1f 8b 08 04 ...  gzip's head (RFC 1952) with an extra field `JW`, which other tools skip:
-#     number of the block, number
-#                      of its first line, kin, length of the block in bytes, CRC-32 of all of that
+#                      number of the block, number of its first line, kin, length of the block in
+#                      bytes, CRC-32 of all of that
 #     ...              its lines, deflated
 #     crc size         of the lines, as gzip has them
 #

@@ -2,8 +2,8 @@
 
 ::
 
-    SurveyTarget -> a run has its port? -> records.observed_in
-                          no -> open_port, reads only -> blocking.run pulls questions.look
+    SurveyTarget -> a run has its port? yes -> records.observed_in
+                                        no  -> open_port, reads only -> blocking.run pulls `look`
 
 Stations behind one port (with addresses) are read one after the other. A run that begins meanwhile
 either finds the port in use, or has it, and then its record is read.

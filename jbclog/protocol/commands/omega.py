@@ -24,7 +24,6 @@ from jbclog.protocol.commands.signals import ReadInterval, Signal
 # feeds of solder wire, each with a way back, and the times between them. On the serial line
 # (docs/reference/protocol.md, Condition record; not in manual 003)::
 #
-#
 #     0065  0  023  01E 032 005 032  00A  014 ...
 #     │     │  │    └─ fourteen more fields of three hexadecimal digits, each ten times the value
 #     │     │  └────── 3.5 s: rise

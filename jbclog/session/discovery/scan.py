@@ -2,11 +2,11 @@
 
 ::
 
-    open at a format -> listen for the binary protocol -> R-SMN to 01, without address, to 10 (->
-    OMEGA's A, twice)
-         ↑ no answer                                                             ↓ answer
-         └─────────────────────────────────────                 R-SMN until two answers are equal ->
-         read the identity
+    open at a format -> listen for the binary protocol -> R-SMN to 01, without address, to 10
+         ↑ no answer                                      (-> OMEGA's A, twice)
+         └──────────────────────────────────────────────────────┤
+                                                                ↓ answer
+                       R-SMN until two answers are equal -> read the identity
 
 Sends only reads, and none that clears anything. Bytes that are no answer are kept for the
 diagnosis.
