@@ -319,9 +319,9 @@ class Sampler:
 
         A driver ends a run once, and half a row would count as loss.
 
-        An answer as expected, as nearly all are, takes what is here and no other generator, which
-        is a third of the work; with anything else `Scanner.settle` continues. Both ways record the
-        same (tests/line/test_two_ways.py).
+        An answer as expected, as nearly all are, takes no other generator than this one, which
+        saves a third of an exchange's work; with anything else `Scanner.settle` continues. Both
+        ways record the same (tests/line/test_two_ways.py).
         """
         context, scanner, standstill = self.context, self._scanner, self._standstill
         station = context.station

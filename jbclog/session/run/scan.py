@@ -341,7 +341,7 @@ class Scanner:
             if scan.no_tool or probe.may_be_unusable:
                 why = self._why_unusable(probe, scan, value)
                 if why is not None:
-                    self._leave(probe, scan, value, why)
+                    self._leave_empty(probe, scan, value, why)
                     return
             probe.failing, probe.is_known = False, True
             if probe.fill is not None:
@@ -353,7 +353,7 @@ class Scanner:
             probe.due -= probe.place is None or scan.row[probe.place] is None
             raise
 
-    def _leave(self, probe: SignalRead, scan: PortScan, value: Value, why: str) -> None:
+    def _leave_empty(self, probe: SignalRead, scan: PortScan, value: Value, why: str) -> None:
         self.unread(probe, scan, why)
         if probe.reading.name == "delay_s":
             note_zero_countdown(self._context, probe.port, value)
