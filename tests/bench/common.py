@@ -87,6 +87,7 @@ def virtual_stations(
     turnaround_ms: float = 0.0,
     wire: bool = True,
     log: bool = False,
+    baudrate: int = LINE.baudrate,
 ) -> Iterator[Bench]:
     """Serve `count` stations of family dde for as long as the `with` lasts; their sensors have a
     little noise.
@@ -94,7 +95,7 @@ def virtual_stations(
     with TemporaryDirectory(prefix="jbclog-bench-") as made:
         folder = Path(made)
         names = [f"dde-{number:03d}" for number in range(1, count + 1)]
-        text = line_text(names, ports, turnaround_ms, wire)
+        text = line_text(names, ports, turnaround_ms, wire, baudrate)
         (folder / "line.toml").write_text(text)
         wire_log = folder / "wire.jsonl"
         with SimProcess(
@@ -105,7 +106,11 @@ def virtual_stations(
 
 
 def line_text(
-    names: Sequence[str], ports: str = "[1]", turnaround_ms: float = 0.0, wire: bool = True
+    names: Sequence[str],
+    ports: str = "[1]",
+    turnaround_ms: float = 0.0,
+    wire: bool = True,
+    baudrate: int = LINE.baudrate,
 ) -> str:
     """A line file of such stations."""
     station = """
@@ -113,6 +118,7 @@ def line_text(
 name = "{name}"
 url = "{name}"
 family = "dde"
+baudrate = {baudrate}
 ports = {ports}
 [station.sim]
 turnaround_ms = {turnaround_ms}
@@ -120,7 +126,13 @@ wire = {wire}
 noise_c = 0.5
 """
     tables = (
-        station.format(name=name, ports=ports, turnaround_ms=turnaround_ms, wire=str(wire).lower())
+        station.format(
+            name=name,
+            baudrate=baudrate,
+            ports=ports,
+            turnaround_ms=turnaround_ms,
+            wire=str(wire).lower(),
+        )
         for name in names
     )
     return '[line]\nname = "bench"\n' + "".join(tables)

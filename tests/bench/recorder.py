@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,6 +36,7 @@ class Recorded:
     rows: int
     ticks_skipped: int
     late_ms: tuple[float, float, float]  # of each tick's first question: 50 %, 99 %, the latest
+    late_tenths_ms: list[float]  # 99 % of each tenth of the rows, the least first
     worst_slow_periods: float  # the longest that any slow reading waited, in its own periods
     shortest_scan_s: float  # of a port's row, which holds three reads at least
     peak_mb: float  # of memory, before the rows are looked at
@@ -116,6 +118,7 @@ def _recorded(result: Result, watcher: Watcher, cpu_all_s: float) -> Recorded:
         rows=samples.num_rows,
         ticks_skipped=skipped + sum(facts.skipped for facts in stations),
         late_ms=(percentile(late, 50), percentile(late, 99), max(late)),
+        late_tenths_ms=sorted(percentile(part, 99) for part in _tenths(late)),
         worst_slow_periods=max(facts.worst_slow_periods for facts in stations),
         shortest_scan_s=min(us for us in samples["scan_us"].to_pylist() if us is not None) / 1e6,
         peak_mb=peak,
@@ -134,6 +137,12 @@ def _late_ms(ports: list[int], late_us: list[int | None]) -> list[float]:
     return [
         us / 1000 for port, us in zip(ports, late_us, strict=True) if port == 1 and us is not None
     ] or [0.0]
+
+
+def _tenths(values: list[float]) -> Iterator[list[float]]:
+    """Yield ten equal parts, those that are not empty."""
+    ends = [len(values) * number // 10 for number in range(11)]
+    return (values[first:end] for first, end in pairwise(ends) if end > first)
 
 
 def _peak_mb() -> float:

@@ -12,14 +12,18 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import bench_growth
 import growth_page
 from growth_page import Point
 
+from support.readers.texts import ROOT
+
 
 def series(*values: float) -> list[Point]:
     return [
-        Point("folders", 10.0**number, {"s": value}, "m", "d")
+        Point("folders", 10.0**number, {"s": value}, "m", "d", "Copies.")
         for number, value in enumerate(values, 1)
     ]
 
@@ -34,9 +38,7 @@ def test_a_line_has_what_is_fixed_and_what_each_adds() -> None:
 
 
 def test_the_page_has_a_table_a_picture_and_what_is_not_explained(tmp_path: Path) -> None:
-    written = growth_page.write_page(
-        series(2.0, 20.0, 2000.0), {"folders": "Copies.", "rates": "None yet."}, tmp_path
-    )
+    written = growth_page.write_page(series(2.0, 20.0, 2000.0), ["folders", "rates"], tmp_path)
     assert [path.name for path in written] == ["growth.md", "growth-folders.svg"]
     text = written[0].read_text()
     assert "| runs | 10 | 100 | 1,000 | fixed | each |" in text
@@ -44,6 +46,20 @@ def test_the_page_has_a_table_a_picture_and_what_is_not_explained(tmp_path: Path
     assert re.search(r"^- s: up to \d+ % from its line. Not explained yet.$", text, re.MULTILINE)
     assert "## rates" not in text
     assert written[1].read_text().startswith("<svg")
+
+
+def test_the_page_is_that_of_the_points_and_explains_each_line(tmp_path: Path) -> None:
+    points = bench_growth.measured(bench_growth.HOME / "growth.jsonl")
+    page = growth_page.write_page(points, bench_growth.PARTS, tmp_path)[0].read_text()
+    assert page == (ROOT / "docs" / "reference" / "growth.md").read_text()
+    assert growth_page.why("folders", "something new") not in page
+
+
+def test_points_measured_otherwise_are_named_apart(tmp_path: Path) -> None:
+    points = series(2.0, 20.0, 200.0)
+    points[0] = points[0]._replace(about="Links.", day="earlier")
+    (page, _) = growth_page.write_page(points, ["folders"], tmp_path)
+    assert "\nCopies. (d, m) Links. (earlier, m)\n" in page.read_text()
 
 
 def test_an_interrupted_part_is_resumed_where_it_stopped(
@@ -58,7 +74,7 @@ def test_an_interrupted_part_is_resumed_where_it_stopped(
         return {"s": float(size)}
 
     monkeypatch.setattr(
-        bench_growth, "PARTS", {"folders": bench_growth.Part("", (1, 2, 3, 4), (1,), measured)}
+        bench_growth, "PARTS", {"folders": bench_growth.Part((1, 2, 3, 4), (1,), measured)}
     )
     path = tmp_path / "growth.jsonl"
     with pytest.raises(KeyboardInterrupt):
