@@ -1,8 +1,9 @@
 """Where a store may be: a place where one publisher could overwrite another's commit is refused,
 and nothing is written to it.
 
-S3 is a real server process. A share is a folder whose hard links fail, or overwrite (a library that
-is preloaded).
+S3 is a real server process. A share is a file system of a program, which the kernel mounts (FUSE),
+and whose hard links fail or are copies. One whose links overwrite is a folder with a library that
+is preloaded, because the kernel looks first whether a name is taken.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from datetime import timedelta
 from pathlib import Path
 
@@ -29,6 +31,7 @@ from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record import annotations
 from jbclog.record.find_runs import ALL
+from support.faults.fuse_share import LINKS, fuse_share
 from support.faults.s3_server import BUCKET, KEY, SECRET, Server, serving
 from support.faults.small_disk import small_disk
 from support.records import small_run
@@ -198,6 +201,65 @@ def test_a_share_without_atomic_names_is_refused(
     assert said in line
     assert "nothing was written" in line
     assert [path for path in share.rglob("*") if path.is_file()] == []
+
+
+@pytest.fixture
+def share(tmp_path: Path) -> Iterator[Callable[[str], Path]]:
+    """What mounts a share, by how its hard links are."""
+    with ExitStack() as mounted:
+
+        def mount(links: str) -> Path:
+            try:
+                made_share = fuse_share(tmp_path / "share", tmp_path / "behind", links)
+                return mounted.enter_context(made_share)
+            except OSError as error:
+                pytest.skip(f"needs root and FUSE, to mount a share: {error}")
+
+        yield mount
+
+
+def published(run: Path, store: Path) -> subprocess.Popen[str]:
+    command = [*COMMAND, "publish", str(run), str(store)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+@pytest.mark.parametrize(
+    ("links", "said"),
+    [
+        ("EPERM", "no hard links (Operation not permitted)"),
+        pytest.param("ENOSYS", "no hard links", marks=pytest.mark.campaign),
+        pytest.param("EOPNOTSUPP", "no hard links", marks=pytest.mark.campaign),
+        ("copies", "hard links are copies"),
+    ],
+)
+def test_a_mounted_share_without_hard_links_is_refused(
+    run: Path, share: Callable[[str], Path], links: str, said: str
+) -> None:
+    place = share(links)
+    publisher = published(run, place / "store")
+    out, wrong = publisher.communicate(timeout=120)
+    assert (publisher.returncode, out) == (2, "")
+    (line,) = wrong.splitlines()
+    assert said in line
+    assert "nothing was written" in line
+    assert [path for path in place.rglob("*") if path.is_file()] == []
+
+
+def test_a_mounted_share_is_written_by_two_at_once_and_read(
+    run: Path, share: Callable[[str], Path]
+) -> None:
+    store = share(LINKS) / 'plant 1 a=b "c"'
+    both = [published(run, store) for _ in range(2)]
+    said = [one.communicate(timeout=200) for one in both]
+    assert [one.returncode for one in both] == [0, 0], said
+    assert sorted(out.split(": ")[1] for out, _ in said) == [
+        "already there (version 1)\n",
+        "published (version 1)\n",
+    ]
+    found = check(place_of(store), timedelta(0))
+    assert (found.findings, found.runs, found.leftovers) == ([], 1, [])
+    (read,) = jbclog.open_runs(store)
+    pd.testing.assert_frame_equal(read.samples(), jbclog.open_run(run).samples())
 
 
 @pytest.mark.parametrize("free", [pytest.param(40_000, marks=pytest.mark.campaign), 90_000])

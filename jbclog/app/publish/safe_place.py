@@ -74,6 +74,11 @@ def _expect_exclusive_names(folder: Path, name: str) -> None:
     try:
         first.write_bytes(b"1")
         os.link(first, second)
+        if first.stat().st_nlink != 2:
+            raise UsageError(
+                f"{folder}: this file system's hard links are copies, so commits are not atomic;"
+                f" {ADVICE}"
+            )
         try:
             os.link(first, second)
         except FileExistsError:
