@@ -213,8 +213,8 @@ def prepare_arrow() -> None:
 
 
 def keep_pandas_out() -> None:
-    """Keep pyarrow from importing pandas, and dateutil, at its first conversion: half a second and
-    50 MB that a recorder does not need.
+    """Keep pyarrow from importing pandas at its first conversion: half a second and 50 MB that a
+    recorder does not need.
 
     Later imports of pandas in the same process work.
     """
@@ -229,5 +229,5 @@ def keep_pandas_out() -> None:
 class _NoPandas:
     @staticmethod
     def find_spec(name: str, path: object = None, target: object = None) -> None:
-        if name in ("pandas", "dateutil"):
+        if name == "pandas":
             raise ImportError("not in the recorder's process")

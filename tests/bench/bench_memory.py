@@ -1,10 +1,11 @@
 """How much memory the recorder takes with 64 stations, and whether that grows while it goes on.
 
-First a real run of 64 stations, whose process is asked how much it held at the most. Then an hour
-in a minute: the same sessions on a virtual clock, which jumps from one answer to the next, with the
-real live store, committed each virtual second and sealed into Parquet every tenth virtual minute.
-What the process holds is taken each minute; the slope of the line through them says whether it
-grows. The first minutes do not count: caches fill and memory finds its places.
+First a real run of 64 stations, whose process is asked how much it held at the most, until it was
+sealed and at its end. Then an hour in a minute: the same sessions on a virtual clock, which jumps
+from one answer to the next, with the real live store, committed each virtual second and sealed into
+Parquet every tenth virtual minute. What the process holds is taken each minute; the slope of the
+line through them says whether it grows. The first minutes do not count: caches fill and memory
+finds its places.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ from jbclog.transport.virtual import VirtualDriver
 
 STATIONS = 64
 STATIONS_OF_THE_HOUR = 8
-MOST_MB = 150.0
+MOST_RECORDING_MB = 110.0
+MOST_MB = 150.0  # at the end, when the run is judged
 MOST_GROWTH = 0.01  # an hour, of what it holds
 COMMIT_S, LOOK_S, SEAL_S = 1.0, 60.0, 600.0
 
@@ -75,8 +77,12 @@ def main() -> int:
     return judge(
         [
             at_most(
-                f"the recorder of {STATIONS} stations at its greatest", real.peak_mb, MOST_MB, " MB"
+                f"the recorder of {STATIONS} stations while it records",
+                real.recording_mb,
+                MOST_RECORDING_MB,
+                " MB",
             ),
+            at_most("the same at its end, which judges the run", real.peak_mb, MOST_MB, " MB"),
             Claim(
                 "its size over an hour is flat",
                 abs(growth) <= MOST_GROWTH,
@@ -88,7 +94,8 @@ def main() -> int:
 
 def _show(real: Recorded, hour: Hour) -> None:
     rows = [
-        [f"{STATIONS} stations, real time", real.exchanges, "", real.peak_mb],
+        [f"{STATIONS} stations, recording", real.exchanges, "", real.recording_mb],
+        ["and judged at the end", "", "", real.peak_mb],
         [
             f"{STATIONS_OF_THE_HOUR} stations, {hour.minutes[0]:g} to {hour.minutes[-1]:g} min",
             hour.exchanges,

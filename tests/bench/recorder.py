@@ -39,7 +39,8 @@ class Recorded:
     late_tenths_ms: list[float]  # 99 % of each tenth of the rows, the least first
     worst_slow_periods: float  # the longest that any slow reading waited, in its own periods
     shortest_scan_s: float  # of a port's row, which holds three reads at least
-    peak_mb: float  # of memory, before the rows are looked at
+    recording_mb: float  # of memory, at the most, until the record is sealed
+    peak_mb: float  # the same with the verdict, before the rows are looked at
     trouble: list[str]  # what the run itself found wrong
     wire_bytes: int  # that the wires took on the disk
     wire_exchanges: int  # that they hold
@@ -57,6 +58,7 @@ class Watcher:
     def __init__(self) -> None:
         self.first: Mark | None = None
         self.last: Mark | None = None
+        self.recording_mb = 0.0
 
     def begun(self, folder: Path) -> None: ...
 
@@ -72,7 +74,8 @@ class Watcher:
             )
             self.first = self.first or self.last
 
-    def sealing(self) -> None: ...
+    def sealing(self) -> None:
+        self.recording_mb = _peak_mb()
 
 
 def record(
@@ -121,6 +124,7 @@ def _recorded(result: Result, watcher: Watcher, cpu_all_s: float) -> Recorded:
         late_tenths_ms=sorted(percentile(part, 99) for part in _tenths(late)),
         worst_slow_periods=max(facts.worst_slow_periods for facts in stations),
         shortest_scan_s=min(us for us in samples["scan_us"].to_pylist() if us is not None) / 1e6,
+        recording_mb=watcher.recording_mb,
         peak_mb=peak,
         trouble=[finding.text for finding in result.findings],
         wire_bytes=sum(path.stat().st_size for path in wire_paths(result.folder)),

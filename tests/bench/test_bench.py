@@ -14,7 +14,7 @@ NAMES = (
     "many_stations",
     "one_unpaced",
     "memory",
-    "help",
+    "start",
     "wire_record",
     "open_run",
     "watch",

@@ -126,7 +126,7 @@ def test_help_names_every_option_that_there_is() -> None:
 
 
 def test_help_loads_no_more_than_what_prints_it() -> None:
-    """Which makes it quick; how quick, `tests/bench/bench_help.py` measures."""
+    """Which makes it quick; how quick, `tests/bench/bench_start.py` measures."""
     done = subprocess.run(
         [sys.executable, "-c", LOADED_BY_HELP],
         stdout=subprocess.DEVNULL,

@@ -29,6 +29,7 @@ BACK = (
 )
 CHAINS = (
     ("app.run.recorder", "protocol.client.robot"),
+    ("app.run.recorder", "record.live"),
     ("protocol.client.robot", "protocol.frame"),
 )
 """Pairs that others stand between."""
@@ -60,7 +61,7 @@ def files() -> list[Path]:
 
 def svg() -> str:
     """The picture: solid for an import, dashed through the files that are named, dotted where files
-    on disk are read.
+    on disk are read or a process is started.
     """
     graph = grimp.build_graph("jbclog", cache_dir=None)
     lines = [_box(name, box) for name, box in BOXES.items()]
@@ -74,6 +75,7 @@ def svg() -> str:
         )
         lines.append(_arrow(importer, other, "v", f"through {between}"))
     lines.append(_arrow("analysis.run", "record.seal", "d", "reads the files that it left"))
+    lines.append(_arrow("record.live", "record.seal", "d", "starts it as a process"))
     drawn = "\n".join(lines)
     return (
         f'{MADE}\n<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}"'
@@ -96,7 +98,8 @@ def _box(name: str, box: Box) -> str:
 def _arrow(importer: str, imported: str, kind: str = "i", note: str = "") -> str:
     one, other = BOXES[importer], BOXES[imported]
     if one.x != other.x:
-        path, at = f"M{one.x + BOX} {one.y + TALL // 2}L{other.x} {other.y + TALL // 2}", (0, 0)
+        path = f"M{one.x + BOX} {one.y + TALL // 2}L{other.x} {other.y + TALL // 2}"
+        at = (one.x + BOX + 45, one.y + TALL + 18)  # beside the line
     elif abs(one.y - other.y) == STEP:
         down = other.y > one.y
         middle, begin, end = one.x + BOX // 2, one.y + TALL * down, other.y + TALL * (not down)

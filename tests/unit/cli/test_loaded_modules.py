@@ -41,7 +41,7 @@ MAIN = "from jbclog.cli import main; main()"
 
 COMMAND_LINE = {"typer", "click", "shellingham", "annotated_doc", "typing_extensions"}
 MODELS = {"pydantic", "pydantic_core", "annotated_types", "typing_inspection"}
-ARROW = {"pyarrow", "numpy", "cloudpickle", "msgspec"}
+ARROW = {"pyarrow", "numpy", "cloudpickle", "dateutil", "six", "msgspec"}
 MADE_BY_CYTHON = {"cython_runtime"}
 
 PLAN = {
@@ -86,7 +86,7 @@ RUN = PLAN | {
 }
 DRAWN = {
     *("PIL", "contourpy", "cycler", "fontTools", "kiwisolver", "matplotlib", "mpl_toolkits"),
-    *("packaging", "pyparsing", "dateutil", "six", "pandas", "scipy", "jinja2", "markupsafe"),
+    *("packaging", "pyparsing", "pandas", "scipy", "jinja2", "markupsafe"),
     *("typst", "charset_normalizer", "numexpr", "bottleneck"),
 }
 

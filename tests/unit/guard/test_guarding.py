@@ -4,9 +4,13 @@ safe.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from jbclog.core.errors import StartRefused
 from jbclog.core.rows import StationFacts
+from jbclog.guard import supervisor
 from jbclog.guard.supervisor import RunGuard, lease_of
 
 
@@ -58,3 +62,61 @@ def test_without_a_guard_nobody_is_told() -> None:
     guarding.renew()
     guarding.take_over()
     guarding.end()
+
+
+class Process:
+    """A guard process that is asked for, and what becomes of it; the first `refused` are none."""
+
+    made: list[Process]
+    refused = 0
+
+    def __init__(self, folder: Path) -> None:
+        if type(self).refused:
+            type(self).refused -= 1
+            raise StartRefused("no more processes")
+        self.calls: list[str] = []
+        self.made.append(self)
+
+    def await_ready(self) -> None:
+        self.calls.append("ready")
+
+    def end(self) -> None:
+        self.calls.append("end")
+
+
+@pytest.fixture
+def processes(monkeypatch: pytest.MonkeyPatch) -> type[Process]:
+    class Mine(Process):
+        made: list[Process] = []  # noqa: RUF012  # of this test
+
+    monkeypatch.setattr(supervisor, "GuardProcess", Mine)
+    return Mine
+
+
+def test_the_guard_that_was_begun_is_the_one_that_is_waited_for(
+    processes: type[Process], tmp_path: Path
+) -> None:
+    guarding = RunGuard()
+    guarding.begin(tmp_path)
+    assert [one.calls for one in processes.made] == [[]]
+    guarding.start(tmp_path, lambda *_: None)
+    guarding.end()
+    assert [one.calls for one in processes.made] == [["ready", "end"]]
+
+
+def test_one_that_was_begun_for_nothing_is_ended(processes: type[Process], tmp_path: Path) -> None:
+    guarding = RunGuard()
+    guarding.begin(tmp_path)
+    guarding.end()
+    assert [one.calls for one in processes.made] == [["end"]]
+
+
+def test_one_that_could_not_be_begun_is_tried_again_when_it_is_needed(
+    processes: type[Process], tmp_path: Path
+) -> None:
+    guarding, processes.refused = RunGuard(), 2
+    guarding.begin(tmp_path)
+    with pytest.raises(StartRefused, match="no more processes"):
+        guarding.start(tmp_path, lambda *_: None)
+    guarding.start(tmp_path, lambda *_: None)
+    assert [one.calls for one in processes.made] == [["ready"]]

@@ -87,11 +87,14 @@ def test_what_does_not_fit_a_column_is_refused_by_name(column: str, value: objec
 def test_the_recorder_does_without_pandas_and_pandas_still_works_later() -> None:
     program = """
 import sys
-from jbclog.record.batches import decode, encode, keep_pandas_out
-keep_pandas_out()
+import pyarrow as pa
+from jbclog.record.batches import decode, encode, prepare_arrow
+prepare_arrow()
 batch = encode(1, "counters", [0, "a", None, "work_h", 1.0, "h", "00001"])
+assert "pyarrow.compute" not in sys.modules, "a recorder stores rows"
 table = decode(batch, batch.crc)
 assert "pandas" not in sys.modules, "pandas came in"
+assert pa.default_memory_pool().backend_name == "system"
 frame = table.to_pandas()
 assert str(frame.dtypes["port"]) == "Int64"
 """

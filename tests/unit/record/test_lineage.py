@@ -141,3 +141,10 @@ def test_a_report_of_another_record_is_found(tmp_path: Path) -> None:
     for text in ("", "[]", "1", "{}", "[" * 9000):
         (run / "report.json").write_text(text)
         assert [str(one) for one in check(run)] == ["report.json: is not a run's report"]
+
+
+def test_the_folder_of_the_run_itself_is_none_before_it(tmp_path: Path) -> None:
+    own = tmp_path / "20261125T120000Z-bench-k7qd"
+    own.mkdir()
+    assert "was sealed" in previous_run(tmp_path, "bench").text
+    assert previous_run(tmp_path, "bench", own) == previous_run(tmp_path / "not-there", "bench")

@@ -1,0 +1,98 @@
+"""How long a start takes: ``jbclog --help`` and ``jbclog plan`` as CPU of a fresh process, in
+multiples of a Python that does nothing, which is what no program in Python can be faster than; and
+the first sample of ``jbclog run`` after its start, on a wire paced by its baud rate.
+
+The processes take turns, so that what else the machine does meets all of them.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import median
+
+import pyarrow.parquet as pq
+from common import at_most, is_short, judge, line_text, show, virtual_stations
+
+MAIN = [sys.executable, "-c", "from jbclog.cli import main; main()"]
+NOTHING = "python -c pass"
+MOST_HELP, MOST_PLAN = 5.0, 32.0  # multiples
+MOST_FIRST_S = 1.7
+
+
+def main() -> int:
+    times = 5 if is_short(__doc__) else 15
+    with virtual_stations(1) as stations:
+        line, recipe = stations.folder / "plan.toml", str(stations.recipe())
+        line.write_text(line_text(["dde-1"]))
+        cpu = _cpu_ms(
+            {
+                NOTHING: [sys.executable, "-c", "pass"],
+                "jbclog --help": [*MAIN, "--help"],
+                "jbclog plan": [
+                    *MAIN,
+                    "plan",
+                    recipe,
+                    "--line",
+                    str(stations.folder / "plan.toml"),
+                ],
+            },
+            times,
+        )
+        run = [*MAIN, "run", recipe, "--line", str(stations.line), "--duration", "1s", "--out"]
+        first = [_first_sample_s(run, stations.folder / f"out-{n}") for n in range(times)]
+    nothing = cpu[NOTHING]
+    show(
+        f"CPU, median of {times} processes",
+        ("", "ms", "ratio"),
+        [[name, ms, ms / nothing] for name, ms in cpu.items()],
+    )
+    show(
+        f"seconds from the start of {times} processes to the first sample of one port",
+        ("", "median", "least", "most"),
+        [["jbclog run", median(first), min(first), max(first)]],
+    )
+    help_, plan = cpu["jbclog --help"] / nothing, cpu["jbclog plan"] / nothing
+    return judge(
+        [
+            at_most(f"jbclog --help, of {NOTHING}", help_, MOST_HELP),
+            at_most(f"jbclog plan, of {NOTHING}", plan, MOST_PLAN),
+            at_most("the first sample of a run after its start", median(first), MOST_FIRST_S, " s"),
+        ]
+    )
+
+
+def _cpu_ms(commands: Mapping[str, Sequence[str]], times: int) -> dict[str, float]:
+    """The median CPU of each command's process; one before is for the files' sake."""
+    took: dict[str, list[float]] = {name: [] for name in commands}
+    for _ in range(times + 1):
+        for name, command in commands.items():
+            child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+            _, status, used = os.wait4(child.pid, 0)
+            child.returncode = os.waitstatus_to_exitcode(status)
+            if child.returncode:
+                raise RuntimeError(f"{name} ended with {child.returncode}")
+            took[name].append((used.ru_utime + used.ru_stime) * 1000)
+    return {name: median(ms[1:]) for name, ms in took.items()}
+
+
+def _first_sample_s(run: Sequence[str], out: Path) -> float:
+    began = time.time()
+    subprocess.run(
+        [*run, str(out)],
+        check=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"JBCLOG_NO_METRICS": "1"},
+    )
+    (folder,) = out.glob("*-bench-*")
+    times = pq.read_table(folder / "samples", columns=["time"])["time"].cast("int64").to_pylist()
+    return min(times) / 1e6 - began
+
+
+if __name__ == "__main__":
+    sys.exit(main())
