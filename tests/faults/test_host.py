@@ -390,7 +390,7 @@ def test_a_signal_while_what_an_older_run_left_is_dealt_with_is_not_forgotten(
     """That can take seconds, before this run's record is begun."""
     there = tmp_path / "there"
     slow = (
-        "import time, pathlib, jbclog.app.run.runner as c; old = c.settle; there ="
+        "import time, pathlib, jbclog.app.run.recorder as c; old = c.settle; there ="
         f" pathlib.Path({str(there)!r}); "
     )
     slow += (
@@ -638,7 +638,7 @@ def test_a_program_that_has_the_port_open_without_asking_is_named_and_gets_nothi
 ) -> None:
     """It reads what was meant for the run: answers are lost, none is made up."""
     soon = (
-        "import jbclog.app.run.runner as c; c.LOOK_AT_PORTS_EVERY_S = 0.5; from jbclog.cli import"
+        "import jbclog.app.run.recorder as c; c.LOOK_AT_PORTS_EVERY_S = 0.5; from jbclog.cli import"
         " main; main()"
     )
     run = start("ucr-1", program=[sys.executable, "-c", soon])

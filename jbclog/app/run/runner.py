@@ -6,6 +6,7 @@ the recorder waits for it (`recorder.py`).
 
 from __future__ import annotations
 
+import gc
 import signal
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -72,6 +73,7 @@ def conduct(
 
             run = Recorder(plan, out, observer, seal_every_s, missed, units, folder, guarding)
             on_error.pop_all()
+        gc.enable()  # `jbclog run` loads without it
         return _conduct(run, out, signals)
 
 

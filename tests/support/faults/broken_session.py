@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 
-from jbclog.app.run import runner
+from jbclog.app.run import recorder
 from jbclog.cli import main
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import StationFacts
@@ -28,7 +28,7 @@ def break_session_of(station: str) -> None:
             left -= context.facts.first_tick is not None and left > 0
         raise RuntimeError("a fault of the program")
 
-    runner.run_station = breaking
+    recorder.run_station = breaking
 
 
 if __name__ == "__main__":
