@@ -22,4 +22,4 @@ def is_one_of(texts: pa.ChunkedArray | pa.Array, words: Collection[str]) -> NDAr
     column = coded(texts)
     known = [word in words for word in column.dictionary.to_pylist()]
     codes = pc.fill_null(column.indices, len(known)).to_numpy(zero_copy_only=False)
-    return np.array([*known, False], dtype=np.bool_)[codes]
+    return np.asarray(np.array([*known, False])[codes], dtype=np.bool_)

@@ -11,13 +11,12 @@ from typing import Final
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from jbclog.analysis.figures.curves import EXACT_IN_16, quantile
 from jbclog.analysis.figures.from_samples import AIR_COLUMNS as AIR
 from jbclog.analysis.figures.from_samples import STATE_COLUMNS as STATES
 from jbclog.analysis.figures.from_samples import has_air, trace
-from jbclog.analysis.figures.joined import joined
+from jbclog.analysis.figures.joined import GrowingColumn, JoinedTrace
 from jbclog.analysis.figures.trace import Grid, Trace
 from jbclog.analysis.verdict import judged_signals
 from jbclog.core.rows import StationFacts
@@ -50,33 +49,34 @@ class PortSamples:
         self._at_once = ROWS_A_GROUP if is_plain else None
         self._held: list[pa.Table] = []
         self._held_rows = 0
-        self._traces: list[Trace] = []
-        self._late_us: list[NDArray[np.integer]] = []
+        self._joined = JoinedTrace()
+        self._late_us = GrowingColumn()
         self.rows = 0
         self.last_status: str | None = None
 
     def add(self, rows: pa.Table) -> None:
         """Add the next rows, oldest first."""
-        self._late_us.append(_short(rows["late_us"].drop_null()).to_numpy())
+        self._late_us.add(_short(rows["late_us"].drop_null()).to_numpy())
         self._held.append(_narrow(rows.select(self._columns)))
         self._held_rows += len(rows)
         self.rows += len(rows)
         if self._at_once is not None and self._held_rows >= self._at_once:
-            self._trace_held()
+            self._joined.add(self._trace_held())
 
     def trace(self) -> Trace:
         """Return the trace of all rows; they are given up."""
-        if self._held or not self._traces:
-            self._trace_held()
-        return joined(self._traces)
+        if self._at_once is None or not self.rows:
+            return self._trace_held()
+        if self._held:
+            self._joined.add(self._trace_held())
+        return self._joined.trace()
 
     def late_us(self, share: float) -> float | None:
-        """Return a quantile of how late the rows were; they are given up."""
-        late_us = np.concatenate([*self._late_us, np.empty(0, dtype=np.int32)])
-        self._late_us.clear()
+        """Return a quantile of how late the rows were; that is given up."""
+        late_us, self._late_us = self._late_us.array(), GrowingColumn()
         return quantile(late_us, share) if len(late_us) else None
 
-    def _trace_held(self) -> None:
+    def _trace_held(self) -> Trace:
         none = _narrow(SCHEMAS["samples"].empty_table().select(self._columns))
         pieces = [none, *self._held]
         rows = pa.concat_tables(pieces, promote_options="permissive").unify_dictionaries()
@@ -89,9 +89,7 @@ class PortSamples:
         frame = pd.DataFrame(columns, copy=False)
         last = frame["status"].last_valid_index()
         self.last_status = self.last_status if last is None else str(frame["status"][last])
-        self._traces.append(
-            trace(frame, self._grid, of_states=self._of_states, of_air=self._of_air)
-        )
+        return trace(frame, self._grid, of_states=self._of_states, of_air=self._of_air)
 
 
 def columns_of(facts: StationFacts) -> list[str]:

@@ -174,7 +174,9 @@ def _flow(samples: pd.DataFrame, seconds: Floats, period_s: float) -> list[Span]
 
 def _readings(column: pd.Series[int]) -> Readings:
     """Return readings as floats, NaN for a missing one; those in 16 or 32 bits as they are."""
-    return column.to_numpy() if column.dtype in (np.float16, np.float32) else _floats(column)
+    if column.dtype == np.float16:
+        return np.asarray(column, dtype=np.float16)
+    return np.asarray(column, dtype=np.float32) if column.dtype == np.float32 else _floats(column)
 
 
 def _floats(column: pd.Series[int]) -> Floats:

@@ -6,83 +6,100 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from math import inf
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from jbclog.analysis.figures.curves import Readings, Span, coded, missing_ticks
+from jbclog.analysis.figures.curves import Span, coded, missing_ticks
 from jbclog.analysis.figures.trace import JOINED_PERIODS, Trace
 
 
-def joined(pieces: list[Trace]) -> Trace:
-    """Return the trace of all rows, of a port on a grid with neither states nor hot air; takes the
-    pieces out of their list. No piece is empty, unless it is the only one.
+class GrowingColumn:
+    """An array that grows in place; it takes the type that its values need."""
+
+    def __init__(self) -> None:
+        self._held = bytearray()
+        self._kind: np.dtype[Any] | None = None
+
+    def add(self, values: NDArray[Any]) -> None:
+        kind = values.dtype if self._kind is None else np.result_type(self._kind, values.dtype)
+        if kind != self._kind and self._held:
+            self._held = bytearray(self.array().astype(kind).tobytes())
+        self._kind = kind
+        self._held += values.astype(kind, copy=False).tobytes()
+
+    def array(self) -> NDArray[Any]:
+        """Return all values; nothing may be added while the array is in use."""
+        return np.frombuffer(self._held, self._kind or np.float64)
+
+
+class JoinedTrace:
+    """Joins the traces of the rows of a port on a grid, with neither states nor hot air, oldest
+    first. No piece is empty, unless it is the only one.
     """
-    if len(pieces) == 1:
-        return pieces.pop()
-    first, period_s = pieces[0], pieces[0].period_s
-    ends = [(float(one.seconds[0]), float(one.seconds[-1])) for one in pieces]
-    between = [
-        span
-        for (_, before), (after, _) in pairwise(ends)
-        for span in missing_ticks(np.array([before, after]), period_s)
-    ]
-    status = _spans([one.status for one in pieces], ends, period_s)
-    gaps = [*_spans([one.gaps for one in pieces], ends, period_s), *between]
-    reasons = _categorical([one.reasons for one in pieces])
-    readings = [[one.seconds, one.temperature, one.power, one.setting] for one in pieces]
-    pieces.clear()
-    seconds, temperature, power, setting = (_column(readings) for _ in range(4))
-    return replace(
-        first,
-        seconds=seconds,
-        temperature=temperature,
-        power=power,
-        setting=setting,
-        status=status,
-        gaps=sorted(gaps, key=lambda span: span.start),
-        reasons=reasons,
-    )
 
+    def __init__(self) -> None:
+        self._first: Trace | None = None
+        self._columns = {
+            name: GrowingColumn() for name in ("seconds", "temperature", "power", "setting")
+        }
+        self._codes = GrowingColumn()
+        self._places: dict[str, int] = {}
+        self._status: list[Span] = []
+        self._gaps: list[Span] = []
+        self._missing: list[Span] = []
+        self._last_s = -inf
 
-def _column(readings: list[list[Readings]]) -> Any:
-    """Return the first column of all pieces; takes it out of them."""
-    return np.concatenate([columns.pop(0) for columns in readings])
+    def add(self, piece: Trace) -> None:
+        """Add the trace of the next rows."""
+        before_s, period_s = self._last_s, piece.period_s
+        if self._first is None:
+            self._first = piece.between(inf, inf)
+        else:
+            self._missing += missing_ticks(np.array([before_s, piece.seconds[0]]), period_s)
+        for name, column in self._columns.items():
+            column.add(getattr(piece, name))
+        self._codes.add(self._coded(piece.reasons))
+        if len(piece.seconds):
+            _add_spans(self._status, piece.status, piece, before_s)
+            _add_spans(self._gaps, piece.gaps, piece, before_s)
+            self._last_s = float(piece.seconds[-1])
 
-
-def _spans(
-    lists: Sequence[Sequence[Span]], ends: Sequence[tuple[float, float]], period_s: float
-) -> list[Span]:
-    """Return the spans of all pieces, whose first and last moments are `ends`; one that continues
-    in the next piece is one.
-    """
-    found: list[Span] = []
-    before_s = -inf  # the last row of the piece before
-    for spans, (first_s, last_s) in zip(lists, ends, strict=True):
-        continues = (
-            found
-            and spans
-            and found[-1].end == before_s + period_s
-            and spans[0].start == first_s
-            and spans[0].word == found[-1].word
-            and first_s - before_s <= JOINED_PERIODS * period_s
+    def trace(self) -> Trace:
+        """Return the trace of all rows."""
+        assert self._first is not None
+        return replace(
+            self._first,
+            status=self._status,
+            gaps=sorted([*self._gaps, *self._missing], key=lambda span: span.start),
+            reasons=coded(self._codes.array(), [*self._places]),
+            **{name: column.array() for name, column in self._columns.items()},
         )
-        if continues:
-            found[-1] = replace(found[-1], end=spans[0].end)
-        found += spans[1:] if continues else spans
-        before_s = last_s
-    return found
+
+    def _coded(self, reasons: pd.Categorical) -> NDArray[np.integer[Any]]:
+        """Return the codes of some reasons among those of all pieces."""
+        words = [str(word) for word in reasons.categories]
+        numbers = [self._places.setdefault(word, len(self._places)) for word in words]
+        kind = np.min_scalar_type(-max(len(self._places), 1))
+        return np.array([*numbers, -1], dtype=kind)[reasons.codes]
 
 
-def _categorical(pieces: Sequence[pd.Categorical]) -> pd.Categorical:
-    words = [*dict.fromkeys(str(word) for piece in pieces for word in piece.categories)]
-    place = {word: number for number, word in enumerate(words)}
-    kind = np.min_scalar_type(-max(len(words), 1))
-    codes = [
-        np.array([*(place[str(word)] for word in piece.categories), -1], dtype=kind)[piece.codes]
-        for piece in pieces
-    ]
-    return coded(np.concatenate(codes), words)
+def _add_spans(found: list[Span], spans: Sequence[Span], piece: Trace, before_s: float) -> None:
+    """Add the spans of a piece; one that continues from the piece before, whose last row is at
+    `before_s`, is one.
+    """
+    first_s, period_s = float(piece.seconds[0]), piece.period_s
+    continues = (
+        found
+        and spans
+        and found[-1].end == before_s + period_s
+        and spans[0].start == first_s
+        and spans[0].word == found[-1].word
+        and first_s - before_s <= JOINED_PERIODS * period_s
+    )
+    if continues:
+        found[-1] = replace(found[-1], end=spans[0].end)
+    found += spans[1:] if continues else spans

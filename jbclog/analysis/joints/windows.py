@@ -149,16 +149,19 @@ def _rows_from(series: Series, begin_s: float) -> Series:
     """Return the rows from a moment on; the first row has the codes last read."""
     first = int(np.searchsorted(series.seconds, begin_s))
     kept = rows_of(series, slice(first, None))
-    codes = {name: _codes_from(getattr(series.rows, name), first) for name in CODES}
-    return replace(kept, rows=replace(kept.rows, **codes))
+    tool, port_error = (_codes_from(getattr(series.rows, name), first) for name in CODES)
+    return replace(kept, rows=replace(kept.rows, tool=tool, port_error=port_error))
 
 
 def _copied(series: Series) -> Series:
     """Return a copy of the rows, so that those before them are freed."""
-    columns = [getattr(series.rows, name) for name in (*COLUMNS, *CODES)]
-    rows = Block(*(None if column is None else column.copy() for column in columns))
+    columns = [_copied_column(getattr(series.rows, name)) for name in (*COLUMNS, *CODES)]
     feeding = None if series.feeding is None else series.feeding.copy()
-    return replace(series, rows=rows, known=series.known.copy(), feeding=feeding)
+    return replace(series, rows=Block(*columns), known=series.known.copy(), feeding=feeding)
+
+
+def _copied_column(column: Any) -> Any:
+    return None if column is None else column.copy()
 
 
 def placed(series: Series) -> Series:

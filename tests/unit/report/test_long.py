@@ -15,7 +15,7 @@ import pytest
 
 from jbclog.analysis.figures import curves
 from jbclog.analysis.figures.from_samples import has_air, trace
-from jbclog.analysis.figures.joined import joined
+from jbclog.analysis.figures.joined import GrowingColumn, JoinedTrace
 from jbclog.analysis.figures.trace import Grid, Trace
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_tables import RunTables, select
@@ -102,7 +102,7 @@ def test_a_trace_made_in_pieces_is_that_of_the_whole_table(
             assert [*found.reasons] == [*expected.reasons]
 
 
-def test_spans_and_gaps_that_go_on_in_the_next_piece_are_one(tmp_path: Path) -> None:
+def test_spans_and_gaps_that_continue_in_the_next_piece_are_one(tmp_path: Path) -> None:
     columns = samples(600)
     lose(columns, slice(95, 160))
     lose(columns, slice(300, 301), "timeout")
@@ -113,12 +113,27 @@ def test_spans_and_gaps_that_go_on_in_the_next_piece_are_one(tmp_path: Path) -> 
     grid = Grid(0, 0.1)
     whole = trace(frame, grid)
     for size in (1, 2, 40, 41, 199, 599):
-        pieces = [trace(frame[first : first + size], grid) for first in range(0, len(frame), size)]
-        found = joined(pieces)
+        pieces = JoinedTrace()
+        for first in range(0, len(frame), size):
+            pieces.add(trace(frame[first : first + size], grid))
+        found = pieces.trace()
         assert (found.status, found.gaps) == (whole.status, whole.gaps), size
         assert [*found.reasons] == [*whole.reasons]
-        assert not pieces
+        assert np.array_equal(found.temperature, whole.temperature, equal_nan=True)
     assert len(whole.gaps) == 6
+
+
+def test_a_column_takes_the_type_of_its_widest_values() -> None:
+    pieces = [
+        np.array(some, kind) for some, kind in (([], "f4"), ([1, np.nan], "f2"), ([7e4], "f4"))
+    ]
+    column, known = GrowingColumn(), np.array([1, np.nan, 7e4])
+    assert not len(column.array())
+    for piece in pieces:
+        column.add(piece)
+    assert np.array_equal(column.array(), known, equal_nan=True)
+    column.add(np.arange(9.0, dtype="f2"))
+    assert column.array().dtype == np.float32
 
 
 @pytest.mark.parametrize(("celsius", "size"), [(350, 2), (2048, 2), (2049, 4)])
