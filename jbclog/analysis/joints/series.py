@@ -206,6 +206,8 @@ class Stretch:
     temperature: Floats
     power: Floats
     setting: Floats  # in force; NaN where it is not known
+    # where its grid begins, and the number of its first row on it; None: not known
+    origin: tuple[float, int] | None = None
 
     def __len__(self) -> int:
         return len(self.seconds)
@@ -225,7 +227,7 @@ class Stretch:
 
     def earlier(self, seconds: float) -> Stretch:
         """Return the stretch so many seconds earlier."""
-        return replace(self, seconds=self.seconds - seconds) if seconds else self
+        return replace(self, seconds=self.seconds - seconds, origin=None) if seconds else self
 
 
 BRIDGED_S = 0.5
@@ -357,12 +359,19 @@ def _on_even_grid(
         ceil((seconds[0] - begin_s) / period_s - 1e-6),
         floor((seconds[-1] - begin_s) / period_s + 1e-6),
     )
-    grid = np.asarray(begin_s + np.arange(first, last + 1) * period_s, dtype=np.float64)
+    grid = moments_of_grid((begin_s, first), last + 1 - first, period_s)
+    origin = begin_s, first
     last = np.clip(np.searchsorted(seconds, grid + 1e-6) - 1, 0, len(seconds) - 1)
     temperature, power = (
         np.interp(grid, seconds, column[places]) for column in (rows.temperature, rows.power)
     )
-    return Stretch(period_s, grid, temperature, power, setting[places][last])
+    return Stretch(period_s, grid, temperature, power, setting[places][last], origin)
+
+
+def moments_of_grid(origin: tuple[float, int], rows: int, period_s: float) -> Floats:
+    """Return the moments of so many rows of a grid."""
+    begin_s, first = origin
+    return np.asarray(begin_s + np.arange(first, first + rows) * period_s, dtype=np.float64)
 
 
 def nominal_period(seconds: Floats) -> float:

@@ -39,7 +39,7 @@ from jbclog.analysis.joints.recovery import MOST_RECOVERY_S, Joint, joints_of
 from jbclog.analysis.joints.series import Series, Stretch, Unseen
 from jbclog.analysis.joints.thermal import ThermalModel
 from jbclog.analysis.joints.tools import UNKNOWN_CODE, Tool, code_at, merged_by_code
-from jbclog.analysis.joints.windows import WINDOW_S, View, Windows
+from jbclog.analysis.joints.windows import WINDOW_S, Seen, View, Windows
 
 # a draw that ends so long before the last row does not depend on later rows
 SETTLED_S: Final = 30.0
@@ -97,6 +97,7 @@ class PortSweeps:
         """`observe` is called with the windows of the first sweep too."""
         self._options, self._window_s, self._done, self._observe = options, window_s, 0, observe
         self._period_s = 0.0
+        self._seen = Seen()
         self._stretches: list[_KnownStretch] = []
         self._groups: list[tuple[float, list[_KnownStretch]]] = []
         self._absent, self._last_tool = 0, (UNKNOWN_CODE, -1)
@@ -119,18 +120,22 @@ class PortSweeps:
 
     def next_sweep(self) -> Windows | None:
         """Return what takes the rows of the next sweep; call it again when these have ended."""
-        steps = (
-            (None, self._look_at_stretches),
-            (self._choose_pieces, self._keep_pieces),
-            (self._identify_tools, self._find_draws),
-            (self._sort_draws, self._measure_joints),
-            (self._conclude, None),
-        )
-        before, look = steps[self._done]
-        if before is not None:
-            before()
-        self._done += 1
-        return None if look is None else Windows(look, self._window_s)
+        number, self._done = self._done, self._done + 1
+        if number == 0:
+            return Windows(self._look_at_stretches, self._window_s, seen=self._seen)
+        if number == 1:
+            self._choose_pieces()
+            return Windows(
+                self._keep_pieces, self._window_s, seen=self._seen, wanted=self._has_piece
+            )
+        if number == 2:
+            self._identify_tools()
+            return Windows(self._find_draws, self._window_s)
+        if number == 3:
+            self._sort_draws()
+            return Windows(self._measure_joints, self._window_s, with_parts=False)
+        self._conclude()
+        return None
 
     def _look_at_stretches(self, view: View) -> None:
         """Note the stretches that begin in this window, and the rows of those that continue."""
@@ -185,6 +190,14 @@ class PortSweeps:
             (piece for kept in self._kept for piece in kept), key=lambda piece: piece.first_s
         )
 
+    def _has_piece(self, begin_s: float, end_s: float) -> bool:
+        """Whether a model needs rows between these moments."""
+        half = self._period_s / 2
+        return any(
+            piece.first_s - half <= end_s and piece.last_s + half >= begin_s
+            for piece in self._pieces
+        )
+
     def _keep_pieces(self, view: View) -> None:
         """Keep the rows of this window that a model needs."""
         half = self._period_s / 2
@@ -223,6 +236,7 @@ class PortSweeps:
             self._why = NEVER_READ
         self._kept.clear()
         self._pieces.clear()
+        self._seen = Seen()
         self._settings = settings_for(self._options, self._period_s, False)
         self._doubt = doubt_of(tools, self._settings) if tools else None
 

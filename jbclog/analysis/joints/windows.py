@@ -18,9 +18,10 @@ from math import floor, inf
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jbclog.analysis.joints.heat_up_end import ReadyStretch, ready_stretches_of_window
-from jbclog.analysis.joints.series import Series, stretches
+from jbclog.analysis.joints.series import Series, Stretch, moments_of_grid, stretches
 from jbclog.analysis.verdict.idle import Block, Flags, Floats
 
 WINDOW_S, BESIDE_S = 1200.0, 90.0
@@ -66,15 +67,71 @@ def whole(series: Series) -> View:
     return View(series, (), -inf, inf, True)
 
 
+@dataclass(frozen=True, slots=True)
+class _PartBefore:
+    """What a window needs of a stretch in the window before: its moments, and where the tip was
+    ready.
+    """
+
+    origin: tuple[float, int]
+    rows: int
+    period_s: float
+    ready: NDArray[np.uint8]  # bits
+
+    @classmethod
+    def of(cls, part: ReadyStretch) -> _PartBefore:
+        stretch = part.stretch
+        assert stretch.origin is not None
+        return cls(stretch.origin, len(stretch), stretch.period_s, np.packbits(part.ready))
+
+    def restored(self) -> ReadyStretch:
+        """Return the stretch without its readings."""
+        none = np.empty(0)
+        seconds = moments_of_grid(self.origin, self.rows, self.period_s)
+        ready = np.unpackbits(self.ready, count=self.rows).astype(np.bool_)
+        return ReadyStretch(Stretch(self.period_s, seconds, none, none, none), ready)
+
+
+class Seen:
+    """The stretches of every window of a sweep that sees each window once, some bits a row: a later
+    sweep can look at some windows alone.
+    """
+
+    def __init__(self) -> None:
+        self._parts: list[list[_PartBefore]] = []
+
+    def add(self, parts: Sequence[ReadyStretch]) -> None:
+        """Add those of the next window."""
+        self._parts.append([*map(_PartBefore.of, parts)])
+
+    def before(self, window: int) -> list[ReadyStretch]:
+        """Return those of the window before this one; the first is 0."""
+        return [part.restored() for part in self._parts[window - 1]] if window else []
+
+
 Look = Callable[[View], float | None]
 """Takes a window and returns since when it wants to see that window's own rows again, or None."""
 
 
 class Windows:
-    """Cuts the rows of a port into windows and shows them to `look`."""
+    """Cuts the rows of a port into windows and shows them to `look`.
 
-    def __init__(self, look: Look, window_s: float = WINDOW_S) -> None:
+    `seen` takes the stretches of each window; or with `wanted`, which tells by first and last
+    moment what windows are shown at all, it gives those of the sweep that took them. Without
+    `with_parts` a view has no stretches.
+    """
+
+    def __init__(
+        self,
+        look: Look,
+        window_s: float = WINDOW_S,
+        *,
+        seen: Seen | None = None,
+        wanted: Callable[[float, float], bool] | None = None,
+        with_parts: bool = True,
+    ) -> None:
         self._look, self._window_s = look, window_s
+        self._seen, self._wanted, self._with_parts, self._number = seen, wanted, with_parts, 0
         self._pieces: list[Series] = []
         self._begin_s = self._end_s = -inf
         self._before: Sequence[ReadyStretch] = ()
@@ -95,8 +152,7 @@ class Windows:
     def end(self) -> None:
         """Show the last window: there are no more rows."""
         if self._pieces:
-            held = placed(joined(self._pieces))
-            self._look(View(held, self._parts(held), self._begin_s, inf, True))
+            self._look_at(joined(self._pieces), inf, is_final=True)
             self._pieces.clear()
 
     def _edge(self, second: float) -> float:
@@ -107,14 +163,25 @@ class Windows:
         """Show the next window and return the rows that the one after it needs."""
         last = int(np.searchsorted(held.seconds, self._end_s + BESIDE_S, side="right"))
         is_final = self._end_s - self._begin_s > (MOST_WINDOWS - 0.5) * self._window_s
-        series = placed(rows_of(held, slice(0, last)))
-        self._before = self._parts(series)
-        again_s = self._look(View(series, self._before, self._begin_s, self._end_s, is_final))
+        again_s = self._look_at(rows_of(held, slice(0, last)), self._end_s, is_final=is_final)
         self._begin_s = self._end_s if again_s is None or is_final else again_s
         # there is one, because rows follow this window
         following = held.seconds[np.searchsorted(held.seconds, self._begin_s)]
         self._end_s = max(self._end_s + self._window_s, self._edge(float(following)))
         return _rows_from(held, self._begin_s - BESIDE_S)
+
+    def _look_at(self, rows: Series, end_s: float, *, is_final: bool) -> float | None:
+        number, self._number = self._number, self._number + 1
+        if self._wanted is not None and self._seen is not None:
+            if not self._wanted(self._begin_s, end_s):
+                return None
+            self._before = self._seen.before(number)
+        series = placed(rows)
+        if self._with_parts:
+            self._before = self._parts(series)
+        if self._seen is not None and self._wanted is None:
+            self._seen.add(self._before)
+        return self._look(View(series, self._before, self._begin_s, end_s, is_final))
 
     def _parts(self, series: Series) -> list[ReadyStretch]:
         return ready_stretches_of_window(
