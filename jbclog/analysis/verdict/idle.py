@@ -289,13 +289,14 @@ def _recovered_s(rests: _Rests, errors: Floats, rows: Flags, period_s: float) ->
     does not show.
     """
     after = int(rests.is_after[np.unique(rests.number[rows])].sum())
-    moved = [_moved(rests, errors, rows, age, period_s) for age in AGES_S]
     if after < FEW:
         needed = np.where(rests.is_after, AGES_S[-1], 0.0)
-        for age, by in zip(AGES_S[::-1], moved[::-1], strict=True):
+        for age in AGES_S[::-1]:
+            by = _moved(rests, errors, rows, age, period_s)
             needed = np.where(rests.is_after & (np.abs(by) < TAIL_C), age, needed)
         return needed
-    for age, by in zip(AGES_S, moved, strict=True):
+    for age in AGES_S:
+        by = _moved(rests, errors, rows, age, period_s)
         by = by[~np.isnan(by)]
         if len(by) < FEW:
             continue
