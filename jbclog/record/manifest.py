@@ -281,7 +281,22 @@ class Manifest:
         return next((facts for facts in self.stations if facts.name == name), None)
 
 
+@dataclass(frozen=True, slots=True)
+class _Rule:
+    """What a report shows of a rule of the verdict; an older release wrote fewer fields."""
+
+    name: str = ""
+    station: str | None = None
+    port: int | None = None
+    limit: float | str | None = None
+    observed: float | str | None = None
+    unit: str = ""
+    result: str = ""
+    text: str = ""
+
+
 _build_manifest: Final = builder(Manifest)
+_build_rules: Final = builder(list[_Rule])
 
 
 def iso(micros: int) -> str:
@@ -306,6 +321,7 @@ def read_manifest(folder: Path) -> Manifest:
                 " newer jbclog"
             )
         manifest = _build_manifest(data)
+        _build_rules(manifest.verdict_rules)
         expect_counts(manifest.counts(), manifest.stations)
         _expect_signals(manifest.stations)
         for time in (manifest.started, manifest.ended):

@@ -225,6 +225,28 @@ def test_a_signal_that_is_no_column_makes_it_no_manifest(tmp_path: Path) -> None
         expect_readable(forged)
 
 
+@pytest.mark.parametrize(
+    "rule",
+    [
+        {"text": None},
+        {"name": 1},
+        {"unit": None},
+        {"limit": [1]},
+        {"observed": {"x": 1}},
+        {"port": "1"},
+        {"result": 1},
+    ],
+    ids=str,
+)
+def test_a_rule_of_other_types_makes_it_no_manifest(
+    tmp_path: Path, rule: dict[str, object]
+) -> None:
+    """`report` ended in an internal error."""
+    write_manifest(tmp_path, replace(FULL, verdict_rules=[*FULL.verdict_rules, rule]))
+    with pytest.raises(NoManifest, match=f"{next(iter(rule))}"):
+        read_manifest(tmp_path)
+
+
 def test_every_signal_of_every_family_is_a_column() -> None:
     assert {one.name for family in FAMILIES.values() for one in family.signals} <= SIGNALS
 
