@@ -162,6 +162,25 @@ def test_each_has_its_own_share() -> None:
     assert skipped(run) / 2 - (run.facts.skipped_by_host or 0) > 5
 
 
+def test_each_is_told_with_its_own_delay() -> None:
+    """A tick that the station makes seconds late is no delay of the computer, which only stood
+    still for a moment meanwhile.
+    """
+    fault = '[[station.sim.fault]]\nkind = "silence"\nat_s = 5\nfor_s = 20\nevery = 2\n'
+    run = prepare(line_text(fault), duration_s=60)
+    for at_s in (10.0, 15.0, 20.0):
+        stop_the_host(run, at_s, 0.25)
+    run.go()
+    busy, slow = run.memory.of_kind("host.busy"), run.memory.of_kind("station.slow")
+    delays = {
+        kind: max(float(str(one.raw).removeprefix("late_s=")) for one in events)
+        for kind, events in (("host", busy), ("station", slow))
+    }
+    assert 0.2 < delays["host"] < 0.4
+    assert delays["station"] > 2
+    assert_account_holds(run)
+
+
 # -- the measure itself ----------------------------------------------------------------------------
 
 

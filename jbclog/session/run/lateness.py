@@ -29,13 +29,15 @@ class SkippedTicks:
     since: float = 0.0
     last: float = 0.0
 
-    def add(self, ticks: int, due: float, now: float) -> None:
-        """Count `ticks` skipped from the one due at `due` on; it is `now`."""
+    def add(self, ticks: int, due: float, late_s: float, now: float) -> None:
+        """Count `ticks` skipped from the one due at `due` on, which was `late_s` late; it is
+        `now`.
+        """
         if not self.ticks:
             self.since = due
         self.ticks += ticks
         self.places += 1
-        self.late_s = max(self.late_s, now - due)
+        self.late_s = max(self.late_s, late_s)
         self.last = now
 
     def is_due(self, now: float) -> bool:

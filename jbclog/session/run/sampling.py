@@ -248,10 +248,22 @@ class Sampler:
             - len(missed)
             + len(late)
         )
-        by_host = max(min(by_host, len(late)), 0)
-        self._count_busy(late[0] if late else first, by_host)
+        self._count_late(late, max(min(by_host, len(late)), 0))
+
+    def _count_late(self, late: Sequence[int], by_host: int) -> None:
+        """Count late ticks, of which the last `by_host` are the computer's; each with its own part
+        of the delay.
+        """
+        if not late:
+            return
+        now, first = self.context.now, self.grid.due(late[0])
+        host_s = min(self._standstill.late_s, now - first)
+        if by_host:
+            facts = self.context.facts
+            facts.skipped_by_host = (facts.skipped_by_host or 0) + by_host
+            self._busy.add(by_host, self.grid.due(late[-by_host]), host_s, now)
         if len(late) > by_host:
-            self._slow.add(len(late) - by_host, self.grid.due(late[0]), self.context.now)
+            self._slow.add(len(late) - by_host, first, now - first - host_s, now)
 
     def _leave_out(self, ticks: Sequence[int]) -> None:
         """Account for the ticks of each standstill, which have no rows, by an event."""
@@ -266,11 +278,6 @@ class Sampler:
                 self.context.note(
                     "host.suspended", Severity.ERROR, text, since=begin, value=end - begin
                 )
-
-    def _count_busy(self, first: int, ticks: int) -> None:
-        if ticks > 0:
-            self.context.facts.skipped_by_host = (self.context.facts.skipped_by_host or 0) + ticks
-            self._busy.add(ticks, self.grid.due(first), self.context.now)
 
     def _report_skipped(self, *, is_over: bool = False) -> None:
         """Report the ticks skipped by the computer and by the station, each after a pause, or at
