@@ -16,7 +16,7 @@ from jbclog.core.rows import Goal
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.sim.process import SimProcess
-from support.command import is_sampling, jbclog, until
+from support.command import is_sampling, jbclog, recipe_text, until
 
 STATION = """
 [[station]]
@@ -28,20 +28,7 @@ ports = [1]
 joints_per_minute = 30
 joint_seconds = 0.9
 """
-RECIPE = """
-[recipe]
-name = "joints"
-revision = 1
-families = ["dde"]
-[temperature]
-select_c = 350
-[sleep]
-delay_min = 5
-[hibernation]
-delay_min = 30
-[run]
-status = "working"
-"""
+RECIPE = recipe_text("joints", "dde")
 
 
 @pytest.fixture

@@ -18,6 +18,25 @@ RECIPE = PROFILES / "recipes" / "sn100c-tht.toml"
 BENCH = PROFILES / "lines" / "bench.toml"
 
 
+def recipe_text(name: str, *families: str, more: str = "") -> str:
+    """A recipe that puts the tools to work at 350 °C, and lets those that rest cool. `more` begins
+    in the table `[run]`.
+    """
+    return f"""[recipe]
+name = "{name}"
+revision = 1
+families = {json.dumps(families)}
+[temperature]
+select_c = 350
+[sleep]
+delay_min = 5
+[hibernation]
+delay_min = 30
+[run]
+status = "working"
+{more}"""
+
+
 def jbclog(
     *arguments: str | Path, timeout: float = 200.0, cwd: Path | None = None
 ) -> subprocess.CompletedProcess[str]:

@@ -32,6 +32,7 @@ from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.sim.faults import OF_OMEGA
 from jbclog.sim.omega import KINDS as KINDS_OF_OMEGA
 from support import program
+from support.command import recipe_text
 from support.faults.guarded import guard_of
 from support.links.flooders import Flooded, Flooders
 from support.oracles.invariants import Ended, violations
@@ -70,27 +71,16 @@ OF_THEMSELVES = (
 WARNED = ("warning", "error", "critical")
 
 RECIPES = {
-    "tip": (
-        """
-[recipe]
-name = "soak"
-revision = 1
-families = ["soldering", "dde", "nae", "dme", "hde", "ucr", "ale"]
-[temperature]
-select_c = 350
-[sleep]
-delay_min = 5
-[hibernation]
-delay_min = 30
+    "tip": recipe_text(
+        "soak",
+        *("soldering", "dde", "nae", "dme", "hde", "ucr", "ale"),
+        more="""on_difference = "continue"
 [alarm.high]
 limit_c = 400
 delay_s = 0.5
 [sampling]
 rate_hz = 1
-[run]
-status = "working"
-on_difference = "continue"
-"""
+""",
     ),
     "air": (
         """

@@ -25,24 +25,9 @@ from jbclog.app.batch.store import BatchStore
 from jbclog.record.check import check
 from jbclog.record.find_runs import Found, find
 from jbclog.record.manifest import read_manifest
-from support.command import started
+from support.command import recipe_text, started
 
-RECIPE = """
-[recipe]
-name = "quick"
-revision = 1
-families = ["dde", "ucr", "ale"]
-[temperature]
-select_c = 350
-[sleep]
-delay_min = 5
-[hibernation]
-delay_min = 30
-[sampling]
-rate_hz = 2
-[run]
-status = "working"
-"""
+RECIPE = recipe_text("quick", "dde", "ucr", "ale", more="[sampling]\nrate_hz = 2\n")
 JOBS = (("a1", "dde-1", ""), ("a2", "dde-1", ""), ("b1", "ucr-1", ""), ("c1", "ale-1", "b1"))
 MOST_SITTINGS = 25
 ENDS_S = 90.0

@@ -168,7 +168,7 @@ MEANINGS: Mapping[str, str] = {
 def page() -> str:
     """The whole page."""
     sections = (
-        f"## {name}\n\n{table(('key', 'holds', 'type'), _rows(name, one))}"
+        f"## {name}\n\n{table(('key', 'holds', 'type'), rows_of(name, one, MEANINGS))}"
         for name, one in OBJECTS.items()
     )
     return f"{MADE}\n\n# Manifest\n{INTRODUCTION}\n" + "\n\n".join(sections) + "\n"
@@ -176,7 +176,12 @@ def page() -> str:
 
 def keys() -> set[str]:
     """Every key, behind its heading."""
-    return {f"{name}.{key}" for name, one in OBJECTS.items() for key in types_of(one)}
+    return keys_of(OBJECTS)
+
+
+def keys_of(objects: Mapping[str, type]) -> set[str]:
+    """Every key of these classes, behind the name of its own."""
+    return {f"{name}.{key}" for name, one in objects.items() for key in types_of(one)}
 
 
 def types_of(one: type) -> dict[str, str]:
@@ -187,9 +192,10 @@ def types_of(one: type) -> dict[str, str]:
     }
 
 
-def _rows(name: str, one: type) -> list[tuple[str, str, str]]:
+def rows_of(name: str, one: type, meanings: Mapping[str, str]) -> list[tuple[str, str, str]]:
+    """Key, meaning and type of each key of a class."""
     return [
-        (code(key), MEANINGS[f"{name}.{key}"], json_type(kind))
+        (code(key), meanings[f"{name}.{key}"], json_type(kind))
         for key, kind in types_of(one).items()
     ]
 

@@ -10,7 +10,7 @@ from jbclog.maintenance.counter_totals.observed import Errors, Fact, Identity, O
 from jbclog.maintenance.verification import Verification
 from jbclog.record.annotations import Annotation
 from jbclog.report.audit.files import COLUMNS
-from support.pages.manifest import json_type, types_of
+from support.pages.manifest import keys_of, rows_of
 from support.pages.md_table import MADE, code, table
 
 OBJECTS: Mapping[str, type] = {
@@ -153,7 +153,7 @@ CSV: Mapping[str, str] = {
 def page() -> str:
     """The whole page."""
     sections = [
-        f"## {name}\n\n{TEXTS[name]}\n\n{table(('key', 'holds', 'type'), _rows(name, one))}"
+        f"## {name}\n\n{TEXTS[name]}\n\n{table(('key', 'holds', 'type'), rows_of(name, one, MEANINGS))}"
         for name, one in OBJECTS.items()
     ]
     columns = table(("column", "holds"), [(code(name), CSV[name]) for name in COLUMNS])
@@ -167,11 +167,4 @@ def page() -> str:
 
 def keys() -> set[str]:
     """Every key, behind its heading."""
-    return {f"{name}.{key}" for name, one in OBJECTS.items() for key in types_of(one)}
-
-
-def _rows(name: str, one: type) -> list[tuple[str, str, str]]:
-    return [
-        (code(key), MEANINGS[f"{name}.{key}"], json_type(kind))
-        for key, kind in types_of(one).items()
-    ]
+    return keys_of(OBJECTS)

@@ -20,6 +20,7 @@ from jbclog.sim.serve import ByteLog, Server
 from jbclog.sim.setup import SERVED_LINE, set_up
 from jbclog.sim.soldering import SolderingModel
 from jbclog.sim.virtual import VirtualStation
+from support.command import recipe_text
 
 FOUR_TOOLS = """
 [line]
@@ -34,28 +35,9 @@ tools = {1 = 2, 2 = 2, 3 = 2, 4 = 2}
 extractor_cools = false
 """
 
-EXTRACTING = """
-[recipe]
-name = "extracting"
-revision = 1
-families = ["dme"]
-
-[temperature]
-select_c = 350
-
-[sleep]
-delay_min = 5
-
-[hibernation]
-delay_min = 30
-
-[sampling]
-rate_hz = 1
-
-[run]
-status = "working"
-safe_state = "extractor"
-"""
+EXTRACTING = recipe_text(
+    "extracting", "dme", more='safe_state = "extractor"\n[sampling]\nrate_hz = 1\n'
+)
 
 LINE = """
 [line]
@@ -94,31 +76,18 @@ joint_seconds = 0.5
 feed_each_joint = true
 """
 
-RECIPE = """
-[recipe]
-name = "guarded"
-revision = 1
-families = ["dde", "ucr", "ale"]
-
-[temperature]
-select_c = 350
-
-[sleep]
-delay_min = 5
-
-[hibernation]
-delay_min = 30
-
+RECIPE = recipe_text(
+    "guarded",
+    "dde",
+    "ucr",
+    "ale",
+    more="""require_tool = false
 [feeder]
 mode = "continuous"  # it runs from the robot's first start until somebody stops it
-
 [sampling]
 rate_hz = 5
-
-[run]
-status = "working"
-require_tool = false
-"""
+""",
+)
 
 
 HOT_C = 340.0

@@ -252,24 +252,20 @@ ENDS = st.builds(
     Fate, st.sampled_from([0, 0, 0, 1, 3, 4, 5, 143, CRASH, STILLBORN]), st.floats(0.5, 40.0)
 )
 MEANWHILE = st.tuples(st.sampled_from(["nothing", "time", "power cut"]), st.floats(0.0, 60.0))
-
-
-@settings(deadline=None, max_examples=40)
-@given(
+Batch = tuple[list[Turn], list[Fate], list[int], tuple[str, float], int]
+BATCHES = st.tuples(
     queues(),
     st.lists(ENDS, min_size=30, max_size=30),
     st.lists(st.integers(1, 40), max_size=8),
     MEANWHILE,
     st.integers(0, 300),
 )
-def test_each_job_comes_to_exactly_one_end_whatever_dies_when(
-    turns: list[Turn],
-    ends: list[Fate],
-    kills: list[int],
-    meanwhile: tuple[str, float],
-    signal_at: int,
-) -> None:
-    each_job_comes_to_one_end(turns, ends, kills, meanwhile, signal_at)
+
+
+@settings(deadline=None, max_examples=40)
+@given(BATCHES)
+def test_each_job_comes_to_exactly_one_end_whatever_dies_when(batch: Batch) -> None:
+    each_job_comes_to_one_end(*batch)
 
 
 def each_job_comes_to_one_end(
@@ -304,21 +300,9 @@ def each_job_comes_to_one_end(
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
 @settings(deadline=None, max_examples=4000)
-@given(
-    queues(),
-    st.lists(ENDS, min_size=30, max_size=30),
-    st.lists(st.integers(1, 40), max_size=8),
-    MEANWHILE,
-    st.integers(0, 300),
-)
-def test_the_same_of_many_more(
-    turns: list[Turn],
-    ends: list[Fate],
-    kills: list[int],
-    meanwhile: tuple[str, float],
-    signal_at: int,
-) -> None:
-    each_job_comes_to_one_end(turns, ends, kills, meanwhile, signal_at)
+@given(BATCHES)
+def test_the_same_of_many_more(batch: Batch) -> None:
+    each_job_comes_to_one_end(*batch)
 
 
 def expect_its_turn(bench: World, turns: list[Turn], name: str) -> None:
