@@ -16,9 +16,7 @@ MOST: Final = 10
 
 
 def lines(one: Charted | Counted | Ranked) -> Iterator[str]:
-    """Yield number and mean of the values, each chart with its signals, fixed limits, and
-    capability.
-    """
+    """Yield number and mean of the values, charts with their signals, fixed limits, capability."""
     if isinstance(one, Ranked):
         yield from _ranked(one)
     elif isinstance(one, Counted):

@@ -183,9 +183,7 @@ def series_of_run(
 def _not_known(
     run: Run, station: str | None, seen: set[tuple[str, int]]
 ) -> dict[tuple[str, int], str]:
-    """Return why joints are not known, for each port outside `seen` that worked without known
-    joints.
-    """
+    """Return why joints are not known, for each port outside `seen` that worked without any."""
     ports = {
         (facts.name, port)
         for facts in run.manifest.stations
@@ -490,9 +488,7 @@ def _span(run: Run) -> tuple[float, float] | None:
 
 
 def joined(series: Iterable[Series]) -> list[Series]:
-    """Return one series for each station and port: the series of the same port, one after
-    another.
-    """
+    """Return one series for each station and port: those of one port, one after another."""
     by_port: dict[tuple[str, int], Series] = {}
     for one in series:
         before = by_port.get(one.place)

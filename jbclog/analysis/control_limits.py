@@ -42,9 +42,7 @@ class Limits:
     sources: list[Source]
 
     def of(self, series: Series) -> Fixed | None:
-        """Return the limits of a series, or None. Raises `UsageError` if the file is of another
-        metric.
-        """
+        """Return the limits of a series, or None. Raises `UsageError` for another metric."""
         if (self.metric, self.each) != (series.metric, series.each):
             raise UsageError(
                 f"the limits are of {self.metric} by {self.each}, the chart is of {series.metric}"
@@ -57,9 +55,7 @@ _build_limits: Final = builder(Limits)
 
 
 def learn(series: Series) -> Fixed | spc.Refused:
-    """Return the limits of a series if it is stable and a distribution fits it, else why there are
-    none.
-    """
+    """Return the limits of a series if it is stable and a distribution fits, else why not."""
     chart = too_many_late(series.late, len(series.values)) or spc.phase_one(
         series.values, resolution=series.resolution
     )

@@ -70,9 +70,7 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def text(value: object) -> str:
-    """Return a value as escaped text, cut to `MOST_CHARACTERS`, with `�` for what is not
-    printable.
-    """
+    """Return a value as escaped text, cut to `MOST_CHARACTERS`, `�` for what is not printable."""
     raw = "" if value is None else str(value)
     printable = "".join(sign if sign.isprintable() else "�" for sign in raw[: MOST_CHARACTERS + 1])
     return escape(

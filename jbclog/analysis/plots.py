@@ -169,9 +169,7 @@ def _names(axes: Axes, trend: Trend) -> None:
 
 
 def _points(axes: Axes, at: Floats, values: Floats, chart: spc.Chart | None) -> None:
-    """Draw values in their order; with a chart its centre, its limits and rings around its
-    signals.
-    """
+    """Draw values in their order; with a chart its centre, limits and ringed signals."""
     axes.margins(x=0.01, y=0.08)
     axes.plot(at, values, color=TEMPERATURE, marker="o", markersize=2.5, linewidth=0.7)
     if chart is None:

@@ -99,9 +99,7 @@ def judge_again(
 
 
 def own_version(manifest: Manifest) -> int:
-    """Return the version of the rules that judged the run, or the latest if this jbclog does not
-    know it.
-    """
+    """Return the version of the rules that judged the run; the latest if this jbclog lacks it."""
     return manifest.rules if is_known(manifest.rules) else RULES
 
 
@@ -111,9 +109,7 @@ def is_cut_off(manifest: Manifest) -> bool:
 
 
 def check_verdict(folder: Path, manifest: Manifest) -> VerdictCheck:
-    """Compare a run's sealed verdict with the one that its record gives by the same version of the
-    rules.
-    """
+    """Compare a run's sealed verdict with that of its record by the same version of the rules."""
     if manifest.verdict is None or is_cut_off(manifest):
         return VerdictCheck()
     why = _why_not(folder, manifest)

@@ -130,9 +130,7 @@ class Alarms:
         return [*disagreements, *self.live, *self.without_episode()]
 
     def without_episode(self) -> list[str]:
-        """Return a sentence for each acknowledgement of an episode that the record does not
-        give.
-        """
+        """Return a sentence for each acknowledgement of an episode that the record lacks."""
         known = {episode.id for incident in self.incidents for episode in incident.episodes}
         return [
             f"{name}: acknowledged by {given.who}, but the record gives no such episode."
@@ -278,9 +276,7 @@ def _lost_flags(events: RunEvents) -> dict[Place, list[Unknown]]:
 
 
 def _with_flags(stations: Iterable[StationFacts]) -> list[str]:
-    """Return the stations that report alarm flags, with those whose signals the record does not
-    list.
-    """
+    """Return the stations that report alarm flags, and those whose signals are not listed."""
     return [
         one.name
         for one in stations
@@ -317,9 +313,7 @@ def _live_differences(
 
 
 def acknowledged_in(run: RunTables) -> dict[str, Acknowledgement]:
-    """Return the first acknowledgement of each episode, by its name; empty for a run that is not
-    sealed.
-    """
+    """Return the first acknowledgement of each episode, by name; empty for an open run."""
     if run.manifest.state != "sealed":
         return {}
     given: dict[str, Acknowledgement] = {}

@@ -40,9 +40,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One run's value of the metric; None if its record does not give it, for the reason in
-    `why`.
-    """
+    """One run's value of the metric; None if its record has none, for the reason in `why`."""
 
     run: str
     started: datetime | None
@@ -102,9 +100,7 @@ class Trend:
 
 
 def metric_unit(metric: str) -> str:
-    """Return the unit of a metric. Raises `UsageError` for an unknown name, with the closest known
-    one.
-    """
+    """Return the unit of a metric. Raises `UsageError` for an unknown name, with close ones."""
     found = next((one.unit for one in DEFINITIONS if one.name == metric), None)
     if found is None:
         names = [one.name for one in DEFINITIONS]
@@ -240,9 +236,7 @@ def _other_rates(runs: Iterable[Found], station: str) -> Iterator[str]:
 def _changes(
     names: Iterable[str], found: dict[str, Found], station: str, port: int
 ) -> Iterable[str]:
-    """Yield a sentence for each run whose recipe or named tip differs from those of the run
-    before.
-    """
+    """Yield a sentence for each run whose recipe or named tip is not that of the run before."""
     before: tuple[Sequence[str], Sequence[str]] | None = None
     for name in names:
         one = found[name]
@@ -261,9 +255,7 @@ def _changes(
 
 
 def tips_of(tips: Sequence[str], station: str, port: int) -> tuple[str, ...]:
-    """Return those of a run's tips named for this port, else for its station, else for all of
-    it.
-    """
+    """Return a run's tips named for this port, else for its station, else for all of it."""
     for prefix in (f"{station}:{port}=", f"{station}="):
         named = tuple(text.removeprefix(prefix) for text in tips if text.startswith(prefix))
         if named:

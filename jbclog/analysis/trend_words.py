@@ -67,9 +67,7 @@ def signals_text(signals: Sequence[object]) -> str:
 
 
 def capability_text(found: spc.Capability | spc.Refused, each: str = "run") -> str:
-    """Return the capability indices with their bounds, or why there are none. `each`: what a value
-    is.
-    """
+    """Return the capability indices with bounds, or why there are none. `each`: what a value is."""
     if isinstance(found, spc.Refused):
         return f"none. {found.text}"
     named = (("Cp", found.cp), ("Cpk", found.cpk), ("Pp", found.pp), ("Ppk", found.ppk))

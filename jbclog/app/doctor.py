@@ -86,9 +86,7 @@ def look_at_clock(utc_s: float, is_kept: bool | None) -> Looked:
 
 
 def clock_is_kept() -> bool | None:
-    """Return whether the kernel calls the clock synchronised; None on a system that does not report
-    it.
-    """
+    """Return whether the kernel calls the clock synchronised; None where it does not report it."""
     try:
         state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(TIMEX_BYTES))
     except (OSError, AttributeError, TypeError):  # another system
@@ -471,9 +469,7 @@ def _lost(spec: StationSpec, found: StationFound) -> ScanFinding | None:
 def examine(
     line: Line | None, out: Path, on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM
 ) -> list[Looked]:
-    """Check this machine and each station of `line`; without a line the USB ports, which are not
-    opened.
-    """
+    """Check this machine and `line`'s stations; without a line the USB ports, not opening them."""
     looked = [*look_at_folder(out), look_at_clock(time.time(), clock_is_kept())]
     return looked + (_usb() if line is None else look_at_stations(line, on_report, access))
 

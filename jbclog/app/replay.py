@@ -63,9 +63,7 @@ class Recording:
         return recipe_copy(self.folder, self.heads[station].recipe)
 
     def ticks(self, station: str) -> RecordedGrid | None:
-        """Return a station's sampling grid on the recorder's clock. None if unknown or without
-        one.
-        """
+        """Return a station's sampling grid on the recorder's clock; None if it is not known."""
         facts = self.facts.get(station)
         if (
             facts is None

@@ -246,9 +246,7 @@ def _lets_go(folder: Path, recorder: _Recorder, urls: Collection[str], seconds: 
 
 
 class _Recorder:
-    """The process that records the run in `folder`, by a descriptor: its process id may be
-    reused.
-    """
+    """The process that records the run in `folder`, by a descriptor: its id may be reused."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

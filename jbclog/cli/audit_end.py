@@ -177,9 +177,7 @@ class End:
 
     @property
     def code(self) -> int:
-        """The most severe exit code (docs/reference/exit-codes.md): 4, then 3, then a signal, then
-        1.
-        """
+        """The most severe exit code (docs/reference/exit-codes.md): 4, 3, a signal, 1."""
         asked = tuple(one for one in self.audit.stations if one.why != STOPPED)
         found = exit_code(replace(self.audit, stations=asked), self.fail_on)
         if self.trouble:

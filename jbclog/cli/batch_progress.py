@@ -206,9 +206,7 @@ class _Follower:
 
 
 class Lines:
-    """Lines for a log or a pipe: one for each job that starts or ends, one for each event worth
-    showing.
-    """
+    """Lines for a log or a pipe: one for each job's start and end, and each event worth showing."""
 
     def __init__(self, batch: PreparedBatch, printer: Printer) -> None:
         self._batch = batch

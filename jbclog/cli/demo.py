@@ -91,9 +91,7 @@ def _record(out: Path, seconds: float, color: Color, *, quiet: bool) -> Result:
 
 
 def _files(folder: Path, seconds: float) -> tuple[Path, Path]:
-    """Write the demo's line file and recipe, with the faults within `seconds`; return their
-    paths.
-    """
+    """Write the demo's line file and recipe, with faults within `seconds`; return the paths."""
     source = files("jbclog.cli") / "demo_files"
     times = {"SECONDS_DROPOUT": seconds * 0.45, "SECONDS_OVERHEAT": seconds * 0.6}
     line = (source / "line.toml").read_text(encoding="utf-8")

@@ -73,9 +73,7 @@ WIDEST, NARROWEST = 80, 50
 
 
 def is_shown() -> bool:
-    """Show the page if the program's words ask for it and nothing else, and return whether it was
-    shown.
-    """
+    """Show the page if the words ask for it and nothing else; return whether it was shown."""
     if sys.argv[1:] not in (["--help"], ["-h"]):
         return False
     make_usable()

@@ -35,9 +35,7 @@ NO_FOLDER = "{}: no such folder; runs are in `runs/` or in the folder given by -
 
 
 def is_folder(path: Path) -> bool:
-    """Return whether `path` is a folder. Raises `RecordError` if its network mount does not
-    answer.
-    """
+    """Return whether `path` is a folder. Raises `RecordError` where its mount does not answer."""
     from jbclog.core.foreign.files import expect_answer  # not loaded by --help
 
     expect_answer(path)

@@ -139,9 +139,7 @@ def _echo(lines: list[str], *, err: bool) -> None:
 
 
 def wrapped(text: str, columns: int | None = None) -> str:
-    """Return `text` wrapped to a terminal's width, only between words, so that paths can be
-    copied.
-    """
+    """Return `text` wrapped to a terminal's width between words, so that paths can be copied."""
     width = max(columns or shutil.get_terminal_size().columns, 40) - 1
     return "\n".join(_wrapped_line(line, width) for line in text.split("\n"))
 
@@ -197,9 +195,7 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
 
 
 def _note_warning(message: Warning | str, *_: object, **__: object) -> None:
-    """Print a warning as one line; Python would add its own code and print foreign text as it
-    is.
-    """
+    """Print a warning as one line; Python would add code and print foreign text as it is."""
     note(f"warning: {message}")
 
 

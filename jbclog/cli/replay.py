@@ -110,9 +110,7 @@ def _serve(recording: Recording, folder: Path, tcp: str | None) -> None:
 
 
 def _command(recording: Recording, line: Path) -> list[str]:
-    """Return the command that repeats the run. The line file holds its rates, as far as they are
-    known.
-    """
+    """Return the command that repeats the run. Known rates are in the line file."""
     from jbclog.app.replay import plan_of
 
     plan, metadata = plan_of(recording), recording.metadata

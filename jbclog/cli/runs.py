@@ -133,9 +133,7 @@ def _expect_word(
 
 
 def moment(option: str, text: str | None, *, is_end: bool = False) -> datetime | None:
-    """Return a day or time, UTC without a zone; with `is_end` a day means its end. Raises
-    `UsageError`.
-    """
+    """Return a day or time, UTC without a zone; with `is_end` a day's end. Raises `UsageError`."""
     if text is None:
         return None
     try:

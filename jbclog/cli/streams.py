@@ -25,9 +25,7 @@ _NUMBERS: Final = (0, 1, 2)
 
 
 def make_usable() -> None:
-    """Open the null device for each closed stream; write characters that cannot be encoded as
-    escapes.
-    """
+    """Open the null device for each closed stream; write what cannot be encoded as escapes."""
     for number in _NUMBERS:
         _open_null_at(number)
     sys.stdin = sys.stdin or open(0, encoding="utf-8", closefd=False)  # noqa: SIM115  # it is the program's, to its end
@@ -144,9 +142,7 @@ def _write(descriptor: int, data: bytes) -> bool:
 
 
 def never_wait() -> None:
-    """Make stdout and stderr non-blocking from now on. Leaves streams without a descriptor as they
-    are.
-    """
+    """Make stdout and stderr non-blocking; streams without a descriptor stay as they are."""
     made: list[NonblockingOutput] = []
     for name, descriptor in (("stdout", 1), ("stderr", 2)):
         stream = getattr(sys, name)

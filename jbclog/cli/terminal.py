@@ -54,9 +54,7 @@ class Printer:
 
     @cached_property
     def console(self) -> Console:
-        """The console of stderr; not loaded for plain lines, which a run's first sample would wait
-        for.
-        """
+        """The console of stderr; not loaded for plain lines: a run's first sample would wait."""
         return console(self._color)
 
     def print(self, text: str, severity: Severity = Severity.INFO) -> None:

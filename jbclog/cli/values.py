@@ -93,9 +93,7 @@ def _entry_facts(entry: NameEntry) -> dict[str, object]:
 
 
 def print_names(target: Target, kind: CommandFilter, access: PortAccess, *, as_json: bool) -> None:
-    """Print every name of `kind` that the station has; identifies a station of family "auto"
-    first.
-    """
+    """Print every name of `kind` that the station has; identifies one of family "auto" first."""
     family = target.family or ask(target, open_contact(target), access).family
     if as_json:
         echo_json(list_facts(target.name, family, kind))
@@ -135,9 +133,7 @@ def call(verb: str, target: Target, change: WriteRequest, line: Path) -> str:
 
 
 def exit_code(written: WriteResult) -> int:
-    """Return 5 if an order to rest or to stop a motor is not confirmed, else 3 if the write is
-    not.
-    """
+    """Return 5 for an order to rest or stop a motor not confirmed, else 3 if the write is not."""
     if written.is_fine:
         return FINE
     contact = _contact(written)
@@ -191,9 +187,7 @@ def _is_to_cool(written: WriteResult) -> bool:
 
 
 def _done(written: WriteResult) -> str:
-    """Return the value now. After an order to rest, the tool may already be asleep when it is read
-    back.
-    """
+    """Return the value now. After an order to rest, the tool may be asleep when read back."""
     if written.readback is None:
         return "done" if is_order(_command(written)) else _text(written, written.value)
     return _text(written, written.readback)

@@ -68,9 +68,7 @@ def read_at(text: str) -> At | None:
 
 
 def due(at: At, after_s: float, zone: Zone) -> float | None:
-    """Return the first due moment from `after_s` on, seconds since 1970 UTC; None if its date is
-    over.
-    """
+    """Return the first due time from `after_s`, in s since 1970 UTC; None if its date is over."""
     if at.date is not None:
         days = [at.date]
     else:
@@ -111,9 +109,7 @@ class OnFailure(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A job in the queue. `places`: what it needs for itself, its stations and the reader of its
-    units.
-    """
+    """A job in the queue. `places`: what it needs for itself: stations, its units' reader."""
 
     name: str
     places: frozenset[str]

@@ -168,9 +168,7 @@ class JobsFile:
 
 
 def load_jobs(path: Path, line: Path | None = None) -> JobsFile:
-    """Read a jobs file, for another `line` if one is given. Raises Problems with all its
-    mistakes.
-    """
+    """Read a jobs file, for another `line` if given. Raises Problems with all its mistakes."""
     return parse_jobs(read_text(path), path, line)
 
 

@@ -454,7 +454,5 @@ def _keys(station: StationTable) -> Iterator[str]:
 
 
 def quoted(text: str) -> str:
-    """Format a TOML basic string; its escapes are JSON's, except for DEL, which JSON does not
-    escape.
-    """
+    """Format a TOML basic string; its escapes are JSON's, except for DEL."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

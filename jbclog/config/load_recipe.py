@@ -302,9 +302,7 @@ def _recipe(tables: RecipeTables, source: TomlText) -> Recipe:
 
 
 def _what_is_left(source: TomlText, wrong: list[KeyPath]) -> RecipeTables | None:
-    """Return the recipe without its wrong keys, so that conflicts between the others are reported,
-    too.
-    """
+    """Return the recipe without wrong keys, so that conflicts of the others are reported, too."""
     data = copy.deepcopy(source.tables)
     for key in reversed(wrong):  # from the end, so that places in lists stay what they were
         _drop(data, source.known(key))

@@ -164,9 +164,7 @@ class Recipe(RecipeTables, CheckedFile):
         return frozenset(port for port in PORTS if "temperature.select_c" in self.asked(port))
 
     def safe_state(self, family: str) -> str:
-        """Return the safe state of every touched tool of this family
-        (docs/reference/safe-states.md).
-        """
+        """Return the safe state of touched tools of this family (docs/reference/safe-states.md)."""
         known = FAMILIES.get(family)
         if "safe_state" in self.run.model_fields_set or known is None:
             return self.run.safe_state
@@ -178,9 +176,7 @@ class Recipe(RecipeTables, CheckedFile):
 
     @property
     def suction(self) -> str:
-        """Return what to do with a hot air station's suction at the start: ``keep``, ``on`` or
-        ``off``.
-        """
+        """Return what a start does to a hot air station's suction: ``keep``, ``on`` or ``off``."""
         return self.air.suction or "keep"
 
     def rate_hz(self, family: Family | None) -> float:

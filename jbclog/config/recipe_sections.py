@@ -173,9 +173,7 @@ class Episodes(Table):
 
 
 class Units(Table):
-    """Serials of units that are read during the run. `repeat`: what to do with one that was read
-    before.
-    """
+    """Serials read during the run. `repeat`: what to do with one that was read before."""
 
     repeat: Literal["continue", "refuse"] = Field("continue", description="continue or refuse")
 

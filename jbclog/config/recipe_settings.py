@@ -61,24 +61,18 @@ class Setting:
 
 
 def settings_for(recipe: Recipe, family: Family, port: int) -> list[Setting]:
-    """What is written on `port` of a station of `family`, in the order that `recipe.py`
-    explains.
-    """
+    """What is written on `port` of a station of `family`, in the order explained in `recipe.py`."""
     return [setting for _, setting in _for_port(recipe, family, port)]
 
 
 def station_settings_for(recipe: Recipe, family: Family) -> list[Setting]:
-    """Return the settings of the whole station: the feeder of ale. Empty for families without
-    one.
-    """
+    """Return the settings of the whole station: ale's feeder. Empty for families without one."""
     wanted = sorted(asked_in(recipe.feeder, ("feeder",)), key=lambda one: _PLACE[one.setting])
     return [setting for one in wanted if (setting := _setting(one, family, None)) is not None]
 
 
 def condition_of(recipe: Recipe, family: Family) -> ConditionRecord | None:
-    """Return the solder condition that the recipe sets on a station of `family`, None if it sets
-    none.
-    """
+    """Return the solder condition that the recipe sets on this `family`, None if it sets none."""
     if recipe.omega is None or family.name not in SECTION_FAMILIES["omega"]:
         return None
     return ConditionRecord(*(getattr(recipe.omega, one.name) for one in fields(ConditionRecord)))

@@ -1,6 +1,4 @@
-"""Names of maintenance tasks that need no tasks file: events of a station that affect its
-counters.
-"""
+"""Names of maintenance tasks that need no tasks file: events that affect a station's counters."""
 
 from __future__ import annotations
 

@@ -302,9 +302,7 @@ class TomlText:
 
 
 def shortened(problems: list[Problem]) -> list[Problem]:
-    """Return the problems in the file's order, each once; beyond `MAX_PROBLEMS` only their
-    number.
-    """
+    """Return the problems in file order, each once; beyond `MAX_PROBLEMS` only their number."""
     ordered = sorted(dict.fromkeys(problems), key=lambda problem: problem.line or 0)
     rest = len(ordered) - MAX_PROBLEMS
     return (

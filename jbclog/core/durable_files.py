@@ -1,6 +1,4 @@
-"""Files that survive a power cut (complete or absent), and append-only files of hash-chained JSON
-lines.
-"""
+"""Files that survive a power cut (complete or absent), and append-only hash-chained JSON lines."""
 
 from __future__ import annotations
 

@@ -69,9 +69,7 @@ class IoResult(NamedTuple):
 
 
 class RunEnded(Exception):
-    """Thrown into a session to end it. The session puts its tools in their safe state before it
-    returns.
-    """
+    """Thrown into a session to end it; the session makes its tools safe before it returns."""
 
 
 class NotStarted(RunEnded):

@@ -125,9 +125,7 @@ class FolderLock:
         return NAME
 
     def write_status(self, status: CommitStatus) -> None:
-        """Write the commit status. Not synced: it survives a kill, and may lag after a power
-        cut.
-        """
+        """Write the commit status. Not synced: survives a kill, may lag after a power cut."""
         text = json.dumps({"pid": os.getpid(), "boot": boot_id(), **asdict(status)})
         with contextlib.suppress(OSError):  # a failing disk is reported elsewhere
             os.pwrite(self.descriptor, text.ljust(WIDTH).encode(), 0)

@@ -111,9 +111,7 @@ class Unsigned:
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """A delay in whole `unit`; 99999 means that the feature is off (manual 002, W-Dxy and
-    W-Hxy).
-    """
+    """A delay in whole `unit`; 99999 means that it is off (manual 002, W-Dxy and W-Hxy)."""
 
     unit: str
 
@@ -185,9 +183,7 @@ class AlarmLimit:
 
 @dataclass(frozen=True, slots=True)
 class Scaled:
-    """A length or speed sent as a whole number of `1/per_unit` (manual 002, R-LEN: 01000 dmm = 100
-    mm).
-    """
+    """A length or speed in whole `1/per_unit` (manual 002, R-LEN: 01000 dmm = 100 mm)."""
 
     unit: str
     per_unit: int
@@ -346,9 +342,7 @@ def permille_of(raw: int, whole: int) -> int:
 
 
 def text_of(value: Value) -> str:
-    """Format a value for the `settings` table and messages: ``350``, ``1.60``, ``off``,
-    ``00001``.
-    """
+    """Format a value for `settings` and messages: ``350``, ``1.60``, ``off``, ``00001``."""
     if isinstance(value, tuple):
         return "".join(map(str, value))
     if isinstance(value, float):

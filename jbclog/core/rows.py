@@ -137,9 +137,7 @@ class SettingRow(NamedTuple):
 
 
 class CounterRow(NamedTuple):
-    """One reading of a counter. If it failed, `value` is None and `raw` is the reason in angle
-    brackets.
-    """
+    """One reading of a counter. If it failed, `value` is None and `raw` the reason in ``<>``."""
 
     time: int
     station: str
@@ -151,9 +149,7 @@ class CounterRow(NamedTuple):
 
 
 class Journal(Protocol):
-    """Takes a session's rows. Each call returns at once; storing them safely is the journal's
-    job.
-    """
+    """Takes a session's rows. Each call returns at once; storing them is the journal's job."""
 
     def sample(self, row: SampleRow) -> None: ...
 

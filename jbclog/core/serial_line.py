@@ -87,9 +87,7 @@ class PortAddress(NamedTuple):
     number: int | None = None
 
     def is_at(self, other: PortAddress) -> bool:
-        """Whether both are one port. Host names are resolved only where everything else is
-        equal.
-        """
+        """Whether both are one port. Host names are resolved only where all else is equal."""
         if self.number is None or self.number != other.number:
             return self == other
         return self.name == other.name or bool(_addresses(self.name) & _addresses(other.name))

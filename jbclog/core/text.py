@@ -166,9 +166,7 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> st
 def csv_bytes(
     columns: Sequence[str], pieces: Iterable[Mapping[str, Sequence[object]]]
 ) -> Iterator[bytes]:
-    """Yield the same, encoded, of a long table that comes in pieces, each the columns of some
-    rows.
-    """
+    """Yield the same, encoded, of a long table in pieces, each the columns of some rows."""
     yield csv_text(columns, ()).encode()
     for piece in pieces:
         out = io.StringIO()

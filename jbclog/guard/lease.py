@@ -124,9 +124,7 @@ def read_leases(folder: Path) -> list[StationLease]:
 
 
 def why_unreadable(folder: Path) -> str:
-    """Return why the lease file, or a line of it, cannot be read; empty if it can, or does not
-    exist.
-    """
+    """Return why the lease file or a line of it cannot be read; empty if it can, or is missing."""
     return _read(folder)[1]
 
 

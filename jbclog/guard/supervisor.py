@@ -45,9 +45,7 @@ class RunGuard:
         self._supervisor: GuardSupervisor | None = None
 
     def begin(self, folder: Path) -> None:
-        """Begin its process, which needs a tenth of a second until it watches; `start` waits for
-        it.
-        """
+        """Begin its process, which watches after a tenth of a second; `start` waits for it."""
         with suppress(StartRefused):  # `start` tries again, and raises it
             self._begun = GuardProcess(folder)
 

@@ -185,9 +185,7 @@ def _open(lease: StationLease) -> Port:
 
 
 def _is_same_station(client: Client, lease: StationLease) -> Steps[bool]:
-    """Return whether the station answers the leased model and, if it has one, the leased
-    software.
-    """
+    """Whether the station answers the leased model and, if it has one, the leased software."""
     family = FAMILIES[lease.family]
     commands = family.commands
     if not (lease.model_accepted or family.proves(lease.model or "")):

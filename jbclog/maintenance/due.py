@@ -92,9 +92,7 @@ def _blocks(steps: Sequence[Step], weeks: float) -> Numbers:
 
 
 def _weekdays(steps: Sequence[Step]) -> tuple[float, ...]:
-    """Return the share of each weekday by looks about a day apart; equal shares if there are too
-    few.
-    """
+    """Return the share of each weekday by looks a day apart; equal shares if there are too few."""
     daily = [step for step in steps if 0.5 * DAY < step.end - step.begin < 1.5 * DAY]
     if len(daily) < LEAST_DAYS or len(daily) < 0.5 * len(steps):
         return (1.0,) * 7
@@ -160,9 +158,7 @@ def forecast(now: float, left: float, pace: Pace, doubt: float = 0.0) -> Forecas
 
 
 def _weeks(left: float, pace: Pace, doubt: float, z: float) -> float:
-    """Return the root of (t - d)^2 = z^2 (v t + v t^2 / n + u), below d for a negative z, else
-    above.
-    """
+    """Return the root of (t - d)^2 = z^2 (v t + v t^2 / n + u), below d if z < 0, else above."""
     mean, by = left / pace.a_week, z * z * pace.variance
     square = 1 - by / pace.weeks - z * z * LASTING
     half, rest = mean + by / 2, mean * mean - z * z * doubt / pace.a_week**2

@@ -269,9 +269,7 @@ def _mtbf(count: int, hours: float, n: int, looks: Sequence[Observation]) -> Use
 
 
 def _plugged(before: Observation, now: Observation) -> float:
-    """Return the hours plugged in between two looks, of the port that counted most; 0 if not
-    known.
-    """
+    """Return the hours plugged in between two looks, of the port with most; 0 if not known."""
     first, last = _hours(before), _hours(now)
     return max((last[port] - first[port] for port in last if port in first), default=0.0)
 
@@ -339,9 +337,7 @@ class Past:
         return tuple(sorted({port for port, _ in self.traces}))
 
     def of(self, port: int, *counters: str) -> Stretch | None:
-        """Return the whole stretch of the first of these counters that was read twice at this
-        port.
-        """
+        """Return the whole stretch of the first of these counters read twice at this port."""
         found = (whole(self.traces.get((port, name)), self.believed) for name in counters)
         return next((one for one in found if one is not None), None)
 
@@ -553,9 +549,7 @@ def _over(points: Sequence[Point]) -> Interval:
 
 
 def _grown(before: Point, after: Point) -> Interval:
-    """Return the advance from one reading to the next, without the uncertainty of the
-    resolution.
-    """
+    """Return the advance from one reading to the next, without the resolution's uncertainty."""
     if after.join is Join.ON:
         grown = after.shown.middle - before.shown.middle
         return Interval(grown, grown)

@@ -70,9 +70,7 @@ class Own:
 
     @property
     def uncertainty_c(self) -> float:
-        """The standard uncertainty of `temperature_c`, from its resolution and the spread of its
-        mean.
-        """
+        """The standard uncertainty of `temperature_c`, from resolution and spread of the mean."""
         spread = (self.sd_c or 0.0) / sqrt(self.n) if self.n else 0.0
         return sqrt(STEP_C**2 / 12 + spread**2)
 
@@ -335,9 +333,7 @@ def keep(out: Path, one: Verification) -> tuple[Verification, str]:
 
 
 def read_book(out: Path) -> Book:
-    """Return every verification in the folder of runs `out`; none without a file. Raises
-    `RecordError`.
-    """
+    """Return every verification in the folder `out`; none without a file. Raises `RecordError`."""
     try:
         found = chain_in(
             read_foreign(out / NAME, Kind.VERIFICATIONS),

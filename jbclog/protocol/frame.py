@@ -32,9 +32,7 @@ def check_byte(covered: bytes) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A frame with a correct check byte. `source` and `target` are None on a line without
-    addresses.
-    """
+    """A frame with a correct check byte. Without addresses `source` and `target` are None."""
 
     header: str
     text: str

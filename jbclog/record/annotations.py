@@ -122,9 +122,7 @@ def append(
 
 
 def vouch(folder: Path, report_sha256: str) -> None:
-    """Record the hash of the run's `report.json`, unless the last such line has it. Raises
-    RecordError.
-    """
+    """Record the hash of `report.json`, unless the last such line has it. Raises RecordError."""
     if read(folder).report != report_sha256:
         append(
             folder,

@@ -76,9 +76,7 @@ class Batch:
 
 
 def breathe() -> None:
-    """Let other threads run: conversions hold the interpreter's lock, and a due tick must not
-    wait.
-    """
+    """Let other threads run: conversions hold the interpreter's lock; a due tick must not wait."""
     time.sleep(0.0001)
 
 

@@ -218,9 +218,7 @@ def read_rows(path: Path) -> Iterator[CaptureRow]:
 
 
 def read_to_hole(path: Path, first: int = 0) -> Iterator[CaptureRow]:
-    """Yield the rows from number `first` to the first hole: a session cannot be replayed beyond
-    it.
-    """
+    """Yield the rows from number `first` to the first hole: no session is replayed beyond it."""
     return islice(_to_hole(path), first, None)
 
 

@@ -34,9 +34,7 @@ Keep = Callable[[CaptureRow], object]
 
 
 class Wire:
-    """The capture of one station. `keep` may be called in any thread, the rest only by the
-    recorder.
-    """
+    """The capture of one station. `keep` may be called in any thread, the rest by the recorder."""
 
     def __init__(self, path: Path, head: Head) -> None:
         self.trouble: str | None = None

@@ -88,9 +88,7 @@ class Chain:
 
 
 def breaks(run: str, rows: Iterable[Mapping[str, object]]) -> Iterable[tuple[int, str]]:
-    """Yield where the chain of `rows` (times in µs) is broken: the event's seq, and what is
-    wrong.
-    """
+    """Yield where the chain of `rows` (times: µs) is broken: the event's seq, and what is wrong."""
     previous, seq = first_link(run), 0
     for row in rows:
         found = row["seq"]

@@ -147,9 +147,7 @@ def _guard_lock(folder: Path) -> Iterator[tuple[str, str]]:
 
 
 def _verifications(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]]:
-    """Each verification that the manifest cites is a line of the file beside the run, where that
-    exists.
-    """
+    """Each verification that the manifest cites is a line of the file beside the run, if any."""
     cited = {
         one.sha256: f"{one.station} port {one.port}"
         for one in reversed(manifest.verifications)

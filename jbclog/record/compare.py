@@ -46,9 +46,7 @@ class Compared:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """All tables of all stations, and differences of the manifests. `is_cut`: a record lacks its
-    end.
-    """
+    """All tables of all stations, and differences of the manifests. `is_cut`: one lacks its end."""
 
     tables: Sequence[Compared]
     facts: Sequence[str]
@@ -56,9 +54,7 @@ class Comparison:
 
     @property
     def differences(self) -> list[str]:
-        """Return the differences as sentences; if a record lacks its end, those of the common
-        part.
-        """
+        """Return the differences as sentences; where a record lacks its end, of the common part."""
         found: list[str] = []
         for one in self.tables:
             if one.first != one.second and not self.is_cut:

@@ -78,9 +78,7 @@ class Lease:
 
 
 class Unknown(NamedTuple):
-    """A tool, or with `port` None a feeder, whose safe state is not known, and the sentence about
-    it.
-    """
+    """A tool, or with `port` None a feeder, whose safe state is not known; a sentence about it."""
 
     station: str
     port: int | None
@@ -351,9 +349,7 @@ def _refuse_unsealed(store: StoreReader) -> None:
 
 
 def stations_of(folder: Path, store: StoreReader, manifest: Manifest) -> list[StationFacts]:
-    """Return the stations' facts with the guard's results, as far as nothing in the record is
-    later.
-    """
+    """Return the stations' facts with the guard's results, where nothing in the record is later."""
     return guard_actions.with_guard(
         folder, known_stations(store, manifest.stations), _overtaken(folder)
     )

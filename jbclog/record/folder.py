@@ -22,9 +22,7 @@ METRICS_CACHE: Final = "metrics.parquet"
 
 
 def recipe_copy(folder: Path, file: str) -> Path:
-    """Return the path of the copy of recipe `file`. Raises NotReadable if their folder is a
-    link.
-    """
+    """Return the path of the copy of recipe `file`. Raises NotReadable if the folder is a link."""
     return _copies(folder) / Path(file).name
 
 
@@ -112,9 +110,7 @@ def _prove(folder: Path) -> None:
 
 
 def keep_text(folder: Path, name: str, text: str) -> None:
-    """Store `text` unchanged as the run's file `name`, for example the line file. Raises
-    RecordError.
-    """
+    """Store `text` unchanged as the file `name`, such as the line file. Raises RecordError."""
     path = folder / name
     try:
         path.parent.mkdir(exist_ok=True)

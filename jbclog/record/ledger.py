@@ -79,9 +79,7 @@ def _count_counters(ledger: Ledger, rows: pa.Table) -> None:
 
 
 def _add_facts(ledger: Ledger, facts: StationFacts) -> None:
-    """Add ticks without rows to signals read at every tick, and watched settings, which have no
-    column.
-    """
+    """Add ticks without rows to signals read at every tick, and watched settings (no column)."""
     for port in ledger.get(facts.name, {}).values():
         rows = port.get(_ROWS, {}).get("due", 0)
         for signal in SIGNALS:

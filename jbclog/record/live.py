@@ -95,9 +95,7 @@ def _no_values() -> dict[str, list[object]]:
 
 @dataclass(slots=True)
 class _Rows:
-    """The values of each table's rows end to end, events that are not linked yet, and stations'
-    facts.
-    """
+    """The values of each table's rows end to end, events not linked yet, and stations' facts."""
 
     values: dict[str, list[object]] = field(default_factory=_no_values)
     # how many values are in batches
@@ -305,9 +303,7 @@ class LiveStore:
         return self.dropped_rows + sum(batch.rows for batch in self._buffer.backlog)
 
     def start(self) -> None:
-        """Create the store and start to commit. Raises `RecordError`, and then leaves nothing
-        open.
-        """
+        """Create the store and start to commit. Raises `RecordError` and leaves nothing open."""
         prepare_arrow()
         self._lock = FolderLock.take(self.folder)
         try:
@@ -322,9 +318,7 @@ class LiveStore:
         self._thread.start()
 
     def commit_now(self) -> None:
-        """Commit all rows added before; they are stored on return. Raises `RecordError`
-        otherwise.
-        """
+        """Commit all rows so far; they are stored on return. Raises `RecordError` otherwise."""
         with self._committing:
             if not self._commit():
                 raise self.failure or RecordError(f"{self.folder}: not committed")

@@ -1,6 +1,4 @@
-"""The manifest of a run, `manifest.json`: who, what, when, and the result. It never changes once
-sealed.
-"""
+"""A run's `manifest.json`: who, what, when, and the result. It never changes once sealed."""
 
 from __future__ import annotations
 
@@ -127,9 +125,7 @@ class Metadata:
     tips: list[str] = field(default_factory=list)
 
     def said(self) -> dict[str, str]:
-        """Return all entries by name, tags last, several of a kind joined, at most `MOST_SAID` of
-        them.
-        """
+        """Return entries by name, tags last, several of a kind joined (at most `MOST_SAID`)."""
         plain = {"operator": self.operator, "order": self.order, "product": self.product}
         several = {
             "units": self.units,
@@ -160,9 +156,7 @@ def _joined(texts: list[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit worked on during the run; times as in the manifest, `end` None if no event gives
-    it.
-    """
+    """A unit worked on during the run; times as in the manifest, `end` None if not known."""
 
     serial: str
     begin: str
@@ -181,9 +175,7 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class SealedFile:
-    """A file of the run: its path in the folder, its rows (None if it has none), its size, its
-    hash.
-    """
+    """A file of the run: its path in the folder, its rows (None: no table), its size, its hash."""
 
     path: str
     rows: int | None
@@ -193,9 +185,7 @@ class SealedFile:
 
 @dataclass(frozen=True, slots=True)
 class Previous:
-    """The run before this one on the same line, and its fingerprint; without one the text states
-    why.
-    """
+    """The run before on the same line, and its fingerprint; without one the text states why."""
 
     run: str | None
     sha256: str | None
@@ -248,9 +238,7 @@ class Manifest:
     goals: list[Goal] = field(default_factory=list)
 
     def serials(self) -> list[str]:
-        """Return all known units, each once: those named at the start, then those read during the
-        run.
-        """
+        """Return all known units, each once: those named at the start, then those read."""
         return list(dict.fromkeys([*self.metadata.units, *(unit.serial for unit in self.units)]))
 
     def counts(self) -> dict[str, int]:

@@ -32,9 +32,7 @@ MOST_OF_STATION: Final = 1000  # entries of each list of a station
 
 
 def expect_counts(counts: Mapping[str, int], stations: Iterable[StationFacts]) -> None:
-    """Raise ValueError for a list with too many entries; `counts` has those of
-    `Manifest.counts`.
-    """
+    """Raise ValueError for a list that is too long; `counts` has those of `Manifest.counts`."""
     for name, count in counts.items():
         if count > MOST[name]:
             raise ValueError(f"{count} {name}, at most {MOST[name]}")

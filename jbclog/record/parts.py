@@ -143,9 +143,7 @@ def parts_through(parts: list[Path]) -> int:
 
 
 def part_through(path: Path) -> int:
-    """The number of the last batch in a part. Raises `RecordError` where it cannot be read as
-    one.
-    """
+    """The number of the last batch in a part. Raises `RecordError` if it is not readable."""
     try:
         metadata = metadata_of(path).metadata or {}
         return int(metadata[THROUGH])
@@ -154,9 +152,7 @@ def part_through(path: Path) -> int:
 
 
 def write_part(folder: Path, table: str, groups: Groups, last: int) -> Path:
-    """Write the next part of `table`, with the batches up to `last`. Raises OSError,
-    RecordError.
-    """
+    """Write the next part of `table`, with batches up to `last`. Raises OSError, RecordError."""
     home = folder / table
     home.mkdir(exist_ok=True)
     parts = part_paths(folder, table)

@@ -42,9 +42,7 @@ def runs_in_progress() -> Iterator[Path]:
 
 
 def runs_that_hold(urls: Collection[str]) -> list[Path]:
-    """Return the folders of the runs in progress on this machine that hold any of the ports at
-    `urls`.
-    """
+    """Return the folders of the runs in progress here that hold any of the ports at `urls`."""
     wanted = [port_address(url) for url in urls]
     return [folder for folder in runs_in_progress() if _holds(folder, wanted)]
 
@@ -72,9 +70,7 @@ def why_held(urls: Mapping[str, str]) -> dict[str, str]:
 
 
 def recorder_of(folder: Path) -> int | None:
-    """Return the process that records the run in `folder`: the one in its lock, if it has the lock
-    open.
-    """
+    """Return the process that records into `folder`: the one in its lock, if it has that open."""
     process = holder_pid(folder)
     return process if process and folder in _folders_of(process) else None
 
@@ -134,9 +130,7 @@ def _ended(folder: Path) -> set[str]:
 
 
 def _says_ended(text: str) -> bool:
-    """Whether a station's facts say that its session has ended. Foreign text may be no facts at
-    all.
-    """
+    """Whether a station's facts say that its session has ended. Foreign text may be no facts."""
     with contextlib.suppress(ValueError, TypeError, RecursionError):
         facts = json.loads(text)
         return isinstance(facts, dict) and facts.get("outcome", RUNNING) != RUNNING

@@ -247,9 +247,7 @@ def _recovery(
 
 
 def _note_left_hot(folder: Path, manifest: Manifest, store: StoreReader) -> list[StationFacts]:
-    """Add an event for each tool whose safe state is not known; return the stations' facts with
-    it.
-    """
+    """Add an event for each tool whose safe state is not known; return stations' facts with it."""
     stations = stations_of(folder, store, manifest)
     unknown = unknown_tools(folder, stations, manifest.guard)
     guard_actions.take_in(folder, manifest.run, hot_events(unknown, last_micros(folder) or 0))
@@ -257,9 +255,7 @@ def _note_left_hot(folder: Path, manifest: Manifest, store: StoreReader) -> list
 
 
 def rows_of(manifest: Manifest) -> dict[str, int]:
-    """Return the number of sealed rows by table, and of capture lines where the run was
-    captured.
-    """
+    """Return the number of sealed rows by table, and of capture lines if it was captured."""
     found: Counter[str] = Counter(dict.fromkeys(TABLES, 0))
     for file in manifest.files:
         found[file.path.partition("/")[0]] += file.rows or 0
@@ -284,9 +280,7 @@ def _named(name: str, count: int) -> str:
 
 
 def _draft(folder: Path) -> Manifest:
-    """Return the manifest as the recorder left it, or an empty one where it had not been
-    written.
-    """
+    """Return the manifest as the recorder left it, or an empty one where there is none."""
     if not (folder / NAME).exists():
         return Manifest(run=folder.name)
     try:

@@ -127,9 +127,7 @@ class Segment:
 
     @classmethod
     def look(cls, path: Path) -> Segment:
-        """Open a segment read-only, beside a recorder that may be writing. Needs no space on the
-        disk.
-        """
+        """Open a segment read-only, also beside a recorder. Needs no space on the disk."""
         connection = open_database(path, only_reads=True, busy_s=BUSY_S)
         return cls(path, connection, only_reads=True)
 
@@ -139,9 +137,7 @@ class Segment:
             self._remove_made_for_reading()
 
     def _remove_made_for_reading(self) -> None:
-        """Remove the log and index that SQLite made for this reader, if the store was removed
-        meanwhile.
-        """
+        """Remove the log and index made for this reader, if the store was removed meanwhile."""
         for path in companions(self.path):
             with contextlib.suppress(OSError):  # already gone, or not ours to remove
                 # a log with content is not a reader's
@@ -172,9 +168,7 @@ class Segment:
         )
 
     def delete_through(self, number: int) -> None:
-        """Delete the batches up to `number`, a few at a time; the note `sealed` records the
-        progress.
-        """
+        """Delete the batches up to `number`, a few at a time; the note `sealed` has progress."""
         while True:
             with self._transaction():
                 rows = self._db.execute(

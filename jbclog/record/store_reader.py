@@ -40,9 +40,7 @@ UNREADABLE: Final = (
 
 
 def expect_damage(path: Path, error: Exception) -> None:
-    """Raise `RecordError` where `error` has a passing cause and does not show damage to the
-    file.
-    """
+    """Raise `RecordError` where `error` has a passing cause and shows no damage to the file."""
     code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT)
     if code & 0xFF in TRANSIENT and code not in UNREADABLE:
         raise RecordError(f"{path} cannot be read now: {error}; nothing was changed") from error
@@ -208,9 +206,7 @@ class StoreReader:
             )
 
     def _probe(self, segment: Segment) -> Iterator[tuple[int, str, int]]:
-        """Read every possible number one by one; yield number, table and rows of those that
-        exist.
-        """
+        """Read every possible number one by one; yield number, table and rows of each found."""
         first = self._number("sealed") + 1
         end = first + segment.path.stat().st_size // LEAST_BYTES
         last = self._number("last")
@@ -221,9 +217,7 @@ class StoreReader:
                     yield number, stored.batch.table, stored.batch.rows
 
     def _note_gaps(self) -> None:
-        """Note missing numbers: they run without a gap from the last deleted to the last stored
-        batch.
-        """
+        """Note missing numbers: there is no gap from the last deleted to the last stored one."""
         if not self.segments:
             return  # sealed: no batch is stored, and the parts need not be opened to know that
         expected = (

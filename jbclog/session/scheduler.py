@@ -130,9 +130,7 @@ class Demand:
         )
 
     def fits(self, rate_hz: float, turnaround_s: float, kept: float = KEPT_FOR_REPEATS) -> bool:
-        """Whether every tick and every slow reading is in time while the share `kept` stays
-        free.
-        """
+        """Whether every tick and slow reading is in time while the share `kept` stays free."""
         free_s = 1 / rate_hz - self.tick_s(turnaround_s)
         return self.load(rate_hz, turnaround_s) <= 1 - kept and self._is_in_time(
             free_s, rate_hz, turnaround_s
@@ -197,9 +195,7 @@ class Demand:
         return rate_hz < self.slowest_rate_hz * (1 - 1e-9)
 
     def _slow_share(self, rate_hz: float, turnaround_s: float) -> float:
-        """Return the share of time that slow readings take, each read in its period, or once a
-        tick.
-        """
+        """Return the share of time that slow readings take, each once in its period or a tick."""
         return sum(
             (wire_s + turnaround_s) / max(period_s, 1 / rate_hz) for wire_s, period_s in self.slow
         )

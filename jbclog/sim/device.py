@@ -55,9 +55,7 @@ class FaultyAnswer(NamedTuple):
 
 @dataclass(slots=True)
 class StationLog:
-    """What a station received and sent, in order, for tests. `reads` counts those that were
-    answered.
-    """
+    """What a station received and sent, in order, for tests. `reads` counts those answered."""
 
     reads: int = 0
     writes: list[AcceptedWrite] = field(default_factory=list)

@@ -84,9 +84,7 @@ class FaultSchedule:
         ]
 
     def spoil(self, answer: bytes, faults: Sequence[FaultSpec]) -> tuple[bytes, float]:
-        """Apply faults to `answer`; return the bytes left (none: silence), and the delay in
-        seconds.
-        """
+        """Apply faults to `answer`; return what is left (b"": silence), and the delay in s."""
         late_s = 0.0
         for fault in faults:
             match fault.kind:

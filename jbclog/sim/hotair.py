@@ -156,9 +156,7 @@ def _adjustments() -> dict[int, int]:
 
 @dataclass(slots=True)
 class AirStation:
-    """A hot air station from `now` (monotonic seconds) on, with tool number `tool`. It has one
-    port.
-    """
+    """A hot air station with one port and tool number `tool`, from `now` (monotonic seconds) on."""
 
     now: float
     tool: int
@@ -211,9 +209,7 @@ class AirStation:
         self.changed()
 
     def restart(self) -> None:
-        """Power cycle: everything is off. No manual prints which settings are volatile; here none
-        is.
-        """
+        """Power cycle: everything is off. No manual prints what is volatile; here no setting is."""
         self.order((0, 0, 0, 0, 0))
 
     def reset_settings(self) -> None:
@@ -267,9 +263,7 @@ class AirStation:
         )
 
     def external_temperature(self) -> int:
-        """Return the thermocouple's temperature; 0 without one, because no manual prints the
-        value.
-        """
+        """Return the thermocouple's temperature; 0 without one: no manual prints the value."""
         return round(self.probe.temperature_c) if self.character.has_thermocouple else 0
 
     def power(self) -> int:

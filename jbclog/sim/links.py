@@ -1,6 +1,4 @@
-"""The links of virtual stations: pseudo-terminals and TCP ports, with the timing of a serial
-line.
-"""
+"""The links of virtual stations: pseudo-terminals and TCP ports, with a serial line's timing."""
 
 from __future__ import annotations
 

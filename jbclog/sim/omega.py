@@ -182,9 +182,7 @@ class VirtualOmega(FaultyStation):
         self.plant.advance_to(moment)
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
-        """Return the answers to bytes written to its port at `now`, and later messages caused by
-        them.
-        """
+        """Return the answers to bytes written at `now`, and later messages caused by them."""
         if self.is_unplugged(now):
             return []
         heard = self._pace.heard(len(data), now)

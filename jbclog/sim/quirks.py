@@ -239,9 +239,7 @@ class Quirks:
                 quirk.begin(face)
 
     def hear(self, question: str) -> str | int:
-        """Return the request as the station processes it, or the communication error of its
-        refusal.
-        """
+        """Return the request as the station takes it, or the communication error of its refusal."""
         heard: str | int = question
         for quirk in self._quirks:
             if quirk.hear is not None and isinstance(heard, str):
@@ -249,9 +247,7 @@ class Quirks:
         return heard
 
     def say(self, asked: TableRequest, question: str, text: str) -> str | None:
-        """Return the text after the A of the answer to `question` (code and data); None is
-        silence.
-        """
+        """Return the text after the A in the answer to `question` (code, data); None is silence."""
         answer_text: str | None = text
         for quirk in self._quirks:
             if quirk.say is not None and answer_text is not None:

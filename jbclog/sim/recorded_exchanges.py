@@ -1,6 +1,4 @@
-"""Reads a serial capture as requests with their answers, and the answers that its session
-accepted.
-"""
+"""Reads a serial capture: requests with their answers, and the answers that its session took."""
 
 from __future__ import annotations
 
@@ -187,9 +185,7 @@ def received(one: Exchange) -> bytes:
 
 @dataclass(slots=True)
 class RetryGroup:
-    """The requests of one group, in order; never empty. `number` counts all requests up to its
-    last.
-    """
+    """The requests of one group, in order; never empty. `number` counts requests up to its last."""
 
     all: list[Exchange]
     number: int

@@ -165,9 +165,7 @@ class ReplayedStation:
         ]
 
     def _behind_s(self, one: Exchange, now: float) -> float:
-        """Return by how much later than recorded the client asked, as far as passing bytes explains
-        it.
-        """
+        """Return how much later than recorded the client asked, if passing bytes explains it."""
         behind_s = self._time(now) - one.at_s if self._offsets else 0.0
         return behind_s if abs(behind_s) <= MADE_GOOD_S else 0.0
 
@@ -202,9 +200,7 @@ class ReplayedStation:
         )
 
     def _sampled(self, question: bytes) -> int | None:
-        """Return the next stretch, if it begins with the first tick and the client has reached
-        that.
-        """
+        """Return the next stretch, if it begins with the first tick and the client is there."""
         firsts, number = self._contents.firsts, self._stretch + 1
         if number >= len(firsts) or is_write(firsts[number]) or self._is_waited_for(question):
             return None
@@ -333,9 +329,7 @@ class ReplayedStation:
         )
 
     def _still_said(self, question: bytes, silence: Exchange) -> Exchange:
-        """Return the accepted answer; for flags that reading clears the next one, if they were
-        cleared.
-        """
+        """Return the accepted answer; for flags that reading clears, the next one if cleared."""
         one = self._believed.get(question, silence)
         if not has_flags(one) or not self._reach(question, 1):
             return one

@@ -163,9 +163,7 @@ def _pty_links(line: Line, folder: Path, waiter: Waiter) -> list[Link]:
 
 
 def allow_descriptors(wanted: int) -> None:
-    """Raise this process's soft limit of open descriptors to `wanted`, as far as the hard limit
-    allows.
-    """
+    """Raise this process's soft limit of open descriptors to `wanted`, up to the hard limit."""
     try:
         import resource
     except ImportError:  # Windows has no such limit

@@ -31,9 +31,7 @@ class TableRequest:
 
 @cache
 def questions(family: str, ports: tuple[int, ...]) -> Mapping[str, TableRequest]:
-    """Return all requests by header and code (``RTT1``, ``WA12``) of a `family` with these
-    ports.
-    """
+    """Return all requests by header and code (``RTT1``, ``WA12``) of a `family` with `ports`."""
     return MappingProxyType(dict(_all(FAMILIES[family], ports)))
 
 

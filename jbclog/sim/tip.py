@@ -169,9 +169,7 @@ class Tip:
         return seconds - until_edge
 
     def _regulate(self, seconds: float, target_c: float, sink_w: float, loss: float) -> None:
-        """Regulate within the limits: the integral part approaches the power that holds the
-        target.
-        """
+        """Regulate within the limits: the integral approaches the power that holds the target."""
         holding_w = min(max(loss * target_c - sink_w, 0.0), self.rated_w)
         lag = UNWINDING_S if self.integral_w > holding_w else INTEGRAL_S
         before_w = self.integral_w

@@ -312,9 +312,7 @@ class VirtualStation(FaultyStation):
         return None if answer is None else self._send(self._addressed(answer, frame), struck, heard)
 
     def _addressed(self, answer: Answer, question: Frame) -> bytes:
-        """Encode an answer; the addressed station is its source (docs/reference/contradictions.md,
-        B-6).
-        """
+        """Encode an answer; its source is who was asked (docs/reference/contradictions.md, B-6)."""
         usual, own = (question.target, question.source), self.device.identity.address
         return _encoded(*answer, *self.device.quirks.addresses(usual, own, moves=answer == MOVED))
 

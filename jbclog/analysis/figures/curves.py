@@ -102,9 +102,7 @@ class Stretches:
         self.first, self.last = self.low.copy(), self.high.copy()
 
     def add(self, number: NDArray[np.int64], seconds: Floats, values: Readings) -> None:
-        """Add readings by the number of their stretch; one beyond the first or last belongs to
-        that.
-        """
+        """Add readings by their stretch's number; one beyond the first or last belongs to that."""
         if not len(number):
             return
         number = np.clip(number, 0, len(self.counts) - 1)

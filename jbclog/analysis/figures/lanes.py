@@ -1,6 +1,4 @@
-"""The lanes below the curves: status, missing data, alarms and errors as bars, with words where
-they fit.
-"""
+"""The lanes below the curves: status, missing data, alarms, errors; bars, with words that fit."""
 
 from __future__ import annotations
 

@@ -31,9 +31,7 @@ class Happening:
 
 
 def happenings(events: pd.DataFrame, t0_utc_us: int) -> list[Happening]:
-    """Return all events on the time axis. A step of the wall clock moves later events back by its
-    size.
-    """
+    """Return all events on the time axis. Steps of the wall clock are taken off later events."""
     stepped, out = 0.0, []
     for event in events.to_dict("records"):
         if event["kind"] == "clock.step" and not pd.isna(event["value"]):

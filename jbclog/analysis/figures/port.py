@@ -215,9 +215,7 @@ def _bent_values(low: float, knee: float, high: float) -> list[float]:
 
 
 def _joints(axes: Axes, trace: Trace, form: Format) -> None:
-    """Draw a bar at the bottom for each joint, a higher one if the tip was not back before the
-    next.
-    """
+    """Draw a bar at the foot for each joint, higher if the tip was not back before the next."""
     least, high = least_seen_s(trace, form), size_pt(axes)[1]
     for word, colour in style.JOINT_COLOURS.items():
         spans = [

@@ -12,9 +12,7 @@ STEPS: Final = (1, 2, 5, 10)  # steps that people count in
 
 
 def round_values(low: float, high: float, most: int, *, whole: bool = True) -> list[float]:
-    """Return round values from `low` to `high`, at most `most` steps of them; integers only if
-    `whole`.
-    """
+    """Return round values from `low` to `high`, at most `most` steps; integers if `whole`."""
     locator = MaxNLocator(most, steps=STEPS, integer=whole, min_n_ticks=1)
     return [float(value) for value in locator.tick_values(low, high) if low <= value <= high]
 
@@ -51,9 +49,7 @@ def moment(utc_us: int) -> datetime:
 def time_marks(
     t0_utc_us: int, start_s: float, end_s: float, at_most: int
 ) -> list[tuple[float, str]]:
-    """Return places (seconds of the run) and labels of round UTC times between `start_s` and
-    `end_s`.
-    """
+    """Return places (s of the run) and labels of round UTC times from `start_s` to `end_s`."""
     step = next((step for step in STEPS_S if (end_s - start_s) / step <= at_most - 1), STEPS_S[-1])
     zero_s = t0_utc_us / 1e6
     first = ceil((zero_s + start_s) / step - 1e-9)

@@ -1,6 +1,4 @@
-"""One port of a run, as a figure shows it: curves, spans, limits and marks on the run's time
-axis.
-"""
+"""One port of a run, as a figure shows it: curves, spans, limits, marks on its time axis."""
 
 from __future__ import annotations
 
@@ -55,9 +53,7 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """An alarm limit as confirmed: since when each value held, in s, and °C; NaN while it was
-    off.
-    """
+    """An alarm limit as confirmed: since when (s) each value (°C) held; NaN while it was off."""
 
     side: str  # "high" or "low"
     seconds: tuple[float, ...]
@@ -74,9 +70,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Air:
-    """Hot air on the rows of a trace: °C of the work (NaN where it was not read), and lanes by
-    name.
-    """
+    """Hot air on the rows of a trace: °C of the work (NaN: not read), and lanes by name."""
 
     external: Readings
     lanes: dict[str, list[Span]]

@@ -56,9 +56,7 @@ def steps_in(events: pa.Table) -> list[Step]:
 
 @dataclass(slots=True)
 class Unstepped:
-    """Corrects the times of one port's rows for the steps; takes the rows piece by piece, oldest
-    first.
-    """
+    """Corrects the times of one port's rows for the steps; takes them in pieces, oldest first."""
 
     steps: Sequence[Step]
     _taken: int = 0

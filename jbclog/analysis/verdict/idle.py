@@ -359,9 +359,7 @@ def _is_never_changed(tool: Floats) -> bool:
 
 
 def after_last(tool: Floats, port_error: Floats) -> Flags:
-    """Return the rows after the last reading of tool or port error; none if there was no reading at
-    all.
-    """
+    """Return the rows after the last reading of tool or port error; none without any reading."""
     read = np.flatnonzero(~np.isnan(tool) | ~np.isnan(port_error))
     rows = np.arange(len(tool))
     return np.asarray(rows > read[-1] if len(read) else np.zeros(len(tool)), dtype=np.bool_)
@@ -374,9 +372,7 @@ def _is_good(codes: Floats, good: Flags) -> Flags:
 
 
 def _neighbours(codes: Floats) -> tuple[Floats, Floats]:
-    """Return the last code read up to each row, and the first one from it on; NaN where there is
-    none.
-    """
+    """Return the last code read up to each row, and the first from it on; NaN if there is none."""
     return _held(codes), _held(codes[::-1])[::-1]
 
 

@@ -283,9 +283,7 @@ def _what_is_read(facts: StationFacts) -> str:
 
 
 def idle_error_rule(station: str, port: int, most: float, mean: float) -> Rule:
-    """Return the rule about the mean difference of the idle tip from its setpoint, in either
-    direction.
-    """
+    """Return the rule about the idle tip's mean difference from its setpoint, either way."""
     result = Result.PASS if abs(mean) <= most else Result.FAIL
     text = f"Idle error {round(mean, 1) + 0.0:+.1f} °C (mean), allowed ±{shown(most)} °C."
     return Rule("idle_error", station, port, most, mean, "°C", result, text)

@@ -85,9 +85,7 @@ def _log_binomial(n: float, k: int) -> float:
 
 
 def effective_size(values: Floats) -> float:
-    """Return the effective sample size of these values, by the correlation of each with the
-    next.
-    """
+    """Return the effective sample size of the values, by the correlation of each with the next."""
     n = len(values)
     deviations = values - values.mean() if n else values
     squares = float((deviations * deviations).sum())

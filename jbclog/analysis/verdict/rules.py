@@ -1,6 +1,4 @@
-"""The rules about a run and its stations, and deviations: what broke no limit but was not as
-planned.
-"""
+"""The rules about a run and its stations, and deviations: not as planned, within limits."""
 
 from __future__ import annotations
 
@@ -280,9 +278,7 @@ def never_had_a_tool(facts: StationFacts, port: int, ledger: PortLedger) -> bool
 
 
 def deviations(events: Sequence[Event]) -> Iterator[Rule]:
-    """Yield a rule for each kind of deviation on each port, with its number and the first event's
-    text.
-    """
+    """Yield a rule for each kind of deviation on each port: its number, the first event's text."""
     found: dict[tuple[str, str | None, int | None], list[Event]] = {}
     for event in events:
         if _deviates(event):

@@ -52,9 +52,7 @@ BATCH_ROWS = 16_384
 
 
 def judged_signals(facts: StationFacts) -> list[str]:
-    """Return the signals of coverage and gaps: the temperature, or all signals of a station without
-    one.
-    """
+    """Return the signals of coverage and gaps: the temperature, or all if a station has none."""
     return [TEMPERATURE] if not facts.signals or TEMPERATURE in facts.signals else facts.signals
 
 
@@ -120,9 +118,7 @@ class PortMeasure:
         return self._of_others.widest_s
 
     def feed(self, rows: Block, read: Counts, marks: Marks) -> None:
-        """Take the next rows of this port, oldest first, with the number of judged readings in
-        each.
-        """
+        """Take the next rows of this port, oldest first, with their numbers of judged readings."""
         if self.period_s is None:
             rows = replace(rows, seconds=self.unstepped.of(rows.seconds))
         if self.start_s is None:

@@ -189,9 +189,7 @@ def _everything(seen: _Seen) -> Steps[None]:
 
 
 def _find_ports(seen: _Seen) -> Steps[None]:
-    """Find the ports and their tools: those of the line file or family, or those that answer
-    R-CT.
-    """
+    """Find the ports and their tools: those of the line file or family, or those answering R-CT."""
     known, command = seen.reader.contact.ports, seen.family.command_of("tool")
     for port in known or PORTS:
         tool = (
@@ -247,9 +245,7 @@ def _find_errors(seen: _Seen) -> Steps[None]:
 
 
 def _omega_state(reader: StationReader) -> Steps[str | None]:
-    """Return what OMEGA has in place of error numbers: whether there is solder, and whether it is
-    ready.
-    """
+    """Return what OMEGA has in place of errors: whether there is solder, whether it is ready."""
     texts = []
     for name in ("information", "temperature_control"):
         value = (yield from reader.twice(reader.contact.family.commands[name])).value
@@ -283,9 +279,7 @@ def is_parameter(command: Command) -> bool:
 
 
 def parameter_name(setting: str, port: int | None) -> str:
-    """Return the name of a setting at a port: ``2.sleep_delay``; without a port for the whole
-    station.
-    """
+    """Return a setting's name at a port, ``2.sleep_delay``; without a port for a whole station."""
     return setting if port is None else f"{port}.{setting}"
 
 

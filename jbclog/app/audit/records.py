@@ -169,9 +169,7 @@ def _is_within(found: Found, since: str, until: str) -> bool:
 
 
 def error_events(run: Run, station: str, since: str | None, until: str) -> Events:
-    """Return the errors of a station by kind in the record of a run, from `since` (included) to
-    `until`.
-    """
+    """Return a station's errors in a run's record by kind, from `since` (included) to `until`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # `check` reports damage to a record
         events = run.events(station, start=since, stop=until)
@@ -294,9 +292,7 @@ def _recorded_count(row: _CounterRow) -> Count:
 
 
 def _newest(record: _Record) -> Iterator[_CounterRow]:
-    """Yield the latest value of each counter within the last hour; if none was read, the latest
-    failure.
-    """
+    """Yield each counter's latest value of the last hour; if none was read, the latest failure."""
     newest: dict[tuple[int, str], _CounterRow] = {}
     for rows in record.run.stream("counters", record.facts.name, start=record.now - FRESH):
         for time, port, counter, value, unit, raw in rows[list(_CounterRow._fields)].itertuples(

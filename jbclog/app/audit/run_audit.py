@@ -162,9 +162,7 @@ def _past(runs: Path | None, wanted: Sequence[SurveyTarget], audited: Audited) -
 
 
 def _not_asked(wanted: Sequence[SurveyTarget], audited: Audited) -> Iterator[Observation]:
-    """Return observations of the stations that the audit did not reach. They are not in the
-    ledger.
-    """
+    """Return observations of the stations that the audit did not reach. None is in the ledger."""
     asked = {(one.line, one.station) for one in audited.seen}
     return (
         one.unseen(audited.time, STOPPED)

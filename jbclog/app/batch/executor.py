@@ -92,9 +92,7 @@ class BatchExecutor:
         return self._journal.state
 
     def interrupt(self, number: signal.Signals) -> None:
-        """Start no more jobs and end the running ones in good order. A second signal has no
-        effect.
-        """
+        """Start no more jobs; end running ones in good order. A second signal has no effect."""
         if self._signal is None:
             self._signal = number
 

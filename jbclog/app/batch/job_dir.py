@@ -92,9 +92,7 @@ class JobDir:
     # -- the executor ------------------------------------------------------------------------------
 
     def make(self, spec: bytes) -> int:
-        """Make the folder, write what the job is to do, and return its lock, taken. Raises
-        OSError.
-        """
+        """Make the folder, write what to do, and return its lock, taken. Raises OSError."""
         self.folder.mkdir(parents=True, exist_ok=True)
         self._set(spec=spec)
         descriptor = os.open(
@@ -140,9 +138,7 @@ class JobDir:
         self._set(synced=False, progress=json.dumps(asdict(progress)))
 
     def add_event(self, event: EventRow) -> None:
-        """Add an event of its run for display, not synced: the run's record has it. Raises
-        OSError.
-        """
+        """Add an event of its run to show, not synced: the run's record has it. Raises OSError."""
         with self.store.transaction(synced=False) as db:
             db.execute(ADD_EVENT, (self.folder.name, json.dumps(event)))
 

@@ -153,9 +153,7 @@ def _plan(file: JobsFile, place: int, spec: JobSpec, problems: list[Problem]) ->
 
 
 def _missing_reader(name: str, spec: JobSpec) -> list[str]:
-    """Return a note if the reader of a job is missing: it may still be plugged in before the job
-    starts.
-    """
+    """Return a note if a job's reader is missing: it may be plugged in before the job starts."""
     source = spec.units_from
     return (
         []
@@ -173,9 +171,7 @@ def in_keys(text: str) -> str:
 
 
 def _each_once(problems: list[Problem]) -> list[Problem]:
-    """Keep the first of equal problems: a mistake in a recipe shows in each job with that
-    recipe.
-    """
+    """Keep the first of equal problems: a recipe's mistake shows in each job with it."""
     first: dict[str, Problem] = {}
     for problem in problems:
         first.setdefault(problem.text, problem)

@@ -116,9 +116,7 @@ def newest(home: Path, utc: Callable[[], float]) -> Journal | None:
 
 
 def entries_in(store: BatchStore) -> list[Entry]:
-    """Return all entries of a batch. Raises `RecordError` if they cannot be read or were
-    changed.
-    """
+    """Return a batch's entries. Raises `RecordError` if they cannot be read or were changed."""
     path, folder = store.path, store.path.parent
     try:
         lines = [bytes(line) for (line,) in store.rows("SELECT line FROM journal ORDER BY number")]
@@ -146,9 +144,7 @@ def _chain(lines: list[bytes]) -> LineChain[Entry]:
 
 
 def _old_lines(folder: Path) -> list[bytes]:
-    """Return the lines of a journal of an earlier release, without a last one that a crash cut
-    off.
-    """
+    """Return the lines of an earlier release's journal, without a last one that a crash cut off."""
     data = read_foreign(folder / OLD_JOURNAL, Kind.JOURNAL)
     lines = lines_in(data)
     is_torn = bool(lines) and not data.endswith(b"\n") and parsed(lines[-1]) is None
@@ -194,9 +190,7 @@ def _line(entry: Entry) -> bytes:
 
 
 def parsed(line: bytes) -> Entry | None:
-    """Return the entry in a line; None if it has none, or is not written as this program writes
-    it.
-    """
+    """Return the entry in a line; None if it has none, or is not as this program writes it."""
     try:
         entry = _build_entry(fields_of(line))
         return entry if _line(entry) == line else None

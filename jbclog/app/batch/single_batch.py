@@ -1,6 +1,4 @@
-"""Locks that allow one executor for a jobs file; the system releases them when their holder
-ends.
-"""
+"""Locks that allow one executor for a jobs file; the system releases them at their holder's end."""
 
 from __future__ import annotations
 
@@ -63,9 +61,7 @@ def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
 
 
 def _lock(descriptor: int) -> bool:
-    """Lock the file; False if another process holds it. A file system without locks counts as
-    locked.
-    """
+    """Lock the file; False if another process holds it, True on a file system without locks."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

@@ -123,9 +123,7 @@ def write(source: Source, folder: Path) -> dict[str, int]:
 
 
 def file_name(station: str, port: int) -> str:
-    """Return the name of a port's file; signs that a name of a station cannot have become
-    underscores.
-    """
+    """Return the name of a port's file; signs that no station's name has become underscores."""
     return f"{re.sub('[^A-Za-z0-9._-]', '_', station)}-port{port}.dfq"
 
 
@@ -182,9 +180,7 @@ def _remark(source: Source) -> str:
 
 
 def _described(one: Characteristic, upper: float | None) -> dict[str, str]:
-    """Return the fields of a characteristic; `upper` is its upper limit, where the recipe states
-    one.
-    """
+    """Return the fields of a characteristic; `upper`: its upper limit, if the recipe has one."""
     definition = (SCHEMA_OF["joints"].field(one.column).metadata or {})[b"definition"].decode()
     lower = {"K2110": "0", "K2120": str(NATURAL)} if one.is_natural else {"K2120": str(NO_LIMIT)}
     above = (
@@ -245,8 +241,6 @@ def _ascii(text: str) -> str:
 
 
 def recovery_limit(run: Path, facts: StationFacts) -> float | None:
-    """Return the recipe's limit of recovery in s; None if it states none, or is missing or
-    unreadable.
-    """
+    """Return the recipe's limit of recovery in s; None if it states none or cannot be read."""
     limit = recipe_table(run, facts, "acceptance").get("recovery_p95_s")
     return float(limit) if isinstance(limit, int | float) and not isinstance(limit, bool) else None

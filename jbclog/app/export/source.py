@@ -1,6 +1,4 @@
-"""What is exported: the tables of a run piece by piece, and the facts that say where they are
-from.
-"""
+"""What is exported: the tables of a run piece by piece, and the facts about their origin."""
 
 from __future__ import annotations
 

@@ -128,9 +128,7 @@ def _write_rows(sheet: Worksheet, rows: Iterable[Iterable[object]]) -> None:
 
 
 def _about(source: Source, sheets: dict[str, dict[str, int]]) -> Iterator[Sequence[object]]:
-    """Yield the rows of `about`: the facts, the sheets of each table, the columns with their
-    units.
-    """
+    """Yield the rows of `about`: the facts, each table's sheets, the columns with units."""
     yield [source.title]
     yield from ([name, text] for name, text in source.facts.items())
     yield []

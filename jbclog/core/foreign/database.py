@@ -1,6 +1,4 @@
-"""Open untrusted SQLite files: the schema is not trusted, and no statement runs without a time
-limit.
-"""
+"""Open untrusted SQLite files: the schema is not trusted, every statement has a time limit."""
 
 from __future__ import annotations
 

@@ -178,9 +178,7 @@ _WHAT: Final = (
 
 
 class NotReadable(OSError):
-    """A file that is not opened, or not read further; the text says why, without an error
-    number.
-    """
+    """A file that is not opened, or not read further; the text says why, without a number."""
 
     def __init__(self, why: str) -> None:
         super().__init__(errno.EINVAL, why)

@@ -26,9 +26,7 @@ KEPT, KEPT_BYTES = 256, 64 << 10
 
 
 class ThriftReader:
-    """Reads Thrift values from bytes. Every method raises IndexError or ValueError for invalid
-    data.
-    """
+    """Reads Thrift values from bytes. Raises IndexError or ValueError for invalid data."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -140,9 +138,7 @@ MOST_GROUPS = 8192
 
 @dataclass(frozen=True, slots=True)
 class ColumnChunk:
-    """A column of a row group: name, number of values, sizes in bytes, offsets, minimum and
-    maximum.
-    """
+    """A column of a row group: name, number of values, sizes, offsets, minimum and maximum."""
 
     name: str
     values: int

@@ -233,9 +233,7 @@ MARGIN: Final = 2.5  # factor by which another product may take more or less
 
 
 def ratios_of(looks: Iterable[Iterable[Judged]]) -> dict[tuple[int, str], Interval]:
-    """Return the ratios seen in known differences; none for a counter with fewer than
-    `LEAST_SEEN`.
-    """
+    """Return the ratios seen in known differences; none for one with fewer than `LEAST_SEEN`."""
     seen: dict[tuple[int, str], list[float]] = {}
     for judged in map(list, looks):
         for one in judged:
@@ -392,9 +390,7 @@ class Resets:
         return self.stated.get(port, self.stated.get(0))
 
     def across(self, span: Span) -> Reset:
-        """Return the reset that a look within the span found, at which this counter was not
-        read.
-        """
+        """Return the reset that a look within the span found without reading this counter."""
         look, reset = self.found.get(span.port, (-1, Reset.NO))
         return reset if look > span.before.look else Reset.NO
 
@@ -482,9 +478,7 @@ def _or_other(judged: Judged, unit: Unit) -> Judged:
 
 
 def _across_another(span: Span, reset: Reset) -> Judged:
-    """Judge a counter that was not read at the look before which the unit may have been
-    exchanged.
-    """
+    """Judge a counter not read at the look before which the unit may have been exchanged."""
     if reset is Reset.YES and span.can_be_reset:
         return loose(span, "reset_or_other_unit", Interval(0.0, span.at_most), DifferenceKind.RESET)
     return _beside_another(span)

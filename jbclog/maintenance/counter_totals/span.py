@@ -17,9 +17,7 @@ from jbclog.maintenance.counter_totals.observed import DRIFT, Trait
 
 # millions are made; a frozen dataclass takes several times as long
 class Interval(msgspec.Struct, frozen=True, gc=False):
-    """A number from `low` to `high`, both included; an unbounded `high` is infinite (null in
-    JSON).
-    """
+    """A number from `low` to `high`, both included; unbounded, `high` is infinite (JSON: null)."""
 
     low: float
     high: float
@@ -169,9 +167,7 @@ class Span(msgspec.Struct, frozen=True, gc=False):
         )
 
     def roll_overs(self, most: float) -> range:
-        """Return the possible numbers of roll-overs, from one up, for an advance of at most
-        `most`.
-        """
+        """Return the possible numbers of roll-overs, from one, for an advance of at most `most`."""
         left = most + self.trait.step - self.grown.low
         possible = max(0, math.floor(left / self.modulus)) if math.isfinite(left) else MANY
         return range(1, 1 + min(MANY, possible))

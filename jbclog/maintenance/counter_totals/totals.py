@@ -18,9 +18,7 @@ from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 
 
 class DifferenceKind(StrEnum):
-    """What a difference between two readings of a counter is; the values are in the audit's
-    files.
-    """
+    """What a difference between two readings of a counter is; its values are in audits' files."""
 
     NORMAL = "normal"
     ZERO = "zero"

@@ -64,9 +64,7 @@ MOVES_AT_MOST = 1000.0  # reads of one look that differ by more are not those of
 
 @dataclass
 class History:
-    """One station of one line. `looks` are the observations that it answered, `all` includes the
-    others.
-    """
+    """One station of one line. `looks`: observations that it answered; `all`: the others, too."""
 
     line: str
     station: str
@@ -250,9 +248,7 @@ UNSURE = frozenset({*OPEN, "rolled_over_or_reset"})
 
 @dataclass
 class Traces:
-    """The counters of the current station (`now`) and of the stations that it replaced
-    (`earlier`).
-    """
+    """The counters of the current station (`now`) and of those that it replaced (`earlier`)."""
 
     history: History
     now: dict[Key, Trace] = field(default_factory=dict)

@@ -294,9 +294,7 @@ HOT_AIR: Final = "JT"
 
 
 def model_problem(family: Family, model: str) -> str | None:
-    """Describe why a station with the name `model` cannot be driven as `family`; None where it
-    can.
-    """
+    """Describe why a station named `model` cannot be driven as `family`; None where it can."""
     if not family.models:
         return f"a station of family {family.name} reports no model; leave it out"
     is_hot_air, named_so = family.models == (HOT_AIR,), model.upper().startswith(HOT_AIR)

@@ -170,9 +170,7 @@ class Cleaning(StoredRecord):
 
 @dataclass(frozen=True, slots=True)
 class StoredCondition:
-    """The record of C, c and D. When read, condition 0 may have a mode; when written, it has
-    none.
-    """
+    """The record of C, c and D. When read, condition 0 may have a mode; written, it has none."""
 
     unit: str = ""
 

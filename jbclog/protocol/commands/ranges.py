@@ -1,6 +1,4 @@
-"""The values that a command accepts, the answers that can be true, and the odd forms that are
-tolerated.
-"""
+"""What values a command accepts, which answers can be true, which odd forms are tolerated."""
 
 from __future__ import annotations
 
@@ -43,9 +41,7 @@ def inferred_note(command: Command, value: Value, manual: str) -> str | None:
 
 
 def unit_note(command: Command, manual: str) -> str | None:
-    """Describe, for a plan, that the unit is from another manual; None where the family's own
-    prints it.
-    """
+    """Describe for a plan that the unit is from another manual; None if the family's own has it."""
     if command.inferred is None or not command.inferred.unit:
         return None
     return (
@@ -207,8 +203,6 @@ or erases.
 
 
 def odd_form(command: str, data: str) -> int | None:
-    """Return the B-number of an odd data field in an answer to `command`; None for the recommended
-    form.
-    """
+    """Return the B-number of an odd data field in a `command`'s answer; None for the usual form."""
     form = ODD_FORMS.get(command)
     return form.number if form is not None and form.data.fullmatch(data) else None

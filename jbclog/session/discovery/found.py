@@ -91,9 +91,7 @@ BY_SERVER: tuple[Trial, ...] = (Trial(LineFormat(), asks_omega=True, listens_s=B
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
-    """What one port is tried with at most, and for how long. A station that answers ends the
-    scan.
-    """
+    """What one port is tried with at most, and how long. A station that answers ends the scan."""
 
     trials: tuple[Trial, ...] = USUAL
     addresses: tuple[int | None, ...] = ADDRESSES

@@ -39,9 +39,7 @@ def question_text(data: bytes) -> str | None:
 
 @cache
 def _names(protocol: str) -> Mapping[str, str]:
-    """Return all harmless requests of a protocol: the characters after the header, and their
-    names.
-    """
+    """Return a protocol's harmless requests: the characters after the header, and their names."""
     tables = (
         family.commands.values() for family in FAMILIES.values() if family.protocol == protocol
     )

@@ -96,9 +96,7 @@ def address_of(answer: Frame) -> int | None:
 
 
 def not_settled(line: LineFormat, given: Sequence[Frame]) -> StationFound:
-    """Return a station that answers, but never twice the same to R-SMN: nothing is known about
-    it.
-    """
+    """Return a station that never answers R-SMN twice alike: nothing is known about it."""
     found = StationFound(line, address_of(given[0]), contradicts=len(given) > 1)
     answers = ", ".join(_answer_text(answer) for answer in given)
     found.trouble = (

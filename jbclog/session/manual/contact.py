@@ -143,9 +143,7 @@ def _numbered(command: Command, place: Place) -> Command:
 
 
 def open_contact(target: Target) -> Steps[Contact]:
-    """Open the port and identify the station. Raises `StartRefused` with what to do, and
-    `LinkError`.
-    """
+    """Open the port and identify the station. Raises `StartRefused` and `LinkError`."""
     client = client_for(target.family, target.line, target.address)
     client.unasked((yield Wait(0.0)))
     client.unasked((yield Reopen()))

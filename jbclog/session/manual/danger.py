@@ -68,9 +68,7 @@ LIMITS: Final = (("maximum_", "highest"), ("minimum_", "lowest"))
 
 
 def what_it_does(command: Command) -> str:
-    """Describe the danger of a command for the person about to send it; without a text, its
-    effect.
-    """
+    """Describe the danger of a command to the person sending it; without a text, its effect."""
     for beginning, which in LIMITS:
         if command.name.startswith(beginning):
             what = command.name.removeprefix(beginning).replace("_", " ")
@@ -81,17 +79,13 @@ def what_it_does(command: Command) -> str:
 
 
 def is_dangerous(name: str, family: Family | None) -> bool:
-    """Whether the command of that name is dangerous; if the family is not known yet, in any
-    family.
-    """
+    """Whether the command of that name is dangerous; for a family not known yet, in any."""
     families = FAMILIES.values() if family is None else (family,)
     return any(one.commands[name].dangerous for one in families if name in one.commands)
 
 
 def expect_cold(contact: Contact) -> Steps[None]:
-    """Raise `StartRefused` where a tool is hotter than `COOL_C`; one that cannot be read counts as
-    hot.
-    """
+    """Raise `StartRefused` where a tool is hotter than `COOL_C`; an unread one counts as hot."""
     for port in (yield from find_ports(contact)):
         if (yield from find_tool(contact, port)) != NO_TOOL:
             yield from _expect_cold(contact, port)

@@ -177,9 +177,7 @@ def read_value(target: Target, name: str, asked: Place, on_reading: OnReading) -
 
 
 def read_all(target: Target, on_reading: OnReading) -> Steps[None]:
-    """Read everything that can be read without side effect, at every place. Raises as `read_value`
-    does.
-    """
+    """Read everything that can be read without side effect, everywhere. Raises as `read_value`."""
     contact = yield from open_contact(target)
     for command, place in (yield from everywhere(contact, harmless(contact.family))):
         on_reading(contact, (yield from _reading(contact, command, place)))

@@ -123,9 +123,7 @@ def names_suction(text: str | None) -> bool:
 
 
 def value_in(text: str, command: Command, family: Family) -> Value:
-    """Parse the value as the station will return it. Raises `UsageError` that says what is
-    allowed.
-    """
+    """Parse the value as the station will return it. Raises `UsageError` with what is allowed."""
     if isinstance(command.quantity, StoredCondition):
         return condition_in(text, command)
     words = words_for(command, family)

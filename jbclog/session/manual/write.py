@@ -211,9 +211,7 @@ def _number_in(command: Command, value: Value) -> int | None:
 
 
 def _mirror(contact: Contact, command: Command, value: Value, place: Place) -> Mirror | None:
-    """Return what reads a write back, and where; None where nothing does. OMEGA's D is read back by
-    C.
-    """
+    """Return what reads a write back, and where; None if nothing does. C reads OMEGA's D back."""
     if command.readable:
         return command, place
     if isinstance(value, StoredRecord):
@@ -350,9 +348,7 @@ def _is_same(contact: Contact, command: Command, found: Value, asked: Value) -> 
 
 
 def _send_and_look(contact: Contact, command: Command, written: WriteResult) -> Steps[None]:
-    """Write an order and check the feeder. Feeding may end before it is seen: only a stop must
-    show.
-    """
+    """Write an order and check the feeder. Feeding may end unseen: only a stop must show."""
     written.at_work = True  # until known otherwise
     lost = yield from _lost(contact, command, 0, written)
     expected = SHOWN_BY[command.name]
@@ -408,9 +404,7 @@ def _status_now(contact: Contact, port: int | None) -> Steps[Value | None]:
 
 
 def is_order_to_rest(contact: Contact, written: WriteResult) -> bool:
-    """Whether it is an order to a safe state, or to stop a motor, whose failure must be
-    reported.
-    """
+    """Whether it orders a safe state, or stops a motor: then its failure must be reported."""
     command = written.command
     if command is None:
         return False
