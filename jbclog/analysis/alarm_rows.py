@@ -103,9 +103,7 @@ def _text_or_none(text: object) -> str | None:
 
 
 def _initial_settings(frame: pd.DataFrame) -> dict[Place, list[Change]]:
-    """Return the watched settings of each port, as read back before sampling began; later changes
-    are events.
-    """
+    """Return the watched settings of each port before sampling began; later changes are events."""
     found: dict[Place, list[Change]] = {}
     rows = frame[
         frame["setting"].isin([*WATCHED]) & frame["port"].notna() & frame["readback"].notna()

@@ -53,9 +53,7 @@ ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}
 
 
 class MeasuredPort(NamedTuple):
-    """The joints and metrics of one port, and the UTC of each joint's start and end, one after the
-    other.
-    """
+    """The joints and metrics of one port, and the UTC of each joint's start and end in turn."""
 
     facts: StationFacts
     port: int

@@ -53,9 +53,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """One metric of one port over the runs, a point for each run. `values` are the known ones,
-    oldest first.
-    """
+    """One metric of one port, a point for each run. `values` are the known ones, oldest first."""
 
     station: str
     port: int

@@ -133,9 +133,7 @@ def capability_facts(found: spc.Capability | spc.Refused | None) -> dict[str, ob
 
 
 def page(trends: Sequence[Trend], metric: str, figure: Figure) -> str:
-    """Return an HTML page without external resources: definition of the metric, chart, results,
-    every value.
-    """
+    """Return an HTML page without external resources: definition, chart, results, every value."""
     from jbclog.analysis.figures.canvas import svg_text  # loads matplotlib
 
     results = "".join(

@@ -128,9 +128,7 @@ def _open(target: Target, only_reads: OnlyReads | None, access: PortAccess) -> P
 
 
 def _refuse_during_run(target: Target) -> None:
-    """A run keeps its stations also while a cable is out, and behind servers that accept a second
-    client.
-    """
+    """A run keeps its stations while a cable is out, and behind servers with a second client."""
     run = run_that_holds(target.url)
     if run is not None:
         raise _held(target, run)

@@ -1,6 +1,4 @@
-"""Scans several ports in parallel, and writes a line file from the stations that answer. Start with
-`search`.
-"""
+"""Scans several ports in parallel; writes a line file of the stations. Start with `search`."""
 
 from __future__ import annotations
 
@@ -212,9 +210,7 @@ def _ports(found: StationFound) -> tuple[int, ...] | None:
 
 
 def lasting_url(url: str) -> str:
-    """Return a url for a line file that stays valid: a USB adapter by its own number, a path from
-    the root.
-    """
+    """Return a url that stays valid: a USB adapter by its own number, a path from the root."""
     return lasting_name(os.path.abspath(url)) if is_path(url) else url  # noqa: PTH100  # a link stays a link
 
 

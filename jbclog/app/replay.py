@@ -1,6 +1,4 @@
-"""Replays a recorded run: reproduced from its serial captures without ports, or served as virtual
-stations.
-"""
+"""Replays a recorded run: reproduced from its captures without ports, or served."""
 
 from __future__ import annotations
 

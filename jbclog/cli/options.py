@@ -46,18 +46,14 @@ def is_folder(path: Path) -> bool:
 
 
 def is_runs(path: Path) -> bool:
-    """Return whether `path` is a folder or a store, which readers of many runs take. Raises as
-    `is_folder`.
-    """
+    """Return whether `path` is a folder or a store, as readers take. Raises as `is_folder`."""
     from jbclog.analysis.store.place import is_store  # not loaded by --help
 
     return is_store(path) or is_folder(path)
 
 
 def expect_file_place(option: str, path: Path | None) -> None:
-    """Raise `UsageError` if `path` exists and is not a regular file: writing to a pipe could block
-    for ever.
-    """
+    """Raise `UsageError` if `path` is there and no regular file: writing to a pipe could block."""
     if path is not None and path.exists() and not path.is_file():
         raise UsageError(f"{option} {path}: not a regular file (folder, pipe or device)")
 
@@ -269,9 +265,7 @@ def metadata(
     product: str | None,
     several: Mapping[str, Sequence[str]],
 ) -> Metadata:
-    """Return the metadata of a run; `several` holds the values of repeatable options. Raises
-    `UsageError`.
-    """
+    """Return a run's metadata; `several`: values of repeatable options. Raises `UsageError`."""
     from jbclog.app.run.plan import Metadata
 
     texts = [("--operator", operator), ("--order", order), ("--product", product)]

@@ -220,9 +220,7 @@ def _rate_lines(station: StationPlan) -> list[str]:
 
 
 def _faster_line(station: StationPlan) -> list[str]:
-    """Return a note on a measured response time of 0, which only a link faster than its line format
-    gives.
-    """
+    """Return a note on a measured response time of 0: the link is faster than its line format."""
     if station.spec.turnaround_ms != 0:
         return []
     return [

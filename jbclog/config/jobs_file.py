@@ -1,6 +1,4 @@
-"""A jobs file: the jobs of a batch, their stations, their times, and what a failed one means for
-the others.
-"""
+"""A jobs file: a batch's jobs, their stations and times, and what a failure means for others."""
 
 from __future__ import annotations
 

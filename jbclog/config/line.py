@@ -388,9 +388,7 @@ Described = tuple[StationTable, str]
 def line_text(
     name: str, stations: Iterable[Described], heading: str, replay: Replay | None = None
 ) -> str:
-    """Format a line file that `parse_line` reads as the same stations; `heading` and texts become
-    comments.
-    """
+    """Format a line file that `parse_line` reads as the same stations; texts become comments."""
     parts = ["\n".join(_station(station, said)) for station, said in stations]
     return f"{line_comment(heading)}[line]\nname = {quoted(name)}\n{_replay(replay)}" + "".join(
         parts

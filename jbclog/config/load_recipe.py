@@ -188,9 +188,7 @@ def _state(
 
 
 def _temperatures(recipe: Recipe, asked: Mapping[str, Asked]) -> Iterator[Problem]:
-    """Yield limits and temperatures of a port that contradict each other; an alarm that is off is
-    ignored.
-    """
+    """Yield a port's limits and temperatures that contradict each other; ignores alarms off."""
     select, sleep = asked.get("temperature.select_c"), asked.get("sleep.temperature_c")
     high, low = _armed(asked, "high"), _armed(asked, "low")
     yield from _below(recipe, select, high, "must be above", "must be below")

@@ -204,9 +204,7 @@ class Acceptance(Table):
 
 
 class Joints(Table):
-    """What counts as a joint when joints are looked for. None: learnt from the run, and shown in
-    the report.
-    """
+    """What counts as a joint. None: learnt from the run, and shown in the report."""
 
     least_dwell_s: float | None = Field(None, ge=0.1, le=60, description="seconds from 0.1 to 60")
     merge_gap_s: float | None = Field(None, ge=0, le=10, description="seconds from 0 to 10")

@@ -1,6 +1,4 @@
-"""The settings that a recipe writes on a station: an ordered list for each port, and one for the
-station.
-"""
+"""The settings that a recipe writes: an ordered list for each port, and one for the station."""
 
 from __future__ import annotations
 

@@ -154,9 +154,7 @@ class Journal(Protocol):
     def sample(self, row: SampleRow) -> None: ...
 
     def event(self, event: EventRow, *, at_once: bool = False) -> None:
-        """Record an event. `at_once`: commit now, because the station has already forgotten it
-        (alarm flags).
-        """
+        """Record an event. `at_once`: commit now; the station has already forgotten it (flags)."""
 
     def setting(self, setting: SettingRow) -> None: ...
 
@@ -167,9 +165,7 @@ class Journal(Protocol):
 
 
 class NoJournal:
-    """A journal that drops everything: for a session whose record has failed and whose tools are
-    still hot.
-    """
+    """Drops everything: for a session whose record has failed and whose tools are still hot."""
 
     def sample(self, row: SampleRow) -> None: ...
 

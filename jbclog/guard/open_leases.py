@@ -129,9 +129,7 @@ def _log_result(
 
 
 class Seen(NamedTuple):
-    """What was read back from a station that was made safe by hand; a port without a tool has the
-    state None.
-    """
+    """What was read back from a station made safe by hand; None: a port without a tool."""
 
     model: str | None
     states: Mapping[int, str | None]

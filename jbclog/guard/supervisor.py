@@ -145,9 +145,7 @@ class GuardSupervisor:
                 lease.write_leases(self._folder, ())
 
     def take_over(self) -> None:
-        """Let the guard make leased tools safe after the recorder failed and closed its ports;
-        waits for it.
-        """
+        """Let the guard make leased tools safe after the recorder failed; waits for it."""
         self._is_handed_over = True
         if self._guard is not None:
             self._guard.take_over()

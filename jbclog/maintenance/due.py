@@ -82,9 +82,7 @@ def _variance(steps: Sequence[Step], a_week: float) -> float:
 
 
 def _blocks(steps: Sequence[Step], weeks: float) -> Numbers:
-    """Return the advance in each block of `weeks`, counted back from the last look, without the
-    remainder.
-    """
+    """Return the advance in each block of `weeks`, back from the last look, without the rest."""
     lasted = np.concatenate([[0.0], np.cumsum([step.end - step.begin for step in steps])])
     worked = np.concatenate([[0.0], np.cumsum([step.worked for step in steps])])
     ends = np.arange(lasted[-1], -1e-6, -weeks * WEEK)[::-1]

@@ -49,9 +49,7 @@ Place = tuple[str, str]
 
 
 def place_of(wanted: str, book: Book, also: Iterable[Place] = ()) -> Place:
-    """Return the station called ``NAME`` or ``LINE/NAME`` in the ledger or in `also`. Raises
-    `UsageError`.
-    """
+    """Return the station ``NAME`` or ``LINE/NAME`` of the ledger or `also`. Raises `UsageError`."""
     known = {(one.line, one.station) for one in book.entries} | set(also)
     found = sorted(one for one in known if wanted in (one[1], "/".join(one)))
     if len(found) == 1:
@@ -93,9 +91,7 @@ def expect_port(port: int | None, place: Place, book: Book) -> None:
 
 
 def task_of(wanted: str, book: Book, names: Sequence[str] | None = None) -> str:
-    """Return the task of that name in the tasks file, the usual tasks or the ledger. Raises
-    `UsageError`.
-    """
+    """Return the task of that name (tasks file, usual ones, ledger). Raises `UsageError`."""
     known = {*STATED, *(fact.task for fact in book.facts), *(USUAL if names is None else names)}
     if wanted in known:
         return wanted

@@ -164,9 +164,7 @@ class Book:
 
     @property
     def is_sound(self) -> bool:
-        """Whether the chain holds. A last line cut off by a crash was never acknowledged, and does
-        not count.
-        """
+        """Whether the chain holds. A last line that a crash cut off was never acknowledged."""
         return all("cut off" in text for _, text in self.wrong)
 
     @property

@@ -215,9 +215,7 @@ SET_BACK_S: Final = 86400.0  # a mark further ahead is from a wrong clock
 
 
 def errors_of(looks: Sequence[Observation]) -> Iterator[UseFigure]:
-    """Yield the figures of these looks at one station, oldest first; the first look only starts the
-    time.
-    """
+    """Yield the figures of these looks at a station, oldest first; the first starts the time."""
     pairs = [(before, now) for before, now in pairwise(looks) if now.errors.events is not None]
     if pairs and pairs[-1][1] is looks[-1]:
         count = float(count_of(looks[-1]))

@@ -56,9 +56,7 @@ STEP_C = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Own:
-    """The station's own reading of its tip. `n` is 0 if a person read the display; what was not
-    read is None.
-    """
+    """The station's reading of its tip. `n` is 0 if a person read the display; None: not read."""
 
     temperature_c: float
     n: int = 0

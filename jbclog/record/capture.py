@@ -155,9 +155,7 @@ def _believed(head: Head, path: Path) -> Head:
 
 
 def _why_none(path: Path) -> str:
-    """Return why a file has no head; a newer format may be packed differently, and still states its
-    number.
-    """
+    """Return why a file has no head; a newer format states its number, however it is packed."""
     with open_foreign(path, Kind.WIRE) as file:
         first = file.read(FIRST_BYTES)
     found = re.search(rb'\trun\t\{[^\n]*"format": ([0-9]{1,9})', _begun(first))

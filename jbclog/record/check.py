@@ -227,9 +227,7 @@ def _of_report(folder: Path) -> list[str]:
 def _unlike(
     report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str
 ) -> Iterator[tuple[str, str]]:
-    """Yield where a report of this manifest contradicts the manifest or the annotations, which it
-    repeats.
-    """
+    """Yield where this manifest's report contradicts the manifest or the annotations."""
     if said.links and str(report.get("annotations_head", own)) not in said.links:
         yield (
             ANNOTATIONS,

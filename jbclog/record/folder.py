@@ -46,9 +46,7 @@ def joints_asked(folder: Path, facts: StationFacts) -> Mapping[str, object]:
 
 
 def recipe_table(folder: Path, facts: StationFacts, name: str) -> Mapping[str, object]:
-    """Return a table of a station's recipe, checked when the run began; empty if it is missing or
-    unreadable.
-    """
+    """Return a table of a station's recipe, as checked at the start; empty if it is unreadable."""
     if facts.recipe is None:
         return {}
     try:

@@ -122,9 +122,7 @@ def _event(line: str) -> EventRow | None:
 
 
 def take_in(folder: Path, run: str, events: list[EventRow]) -> None:
-    """Append those of the guard's events that the sealed ones lack. The live store's must be sealed
-    before.
-    """
+    """Append the guard's events that the sealed ones lack. Seal those of the live store before."""
     if not events:
         return
     from jbclog.record.chains import Chain

@@ -296,9 +296,7 @@ def iso(micros: int) -> str:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read the manifest of a run. Raises RecordError if it is missing, no manifest, or of a newer
-    jbclog.
-    """
+    """Read a run's manifest. Raises RecordError if it is missing, none, or of a newer jbclog."""
     path = folder / NAME
     try:
         data = read_json(path, Kind.MANIFEST, in_utf8=True)
@@ -390,9 +388,7 @@ def expect_readable(manifest: Manifest) -> None:
 
 
 def fitting_units(manifest: Manifest, units: list[Unit]) -> list[Unit]:
-    """Return the first units, as many as a manifest with these other parts can have; all stay in
-    the events.
-    """
+    """Return the first units, as many as fit beside these other parts; all are in the events."""
     size = len(manifest_text(replace(manifest, units=[])).encode())
     ends = accumulate(
         (

@@ -1,6 +1,4 @@
-"""How long the lists in a manifest may be: a file of a few megabytes must not cost gigabytes and
-minutes.
-"""
+"""How long a manifest's lists may be: a few megabytes must not cost gigabytes and minutes."""
 
 from __future__ import annotations
 

@@ -146,9 +146,7 @@ def is_run(folder: Path) -> bool:
 
 
 def recover_all(folder: Path, patience_s: float = PATIENCE_S) -> list[Recovery]:
-    """Recover the run in `folder`, or every run directly below it; a refused one does not stop the
-    others.
-    """
+    """Recover the run in `folder`, or every run directly below it; a refused one stops none."""
     expect_answer(folder)
     runs = [folder] if is_run(folder) else sorted(path for path in folder.iterdir() if is_run(path))
     return [_tried(run, patience_s) for run in runs]
@@ -386,9 +384,7 @@ def _lacking(path: Path) -> Iterator[str]:
 
 
 def _note_missing_end(folder: Path, last: int) -> None:
-    """Note batches that the recorder acknowledged and that the store lacks: the end of SQLite's log
-    is lost.
-    """
+    """Note acknowledged batches that the store lacks: the end of SQLite's log is lost."""
     missing = commit_status(folder).last - last
     if missing > 0:
         which = f"batches {last + 1} to {last + missing}"

@@ -60,9 +60,7 @@ Found = tuple[str, object, object]
 def differences(
     report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str
 ) -> Iterator[str]:
-    """Yield a sentence for each thing that the report repeats otherwise. `own`: the manifest's
-    fingerprint.
-    """
+    """Yield a sentence for each thing repeated otherwise. `own`: the manifest's fingerprint."""
     found = (one for one in _all(report, manifest, said, own) if one[1] != _plain(one[2]))
     for place, says, is_so in islice(found, MOST):
         yield f"{place}: {_short(says)}, the manifest says {_short(_plain(is_so))}"

@@ -1,6 +1,4 @@
-"""The child process that seals a run's rows, from its recorder's end: what it loads, the recorder
-does not.
-"""
+"""The child process that seals a run's rows: what it loads, the recorder does not."""
 
 from __future__ import annotations
 

@@ -331,9 +331,7 @@ class StoreWriter:
         self._segment = segment
 
     def add(self, batches: Sequence[Batch], fresh: Notes, everything: Notes) -> Kept:
-        """Store `batches` and the `fresh` notes in one transaction; a new file gets `everything`,
-        all notes.
-        """
+        """Store `batches` and the `fresh` notes in one transaction; in a new file, `everything`."""
         if self._segment is None:
             return Kept(False, "the store is not open")
         if not self._is_there(self._segment.path):  # SQLite would keep writing to the removed file

@@ -185,9 +185,7 @@ class Demand:
 
     @property
     def slowest_rate_hz(self) -> float:
-        """The lowest rate that is often enough for the slow readings' ceilings; 0.0 without slow
-        readings.
-        """
+        """The lowest rate that keeps the slow readings' ceilings; 0.0 without slow readings."""
         return 1 / (CEILING * min(period_s for _, period_s in self.slow)) if self.slow else 0.0
 
     def is_too_slow(self, rate_hz: float) -> bool:
@@ -411,9 +409,7 @@ def identity_readings(
     addressed: bool,
     every_s: float,
 ) -> list[ScheduledRead]:
-    """List the reads of a station's identity, to detect another station in its place; they fill no
-    column.
-    """
+    """List the reads of a station's identity, which detect another one and fill no column."""
     return [
         ScheduledRead(
             command.name,

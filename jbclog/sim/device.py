@@ -25,9 +25,7 @@ from jbclog.sim.soldering import (
 
 
 class AcceptedWrite(NamedTuple):
-    """A write that the station accepted; `at` in monotonic seconds, `port` and `tool` 0 where it
-    has none.
-    """
+    """An accepted write; `at` in monotonic seconds, `port` and `tool` 0 where it has none."""
 
     at: float
     name: str

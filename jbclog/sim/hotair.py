@@ -416,9 +416,7 @@ class AirModel:
         return self.station.settings if command.scope is Scope.PORT else self.station.limits
 
     def _range(self, command: Command) -> tuple[float, float]:
-        """Return minimum and maximum of a setting, or of a limit itself, which does not pass its
-        counterpart.
-        """
+        """Return minimum and maximum of a setting; for a limit, its counterpart bounds it."""
         limits = self.station.limits
         if command.within is not None:
             lowest, highest = (setting(limits, name) if name else -9999 for name in command.within)

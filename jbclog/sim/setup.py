@@ -107,9 +107,7 @@ def _make(folder: Path) -> None:
 
 
 def tcp_of(text: str) -> Tcp:
-    """Parse ``HOST:PORT``: the stations take this port and the following ones, or any free ones if
-    it is 0.
-    """
+    """Parse ``HOST:PORT``: stations take this port and the next ones; 0: any that are free."""
     host, colon, port = text.rpartition(":")
     if not colon or not port.isdecimal() or int(port) > MOST_PORT:
         raise UsageError(f"{text} is not HOST:PORT")
@@ -129,9 +127,7 @@ def _served_text(line: Line, urls: Sequence[str], replay: Replay | None) -> str:
 
 
 def _url_in(folder: Path, link: Link, replay: Replay | None) -> str:
-    """Return a link's URL; in a replay the path is relative, which shows that only a served station
-    is meant.
-    """
+    """Return a link's URL; in a replay a relative path, which only a served station can have."""
     if replay is None or not isinstance(link, PtyLink):
         return link.url
     return str(link.path.relative_to(folder.absolute()))

@@ -74,9 +74,7 @@ class Comparator:
     def see(
         self, before_k: float, after_k: float, seconds: float, now: float, delay_s: float | Off
     ) -> None:
-        """Process how far beyond the limit the temperature was `seconds` ago and is `now`
-        (negative: within).
-        """
+        """Process how far beyond the limit it was `seconds` ago and is `now` (negative: within)."""
         if after_k <= 0:
             self.since = None
             return

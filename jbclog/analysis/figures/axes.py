@@ -1,6 +1,4 @@
-"""Parts of every figure: panels placed in points, ticks, labels at the right edge, rectangles, dots
-and bars.
-"""
+"""Parts of every figure: panels placed in points, ticks, labels at the right, dots and bars."""
 
 from __future__ import annotations
 

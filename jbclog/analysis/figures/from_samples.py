@@ -104,9 +104,7 @@ def any_state_read(samples: pd.DataFrame) -> list[bool]:
 
 
 def state_lanes(samples: pd.DataFrame, seconds: Floats, period_s: float) -> dict[str, list[Span]]:
-    """Return the lanes of states by name, each with the word for its state; nothing where it was
-    not read.
-    """
+    """Return the lanes of states by name, each with its state's word; nothing where not read."""
     short, clogged = (_flags(samples, name) for name in ("solder_shortage", "clogged"))
     solder = [_solder(one, other) for one, other in zip(short, clogged, strict=True)]
     control = [_flag_word(one, PREPARING, READY) for one in _flags(samples, "preparing")]

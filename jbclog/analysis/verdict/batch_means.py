@@ -28,9 +28,7 @@ TWO_SIDED, ONE_SIDED = NormalDist().inv_cdf(0.975), NormalDist().inv_cdf(0.95)
 
 
 def means_of_batches(cells: Cells, period_s: float) -> Floats:
-    """Return the means of the batches, in their order; empty if the readings are too few for
-    `LEAST_BATCHES`.
-    """
+    """Return the means of the batches in order; empty if they are fewer than `LEAST_BATCHES`."""
     counts, sums, _ = cells.in_order()
     batches = min(BATCHES, int(counts.sum() * period_s / LEAST_BATCH_S))
     if batches < LEAST_BATCHES:

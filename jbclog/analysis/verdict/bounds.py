@@ -232,9 +232,7 @@ def _weights(processes: _Processes, fit: Floats, cosines: int) -> Floats:
 
 
 def _half(weights: Floats, scales: Floats, freedom: int, level: float) -> float:
-    """Return half of the mean's interval: the quantile of a mixture of Student's t at `level`,
-    two-sided.
-    """
+    """Return half of the mean's interval: the two-sided quantile of a mixture of Student's t."""
 
     def beyond(half: float) -> float:
         return float(weights @ _beyond_t(half / scales, freedom))
@@ -251,9 +249,7 @@ def _beyond_t(t: Floats, freedom: int) -> Floats:
 
 
 def _below_chi_squared(value: Floats, freedom: Floats) -> Floats:
-    """Return the probability that chi-squared is below `value`, by E. B. Wilson and M. M. Hilferty
-    (1931).
-    """
+    """Return the probability that chi-squared is below `value` (Wilson and Hilferty 1931)."""
     share = 2 / (9 * freedom)
     z = (np.cbrt(value / freedom) - (1 - share)) / np.sqrt(share)
     return np.array([erfc(one) / 2 for one in (-z / sqrt(2)).tolist()])

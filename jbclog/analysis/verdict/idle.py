@@ -107,9 +107,7 @@ class Block:
 
 
 def by_block(seconds: Floats) -> list[tuple[int, Flags | slice]]:
-    """Return the numbers of the blocks of `BLOCK_S` that have any of these moments, and the rows of
-    each.
-    """
+    """Return the blocks of `BLOCK_S` that have any of these moments, and the rows of each."""
     numbers = np.floor_divide(seconds + 1e-6, BLOCK_S).astype(np.int64)
     steps = np.diff(numbers)
     if (steps < 0).any():  # a clock that was set back
@@ -213,9 +211,7 @@ def _may_be_pulled(block: Block, setting: Floats) -> Flags:
 
 
 def setting_in_force(seconds: Floats, setting: Floats) -> Floats:
-    """Return the setpoint last read in each row, for at most `SETTING_HOLDS_S`; NaN where it is not
-    known.
-    """
+    """Return the setpoint last read in each row, for at most `SETTING_HOLDS_S`; NaN: not known."""
     last = np.maximum.accumulate(np.where(np.isnan(setting), -1, np.arange(len(setting))))
     held = setting[last]
     held[(last < 0) | (seconds - seconds[last] > SETTING_HOLDS_S)] = np.nan

@@ -81,9 +81,7 @@ SEVERE = ("error", "critical")
 
 
 def goal_rules(evidence: Evidence) -> Iterator[Rule]:
-    """Yield a rule for each goal (units, joints); of two goals one is enough. Falling short is a
-    deviation.
-    """
+    """Yield a rule for each goal (units, joints); of two one is enough. Too few is a deviation."""
     is_met = any(goal.is_met for goal in evidence.goals)
     for goal in evidence.goals:
         yield Rule(
@@ -151,9 +149,7 @@ def bare_rule(facts: StationFacts, acceptance: Acceptance) -> Iterator[Rule]:
 
 
 def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
-    """Return the rule that every setting of the recipe is confirmed. Settings of other families do
-    not count.
-    """
+    """Return the rule that every setting of the recipe for this family is confirmed."""
     counts, lacking = outcomes.counts, outcomes.lacking
     stated, confirmed = counts.total() + len(lacking), counts["confirmed"] + counts["unchanged"]
     observed: str | None = f"{confirmed} of {stated}"
@@ -186,9 +182,7 @@ def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
 def alarms_rule(
     facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]
 ) -> Rule:
-    """Return the rule about the number of high and low alarms; missing evidence if the flags were
-    never read.
-    """
+    """Return the rule about the number of alarms; missing evidence if the flags were never read."""
     if not reports(facts, "alarm_high"):
         return not_applicable("alarms", facts.name, None, most, "", "alarm flags")
     count = sum(event.kind in COUNTED_ALARMS and event.severity in SEVERE for event in events)

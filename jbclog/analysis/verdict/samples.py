@@ -237,9 +237,7 @@ def measure(
 
 
 class KeptMeasures:
-    """Measures the stations of one sealed run as `measure` does, each once with the same limit and
-    rules.
-    """
+    """Measures the stations of a sealed run as `measure` does, with the same limit and rules."""
 
     def __init__(self) -> None:
         self._kept: dict[tuple[str, float, int], Measures] = {}
@@ -320,9 +318,7 @@ def _ports(
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """For each row: whether its tick was skipped, whether its status was read, whether the tool was
-    at work.
-    """
+    """For each row: whether its tick was skipped, its status was read, the tool was at work."""
 
     skipped: Flags
     status: Flags

@@ -59,9 +59,7 @@ NO_TIME: Final = "no time left for it"
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The values read and the confirmed one. Without a value and without `why`, no two readings
-    were equal.
-    """
+    """The values read and the confirmed one. Without it and `why`, no two readings were equal."""
 
     given: tuple[Value, ...] = ()
     value: Value | None = None
@@ -265,9 +263,7 @@ def _find_parameters(seen: _Seen) -> Steps[None]:
 
 
 def is_parameter(command: Command) -> bool:
-    """Whether this is a setting that does not change from job to job, and that can be read without
-    a number.
-    """
+    """Whether this setting does not change from job to job and can be read without a number."""
     is_set = command.access == "rw" or (command.readable and command.name in READ_ONLY)
     is_kept = command.name not in OF_THE_JOB and not command.name.startswith(SELECTED)
     return (

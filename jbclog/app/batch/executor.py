@@ -119,9 +119,7 @@ class BatchExecutor:
     # -- start -------------------------------------------------------------------------------------
 
     def _take_up(self) -> None:
-        """Follow the jobs of the previous executor that still run, and write down the results of
-        the others.
-        """
+        """Follow the previous executor's jobs that still run, and record the others' results."""
         self.settle()
         self._note(
             EntryKind.EXECUTION, "Batch resumed." if self.state.executions else "Batch started."
@@ -239,9 +237,7 @@ class BatchExecutor:
             )
 
     def _is_again(self, job: JobState, result: AttemptResult, *, is_old: bool) -> bool:
-        """Whether the job was cut off or stopped the batch. False for a job that was recorded to
-        its end.
-        """
+        """Whether the job was cut off or stopped the batch; false for one recorded to its end."""
         if result.state in RECORDED:
             return False
         was_cut_off = self.state.ended_by is not None or (

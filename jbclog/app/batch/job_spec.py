@@ -52,9 +52,7 @@ class BatchPlan:
 
 
 def plan_batch(file: JobsFile, out: Path) -> BatchPlan:
-    """Return the jobs, which record below `out`. Raises `Problems` with all problems of all jobs
-    (exit 2).
-    """
+    """Return the jobs, which record below `out`. Raises `Problems` with all problems (exit 2)."""
     line = load_line(file.line)
     problems: list[Problem] = []
     planned: list[Problem] = []

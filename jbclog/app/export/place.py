@@ -1,6 +1,4 @@
-"""Where an export is written: complete or not at all, never into a run, never over anything without
-`force`.
-"""
+"""Where an export is written: whole or not at all, never into a run, over one only by `force`."""
 
 from __future__ import annotations
 

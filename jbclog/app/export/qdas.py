@@ -159,9 +159,7 @@ def _part(source: Source, facts: StationFacts, port: int) -> Iterator[str]:
 
 
 def _remark(source: Source) -> str:
-    """Return where the values are from: run, fingerprint, verdict, version, check; the most
-    important first.
-    """
+    """Return where the values are from, the most important first: run, fingerprint, verdict, ..."""
     facts = source.facts
     print_of = (
         short_head(facts["fingerprint"])

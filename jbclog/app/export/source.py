@@ -37,9 +37,7 @@ NOT_CHECKED: Final = "not checked (--unchecked)"
 
 
 def expect_whole(run: Run) -> None:
-    """Raise `RecordError` where `jbclog check` finds anything: the run is damaged, changed, or not
-    sealed.
-    """
+    """Raise `RecordError` where `jbclog check` finds anything, or the run is not sealed."""
     found = check(run.folder)
     if found:
         more = f" and {len(found) - 1} more" if len(found) > 1 else ""

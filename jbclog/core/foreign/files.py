@@ -37,9 +37,7 @@ MOST_LINKS: Final = 40
 
 
 def expect_answer(folder: Path) -> None:
-    """Raise `RecordError` where `folder` lies on a network mount that does not answer within
-    `ANSWERS_S`.
-    """
+    """Raise `RecordError` where `folder`'s network mount does not answer within `ANSWERS_S`."""
     if not _is_remote(folder):
         return
     child = subprocess.Popen(
@@ -258,9 +256,7 @@ class Line(NamedTuple):
 
 
 def each_line(file: BufferedReader) -> Iterator[Line]:
-    """Yield the lines of a file one by one, in memory for one line of `LONGEST_LINE` bytes. Raises
-    OSError.
-    """
+    """Yield the lines of a file, in memory for one of `LONGEST_LINE` bytes. Raises OSError."""
     while text := file.readline(LONGEST_LINE + 1):
         if text.endswith(b"\n"):
             text = text[:-1]

@@ -33,9 +33,7 @@ class ThriftReader:
         self.at = 0
 
     def fields(self) -> Iterator[tuple[int, int]]:
-        """Return id and type of each field of a struct. The caller reads each value before the next
-        field.
-        """
+        """Return id and type of each field of a struct. The caller reads each value in turn."""
         number, seen = 0, set()
         while head := self._byte():
             number = number + (head >> 4) if head >> 4 else self._signed(16)

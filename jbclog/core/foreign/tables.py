@@ -94,9 +94,7 @@ def bounds_of(path: Path, column: str) -> list[tuple[bytes, bytes] | None]:
 
 
 def read_small(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a whole file of at most one row group's rows. Raises OSError (`NotReadable`) or
-    pa.ArrowException.
-    """
+    """Read a file of at most one row group's rows. Raises `NotReadable` or pa.ArrowException."""
     with open_table(path) as table:
         if table.metadata.num_rows > GROUP_ROWS:
             raise NotReadable(f"has {table.metadata.num_rows} rows; at most {GROUP_ROWS} are read")

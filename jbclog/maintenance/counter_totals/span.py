@@ -88,9 +88,7 @@ class Elapsed:
 
 
 def _longest_in_order(times: Sequence[float]) -> list[int]:
-    """Return the longest series of looks with non-decreasing times; of several, the one that ends
-    earliest.
-    """
+    """Return the longest series of looks in order of time; of several, the one that ends first."""
     ends: list[int] = []
     heights: list[float] = []
     behind: list[int] = []
@@ -118,9 +116,7 @@ def top_of(modulus: float, trait: Trait) -> float:
 
 
 class Reading(msgspec.Struct, frozen=True, gc=False):
-    """What a counter showed at a look (its number in the station's history); a moving one showed a
-    range.
-    """
+    """What a counter showed at a look (number in the history); a moving one showed a range."""
 
     look: int
     shown: Interval

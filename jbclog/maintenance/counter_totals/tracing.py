@@ -204,9 +204,7 @@ def lasted_h(
 
 
 def _continues(counter: Counter, before: Interval, after: Interval, lasted: float) -> bool:
-    """Whether it advanced at a plausible rate and cannot have rolled over: the common case of
-    `counted_on`.
-    """
+    """Whether it advanced at a plausible rate and cannot have rolled over (see `counted_on`)."""
     if after.high >= counter.top or after.high < before.low:
         return False
     grown, most = after.low - before.high, lasted if counter.is_time else lasted * counter.fastest

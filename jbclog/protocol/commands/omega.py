@@ -49,9 +49,7 @@ WITHOUT_DIGIT: Final = "answered without a digit"
 
 @dataclass(frozen=True, slots=True)
 class Digit:
-    """One digit that stands for a word. With `may_lack`, an answer without it is accepted as
-    `WITHOUT_DIGIT`.
-    """
+    """One digit that stands for a word. `may_lack`: its lack is accepted as `WITHOUT_DIGIT`."""
 
     names: tuple[str, ...]
     unit: str = ""
@@ -77,9 +75,7 @@ def is_condition(number: int) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ConditionNumber:
-    """The number of a solder condition as four hexadecimal digits: 101 to 199, 201 to 299 and 301
-    to 399.
-    """
+    """The number of a solder condition, four hexadecimal digits: 101-199, 201-299, 301-399."""
 
     unit: str = ""
 
@@ -96,9 +92,7 @@ class ConditionNumber:
 
 
 class StoredRecord(CompoundValue):
-    """The record stored under one number. Fields whose names end in a unit are transmitted as
-    tenths of it.
-    """
+    """The record under one number. Fields that end in a unit are sent as tenths of it."""
 
     __slots__ = ()
     condition: int

@@ -474,9 +474,7 @@ class ErrorTable:
         return self.texts.get(code, f"unknown {self.kind} error {code}")
 
     def void(self, code: int | None, signal: str) -> str | None:
-        """Return the reason for which `signal` means nothing during the error `code`; None where it
-        counts.
-        """
+        """Return why `signal` means nothing during the error `code`; None where it counts."""
         if not self.voids:
             return None
         return next(

@@ -20,9 +20,7 @@ class ReadInterval(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A command read repeatedly and the columns that its answer fills; the first column names the
-    signal.
-    """
+    """A command read repeatedly and the columns that its answer fills, the signal's name first."""
 
     command: str
     columns: tuple[str, ...]

@@ -188,9 +188,7 @@ def _other_address(report: PortReport, line: LineFormat, address: int) -> ScanFi
 
 
 def _look_again(report: PortReport) -> str:
-    """Suggest untried formats and addresses, which are likelier than crossed wires and need no
-    soldering.
-    """
+    """Suggest untried formats and addresses: likelier than crossed wires, without soldering."""
     if _is_thorough(report) and set(ALL) <= set(report.asked):
         return EXCHANGE
     thorough = "" if _is_by_server(report) else " --thorough"

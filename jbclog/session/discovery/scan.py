@@ -87,9 +87,7 @@ def of_answer(answer: Frame, line: LineFormat) -> tuple[StationFound, bool]:
 
 
 def address_of(answer: Frame) -> int | None:
-    """Return the address that is not the host's, in either order (docs/reference/contradictions.md,
-    B-6).
-    """
+    """Return the address that is not the host's (docs/reference/contradictions.md, B-6)."""
     if answer.source is None or answer.target is None:
         return None
     return answer.source if answer.source != HOST else answer.target

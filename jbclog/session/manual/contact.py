@@ -87,9 +87,7 @@ def sentence(error: StationError) -> str:
 
 @dataclass(slots=True)
 class Contact:
-    """A station that has answered. `model` is None where the family reports none; `tools` are codes
-    by port.
-    """
+    """A station that has answered. `model`: None if not reported; `tools`: codes by port."""
 
     target: Target
     client: Client
@@ -199,9 +197,7 @@ def _learnt(target: Target, model: str) -> Family:
 
 
 def expect_proven(contact: Contact) -> Steps[None]:
-    """Raise `StartRefused` where the station is not proven to be of its family: then nothing may be
-    written.
-    """
+    """Raise `StartRefused`, so that nothing is written, if the family is not proven."""
     if not contact.is_proven:
         if contact.target.model is None:
             raise StartRefused(

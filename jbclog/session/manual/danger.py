@@ -207,9 +207,7 @@ def _take(contact: Contact, command: Command, place: Place, taken: Snapshot) -> 
 
 
 def _take_unconnected(contact: Contact, taken: Snapshot) -> Steps[None]:
-    """Read the settings of other tools, as far as the station answers; after one failure a tool is
-    skipped.
-    """
+    """Read other tools' settings, as far as the station answers; a failure skips the tool."""
     for place in (yield from _unconnected(contact)):
         for command in _of_tools(contact):
             try:

@@ -61,9 +61,7 @@ APART: Mapping[str, int] = MappingProxyType(
 
 
 def believed(contact: Contact, command: Command, place: Place) -> Steps[Value]:
-    """Read until an answer is confirmed. Raises `ImplausibleAnswer` where none is, and what reading
-    raises.
-    """
+    """Read until an answer is confirmed. Raises as reading, or `ImplausibleAnswer` if none is."""
     if command.sent_once:
         return (yield from contact.read(command, place))
     signal = contact.family.signal_of(command.name)

@@ -258,9 +258,7 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
 def _order_over_flood(
     target: Target, family: Family, made: StationMadeSafe, flood: LinkFlooded
 ) -> Steps[None]:
-    """Order the safe state on every port of the line file or the family, without proof, over a
-    flooded link.
-    """
+    """Order the safe state on every port of line file or family, unproven, over a flooded link."""
     client = client_for(family, target.line, target.address)
     client.unasked((yield Wait(0.0)))
     client.flow.is_flooded = True

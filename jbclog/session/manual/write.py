@@ -239,9 +239,7 @@ def _read_before(
 
 
 def _with_suction_as_it_is(contact: Contact, word: StatusWord, before: Value | None) -> StatusWord:
-    """Keep suction as it is, so that an order about heat does not drop the part; not known counts
-    as off.
-    """
+    """Keep suction as it is: an order about heat must not drop the part. Not known is off."""
     status = contact.family.status
     return status.with_suction(word, on=isinstance(before, tuple) and status.sucks(before))
 
@@ -298,9 +296,7 @@ def _send(contact: Contact, command: Command, value: Value, written: WriteResult
 
 
 def _look_who_is_there(contact: Contact, written: WriteResult) -> Steps[None]:
-    """Check whether the station still answers: a reset may also change address, line format and
-    Robot mode.
-    """
+    """Check that the station answers: a reset may change address, line format and Robot mode."""
     try:
         yield from contact.client.read(timing.MODEL)
     except StationError as error:

@@ -1,6 +1,4 @@
-"""Decides by temperature and power whether a tool is cold or cools: a digit of the status proves
-neither.
-"""
+"""Decides by temperature and power whether a tool is cold or cools; a status proves neither."""
 
 from __future__ import annotations
 
@@ -98,9 +96,7 @@ def _heat(task: SafetyTask, tool: ToolSafety, *, with_power: bool = True) -> Ste
 
 
 def _cools(before: _Heat, after: _Heat) -> bool:
-    """Whether the heater is off, or the tip falls without the heater working against it, by two
-    answers each.
-    """
+    """Whether, by two answers each, the heater is off, or the tip falls without its work."""
     is_off = bool(after.permille) and all(permille <= IDLE_PERMILLE for permille in after.permille)
     pairs = [(then, now) for then in before.celsius for now in after.celsius]
     falls = bool(pairs) and all(now <= then - FALL_C for then, now in pairs)
