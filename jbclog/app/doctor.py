@@ -21,7 +21,7 @@ from jbclog.app.discovery import OnReport, search
 from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import AUTO, Line, StationSpec
 from jbclog.core.durable_files import write_whole
-from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
+from jbclog.protocol.commands.family import FAMILIES, OMEGA
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.session.discovery.diagnosis import FIRMLY, diagnose
 from jbclog.session.discovery.found import (
@@ -332,16 +332,11 @@ def _text(found: StationFound) -> str:
     speed = f" in {found.turnaround.median_ms:.1f} ms" if found.turnaround else ""
     speed += f" ({found.turnaround.faster})" if found.turnaround and found.turnaround.faster else ""
     tools = "; ".join(f"port {port} {tool or 'unknown tool'}" for port, tool in found.tools.items())
+    addressing = f", {found.addressing}" if found.has_robot_mode else ""
     mode = "; Robot mode is not known until the first write" if found.has_robot_mode else ""
     return (
-        f"{who} answers at {found.line}{_addressing(found)}{speed}"
-        + (f"; {tools}" if tools else "")
-        + mode
+        f"{who} answers at {found.line}{addressing}{speed}" + (f"; {tools}" if tools else "") + mode
     )
-
-
-def _addressing(found: StationFound) -> str:
-    return f", {found.addressing}" if found.has_robot_mode else ""
 
 
 # -- differences -----------------------------------------------------------------------------------
@@ -417,7 +412,8 @@ def _family(line: Line, spec: StationSpec, found: StationFound) -> ScanFinding |
 
 def _ports(line: Line, spec: StationSpec, found: StationFound) -> Iterator[ScanFinding]:
     """Find ports that a run needs and that have no tool or do not exist."""
-    wanted = spec.ports or _printed_ports(found.family) or tuple(found.tools)
+    printed = found.family and found.family.ports
+    wanted = spec.ports or printed or tuple(found.tools)
     missing = [port for port in wanted if port not in found.tools] if found.tools else []
     empty = [port for port in wanted if found.tools.get(port) == NO_TOOL]
     rest = [port for port in wanted if port not in (*missing, *empty)]
@@ -433,10 +429,6 @@ def _ports(line: Line, spec: StationSpec, found: StationFound) -> Iterator[ScanF
             f"no tool in port {_listed(empty)}; a run does not start without one",
             step,
         )
-
-
-def _printed_ports(family: Family | None) -> tuple[int, ...] | None:
-    return None if family is None else family.ports
 
 
 def _listed(ports: list[int]) -> str:

@@ -17,7 +17,7 @@ from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.ranges import inferred_note
 from jbclog.session.manual.contact import Contact, Place, Target, open_contact, title
-from jbclog.session.manual.names import CommandFilter, NameEntry, entries, is_order
+from jbclog.session.manual.names import CommandFilter, entries, is_order
 from jbclog.session.manual.read import ReadResult
 from jbclog.session.manual.values import shown
 from jbclog.session.manual.write import WriteOutcome, WriteRequest, WriteResult, is_order_to_rest
@@ -81,12 +81,8 @@ def list_facts(name: str, family: Family, kind: CommandFilter) -> dict[str, obje
     return {
         "station": name,
         "family": family.name,
-        "names": [_entry_facts(entry) for entry in entries(family, kind)],
+        "names": [entry._asdict() for entry in entries(family, kind)],
     }
-
-
-def _entry_facts(entry: NameEntry) -> dict[str, object]:
-    return dict(entry._asdict())
 
 
 # -- names -----------------------------------------------------------------------------------------

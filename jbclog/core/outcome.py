@@ -161,7 +161,7 @@ def tools_text(stations: Iterable[StationFacts]) -> str:
     states = {
         (facts.name, port): facts.safe_state.get(port)
         for facts in stations
-        for port in _touched(facts)
+        for port in sorted({*facts.touched, *facts.safe_state})
     }
     unsafe = [
         f"{name} port {port}"
@@ -180,7 +180,3 @@ def tools_text(stations: Iterable[StationFacts]) -> str:
         if len(states) == 1
         else f"{len(states)} tools are in their safe state, as read back"
     )
-
-
-def _touched(facts: StationFacts) -> list[int]:
-    return sorted({*facts.touched, *facts.safe_state})

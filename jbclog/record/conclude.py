@@ -100,12 +100,8 @@ def left_leases(folder: Path) -> dict[str, Lease]:
     return _lease(folder)[0]
 
 
-def unreadable_lease(folder: Path) -> str:
-    """Return why the folder's lease cannot be read in full; empty without a lease or a problem."""
-    return _lease(folder)[1]
-
-
 def _lease(folder: Path) -> tuple[dict[str, Lease], str]:
+    """Return the leases by station, and why they cannot be read in full; empty without a lease."""
     found: dict[str, Lease] = {}
     try:
         lines = read_foreign(folder / guard_actions.LEASE, Kind.LEASE).splitlines()
@@ -167,7 +163,7 @@ def hot_warning(
     """
     names, why = (
         ", ".join(sorted({*unconfirmed_leases(folder, stations), *unsafe})),
-        unreadable_lease(folder),
+        _lease(folder)[1],
     )
     found = []
     if names:

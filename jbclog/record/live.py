@@ -89,15 +89,11 @@ OnBadRow = Callable[[str, Exception], None]
 """Called with the table and the error when a row cannot be recorded."""
 
 
-def _no_values() -> dict[str, list[object]]:
-    return {table: [] for table in TABLES}
-
-
 @dataclass(slots=True)
 class _Rows:
     """The values of each table's rows end to end, events not linked yet, and stations' facts."""
 
-    values: dict[str, list[object]] = field(default_factory=_no_values)
+    values: dict[str, list[object]] = field(default_factory=lambda: {table: [] for table in TABLES})
     # how many values are in batches
     done: dict[str, int] = field(default_factory=lambda: dict.fromkeys(TABLES, 0))
     events: list[EventRow] = field(default_factory=list)

@@ -109,7 +109,8 @@ class Survey:
         try:
             seen = self._ask(wanted)
         except PortBusy as busy:
-            run = _run_with(busy.process) or run_that_holds(wanted.target.url)
+            known = None if busy.process is None else run_of(busy.process)
+            run = known or run_that_holds(wanted.target.url)
             return (
                 wanted.unseen(self.utc(), str(busy)) if run is None else self._in_run(run, wanted)
             )
@@ -167,10 +168,6 @@ def _open(wanted: SurveyTarget, access: PortAccess) -> Port:
             f"{target.url} is open in {processes_text(sharers)}; end that program", sharers[0]
         )
     return ReadOnly(access.open_port(target.url, target.line), harmless_for(target.family))
-
-
-def _run_with(process: int | None) -> Path | None:
-    return None if process is None else run_of(process)
 
 
 def _text(moment: datetime) -> str:

@@ -126,7 +126,7 @@ def plausibility_check(signal: str | None, family: Family) -> Possible | None:
         return lambda value: (
             value in NO_COUNTDOWN or (isinstance(value, int) and 0 <= value <= longest_s)
         )
-    return _is_power if signal == "power_permille" else None
+    return (lambda value: is_share(value, 1000)) if signal == "power_permille" else None
 
 
 def longest_countdown_s(family: Family) -> float:
@@ -135,10 +135,6 @@ def longest_countdown_s(family: Family) -> float:
     return max(
         (math.inf if minutes is None else 60.0 * minutes for minutes in ends), default=math.inf
     )
-
-
-def _is_power(value: Value) -> bool:
-    return is_share(value, 1000)
 
 
 def is_share(value: Value, whole: int) -> bool:

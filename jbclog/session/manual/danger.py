@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
@@ -208,17 +208,14 @@ def _take(contact: Contact, command: Command, place: Place, taken: Snapshot) -> 
 
 def _take_unconnected(contact: Contact, taken: Snapshot) -> Steps[None]:
     """Read other tools' settings, as far as the station answers; a failure skips the tool."""
+    of_tools = [command for command in _settings(contact) if command.scope is Scope.TOOL]
     for place in (yield from _unconnected(contact)):
-        for command in _of_tools(contact):
+        for command in of_tools:
             try:
                 yield from _take(contact, command, place, taken)
             except StationError:
                 taken.absent.append(title(command, place))
                 break
-
-
-def _of_tools(contact: Contact) -> Iterator[Command]:
-    return (command for command in _settings(contact) if command.scope is Scope.TOOL)
 
 
 def _unconnected(contact: Contact) -> Steps[list[Place]]:
