@@ -1,11 +1,11 @@
-"""`report` of one port: of eight hours at 10 Hz at most 8 s, of 20 s at most 2 s of CPU, imports
-included.
+"""`report` of one port: of eight hours at 10 Hz at most 8 s, of 20 s at most 2 s of CPU, of a day
+and a week the CPU and memory of `LENGTHS`, imports included.
 
 Of 32 ports: at most `MOST_FIGURES` times the CPU of one plain figure in matplotlib (its own figures
 are 66).
 
-``python tests/bench/bench_report.py`` prints the figures; ``pytest -m bench
-tests/bench/bench_report.py`` holds the limit.
+``python tests/bench/bench_report.py`` prints the figures (``--week`` that of a week, too);
+``pytest -m bench tests/bench/bench_report.py`` holds the limits.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from bench_growth import sealed, spent
+from common import in_own_process
+
 from support.records.sealed_run import alarm, limit, lose, samples, seal, station, table
 
 ROWS = 8 * 3600 * 10
@@ -31,6 +34,9 @@ LIMIT_S = 8.0
 STATIONS, SHORT_ROWS = 16, 1200  # four minutes at 5 Hz, two ports each
 MOST_FIGURES = 140
 SHORT_S = 2.0
+DAY_S, WEEK_S = 86_400, 604_800
+LENGTHS = {DAY_S: (9.0, 340.0), WEEK_S: (30.0, 450.0)}
+"""Length in s, with a joint each five seconds -> the most CPU in s and memory in MB."""
 REPORT = "import sys; from jbclog.report.write import write_report; write_report(sys.argv[1])"
 
 
@@ -78,6 +84,12 @@ def cpu_of(run: Path) -> float:
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         took.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     return min(took)
+
+
+def of_length(out: Path, seconds: int) -> tuple[float, float]:
+    """CPU in s and memory in MB of the report of one port, in a process of its own."""
+    cost = spent(["report", str(in_own_process(sealed, out, 10 * seconds))])
+    return cost["CPU"], cost["MB"]
 
 
 def sixteen_stations(out: Path) -> Path:
@@ -157,7 +169,24 @@ def test_report_of_eight_hours(tmp_path: Path) -> None:
     assert seconds <= LIMIT_S
 
 
+@pytest.mark.bench
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("seconds", [*LENGTHS])
+def test_report_of_a_day_and_a_week(seconds: int, tmp_path: Path) -> None:
+    cpu, memory = of_length(tmp_path, seconds)
+    print(f"report of {seconds} s: {cpu:.1f} s of CPU, {memory:.0f} MB; limits {LENGTHS[seconds]}")
+    assert cpu <= LENGTHS[seconds][0]
+    assert memory <= LENGTHS[seconds][1]
+
+
 if __name__ == "__main__":
+    for seconds in LENGTHS if "--week" in sys.argv else [DAY_S]:
+        with tempfile.TemporaryDirectory() as folder:
+            cpu, memory = of_length(Path(folder), seconds)
+            print(
+                f"report of {seconds} s: {cpu:.1f} s of CPU, {memory:.0f} MB (at most"
+                f" {LENGTHS[seconds][0]} s and {LENGTHS[seconds][1]} MB)"
+            )
     with tempfile.TemporaryDirectory() as folder:
         run = eight_hours(Path(folder))
         took = [measured(run) for _ in range(3)]
