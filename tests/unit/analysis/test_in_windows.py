@@ -23,7 +23,7 @@ from support.records.made_series import line, made, rest, steps
 
 THREE_HOURS_S, HALF_A_DAY_S, TWO_DAYS_S = 10_800.0, 43_200.0, 172_800.0
 MOST_BYTES, MOST_BYTES_AT_10_HZ = 2e6, 20e6
-BYTES_A_JOINT = 3000.0
+BYTES_A_JOINT = 250.0
 BYTES_A_SECOND = 3.0  # the mean of each 10 s of idling is kept
 
 
