@@ -250,7 +250,7 @@ def _sampled(
         dict[Place, SampledEpisodes](),
     )
     reads, spans = dict[Place, list[FlagRead]](), dict[str, Span]()
-    for piece in run.coded("samples", COLUMNS):
+    for piece in run.groups("samples", COLUMNS, coded=True):
         for place, rows, flags in splitter.split(piece):
             if place not in sampled:
                 facts = known.get(place[0])

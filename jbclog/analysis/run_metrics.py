@@ -228,7 +228,11 @@ def _reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
     steps = clock_steps(run) if any(not facts.period_s for facts in stations) else []
     t0_us = round((run.manifest.t0_utc or 0.0) * 1e6)
     return PortReader(
-        stations, lambda columns: run.coded("samples", columns), steps, t0_us, MOST_ROWS
+        stations,
+        lambda columns: run.groups("samples", columns, coded=True),
+        steps,
+        t0_us,
+        MOST_ROWS,
     )
 
 

@@ -398,17 +398,11 @@ class RunTables:
         """Return its joints or metrics as a store has them; None for a run in a folder."""
         return None
 
-    def groups(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
+    def groups(self, table: str, columns: list[str], *, coded: bool = False) -> Iterator[pa.Table]:
         """Yield the rows of a table in order, one row group at a time; rows of the live store come
-        last.
+        last. `coded`: the texts of sealed rows come as dictionaries, in half the time.
         """
-        return self._groups(select(table, columns))
-
-    def coded(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
-        """Yield the same with dictionaries for the texts of sealed rows: they are read in half the
-        time.
-        """
-        return self._groups(replace(select(table, columns), coded=True))
+        return self._groups(replace(select(table, columns), coded=coded))
 
     def pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
         """Return the same row groups as a list."""
@@ -470,14 +464,9 @@ class RunTables:
                     f"{store.rows} rows in its live store are read now; this takes longer than from"
                     " a sealed run"
                 )
-            yield from map(
-                selection.cut,
-                groups_of(
-                    [part for part in parts if selection.may_have(part)],
-                    selection.needed,
-                    coded=selection.coded,
-                ),
-            )
+            sealed = [part for part in parts if selection.may_have(part)]
+            groups = groups_of(sealed, selection.needed, coded=selection.coded)
+            yield from map(selection.cut, groups)
             yield from live
         if store.damage:
             self._say_once(

@@ -114,7 +114,7 @@ def _by_port(
     }
     by_name = {facts.name: facts for facts in stations}
     every = [*dict.fromkeys(name for facts in stations for name in columns_of(facts))]
-    for group in run.coded("samples", ["station", "port", "late_us", *every]):
+    for group in run.groups("samples", ["station", "port", "late_us", *every], coded=True):
         for (name, port), rows in by_port(group):
             if name not in found:
                 continue

@@ -64,12 +64,10 @@ class LongRun(Run):
     def manifest(self) -> Manifest:
         return self._manifest
 
-    def groups(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
+    def groups(self, table: str, columns: list[str], *, coded: bool = False) -> Iterator[pa.Table]:
         assert table == "samples"
         for first in range(0, self.rows, self.group):
             yield self._rows(np.arange(first, min(first + self.group, self.rows))).select(columns)
-
-    coded = groups
 
     def settings(self, station: str | None = None) -> pd.DataFrame:
         return frame(SCHEMAS["settings"].empty_table())

@@ -40,7 +40,7 @@ def test_which_texts_are_one_of_some_words(how: str, words: tuple[str, ...]) -> 
 def test_rows_with_codes_are_the_rows_of_the_run(tmp_path: Path) -> None:
     run = open_run(make_run(tmp_path, 5.0))
     names = SCHEMAS["samples"].names
-    plain, codes = ([*read("samples", names)] for read in (run.groups, run.coded))
+    plain, codes = ([*run.groups("samples", names, coded=coded)] for coded in (False, True))
     assert [group.to_pylist() for group in codes] == [group.to_pylist() for group in plain]
     texts = [field.name for field in SCHEMAS["samples"] if field.type == pa.string()]
     assert all(pa.types.is_dictionary(group[name].type) for group in codes for name in texts)

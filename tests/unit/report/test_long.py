@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -64,14 +65,16 @@ def test_a_report_is_the_same_however_its_rows_are_read(
     whole = gather.gather(run, joints)
     monkeypatch.setattr(gather, "MOST_ROWS", 0)  # a pass for each station
     monkeypatch.setattr(curves, "BLOCK_ROWS", 7)
-    monkeypatch.setattr(RunTables, "coded", in_small_groups)
+    monkeypatch.setattr(RunTables, "groups", in_small_groups)
     pieces = gather.gather(run, joints)
     assert as_document(pieces) == as_document(whole)
     assert figures_of(pieces) == figures_of(whole)
 
 
-def in_small_groups(run: RunTables, table: str, columns: list[str]) -> Iterator[pa.Table]:
-    for group in run._groups(select(table, columns)):
+def in_small_groups(
+    run: RunTables, table: str, columns: list[str], *, coded: bool = False
+) -> Iterator[pa.Table]:
+    for group in run._groups(replace(select(table, columns), coded=coded)):
         yield from (group.slice(first, 61) for first in range(0, len(group), 61))
 
 
@@ -82,7 +85,7 @@ def test_a_trace_made_in_pieces_is_that_of_the_whole_table(
 ) -> None:
     run = open_run(made(tmp_path))
     monkeypatch.setattr(port_samples, "ROWS_A_GROUP", at_once)
-    monkeypatch.setattr(RunTables, "coded", in_small_groups)
+    monkeypatch.setattr(RunTables, "groups", in_small_groups)
     for facts, of_station in gather._samples(run, ()):
         t0_utc_us = round((run.manifest.t0_utc or 0.0) * 1e6)
         states = "temperature_c" not in judged_signals(facts)
