@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.loading import without_collector
 from jbclog.cli.options import Color, check_text
 from jbclog.cli.output import echo, echo_json, is_terminal, note, reports_errors
 from jbclog.cli.streams import never_wait
@@ -86,7 +86,7 @@ def run(
       jbclog run profiles/recipes/sn100c-tht.toml --line virtual/line.toml --duration 15m --operator "A. Rossi" --order 88123
     """  # noqa: E501  # a command is copied as one line
     never_wait()
-    with _no_collector():
+    with without_collector():  # until the recorder begins
         several = {
             "--unit": [*unit, *listed(units)],
             "--tag": tag,
@@ -109,18 +109,6 @@ def run(
             until_joints=until_joints,
         )
         raise typer.Exit(record(wanted, out, source, color, report=report, as_json=as_json))
-
-
-@contextmanager
-def _no_collector() -> Iterator[None]:
-    """Do without the garbage collector until the recorder begins: what is loaded stays, and to look
-    through it takes a twelfth of the start.
-    """
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
 
 
 def record(
@@ -155,7 +143,8 @@ def record(
 
 
 def _report(result: Result) -> Path:
-    from jbclog.report.write import write_report  # only now: it loads pandas and matplotlib
+    with without_collector():
+        from jbclog.report.write import write_report  # only now: it loads pandas and matplotlib
 
     return write_report(result.folder)
 

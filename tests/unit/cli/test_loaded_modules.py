@@ -66,7 +66,7 @@ RUN = PLAN | {
     *("analysis.alarms.live", "analysis.alarms.match", "analysis.alarms.port_watch"),
     *("analysis.alarms.state_machine", "analysis.rule_versions"),
     *("app.run.goals", "app.run.recorder", "app.run.run_record", "app.run.runner"),
-    *("app.run.unit_feed", "cli.progress", "cli.run", "cli.terminal"),
+    *("app.run.unit_feed", "cli.loading", "cli.progress", "cli.run", "cli.terminal"),
     *("core.durable_files", "core.foreign.database", "core.foreign.json_reader", "core.locks"),
     *("guard", "guard.action_log", "guard.lease", "guard.open_leases", "guard.supervisor"),
     *("guard.takeover", "guard.watch", "maintenance", "maintenance.verification"),
