@@ -1,13 +1,13 @@
 """Counts the joints of each port so far, for whoever follows a run or wants it to end: ``python -m
 jbclog.live.joint_counter RUN``.
 
-It finds them as the report does, in what is committed, without a lock. A joint that ended less than
-`ENDED_S` before its port's last row is not counted yet. Counts are made of the record as it stood
-after certain commits, which depend on the run alone (`scheduled`): two processes that count the
-same run show the same numbers of the same age, whenever they were started. Counting takes less than
-1.5 % of a core in the long run. Each count is a line (`joint_numbers.Counted`). A line on stdin
-asks for a count of everything now: `NOW`, or `LAST` when all rows are committed. The process ends
-after that count, when the run is finalized and counted, and when stdin is closed.
+It finds them as the report does, in what is committed, without a lock (`growing_joints`). Models
+are identified, and counts made, of the record as it stood after certain commits, which depend on
+the run alone (`Schedule`): two processes that count the same run show the same numbers of the same
+age, whenever they were started. What all of this takes is bounded by a share of a core. Each count
+is a line (`joint_numbers.Counted`). A line on stdin asks for a count of everything now: `NOW`, or
+`LAST` when all rows are committed. The process ends after that count, when the run is finalized and
+counted, and when stdin is closed.
 """
 
 from __future__ import annotations
@@ -18,36 +18,37 @@ import select
 import sys
 import time
 import warnings
-from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
 import pyarrow as pa
 
-from jbclog.analysis.joints.evidence import NOTHING_RECORDED, PortFound, clock_steps, ports_found
-from jbclog.analysis.verdict.evidence import not_read
-from jbclog.analysis.verdict.rules import has_tip
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.locks import commit_status
-from jbclog.core.rows import StationFacts
 from jbclog.core.text import json_line
-from jbclog.live.joint_numbers import LAST, Counted, Key, PortCount
-from jbclog.live.open_rows import OpenRows
+from jbclog.live.growing_joints import GrowingJoints, count
+from jbclog.live.joint_numbers import LAST, Counted
 from jbclog.live.run_follower import stations_of
-from jbclog.live.states import OF_TIPS_ONLY
-from jbclog.live.store_follower import Sealed
+from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import RunState, read_manifest
 
-ENDED_S: Final = 1.5
 LOOK_S: Final = 1.0
 NO_COMMIT_S: Final = 5.0  # after which a run that stands still is counted to its end
-REST: Final = 80
-BATCHES_PER_S: Final = 1.5  # of a run; most commits, 0.8 s apart, have one
-PORT_S, ROWS_S = 0.05, 1e-4  # of computing for a port, and for its rows in a batch
+BATCH_S: Final = 0.67  # of a run; most commits, 0.8 s apart, have one, some more
+# Of a core for the models: `ALLOWED_S`, and a share of the run's time, the more of it the fewer
+# ports. With that of the counts between, and with what its follower takes, that is less than 3 %
+# for `MANY` ports; for more it grows with them.
+MANY: Final = 64
+ALLOWED_S: Final = 8.0
+MODEL_SHARES, COUNT_SHARES = (0.0035, 0.012), (0.0015, 0.006)
+# What identifying takes: for a port, and for each batch of its rows; less for those after the first
+# 20 minutes, as a model comes from 20 minutes at most.
+PORT_S, MODEL_S, ROWS_S, MODEL_BATCHES = 0.05, 1.8e-4, 2e-5, 1800
 SLOW: Final = 4  # times slower than that, a machine has its own schedule
-FEW_BATCHES: Final = 16
-TRIES: Final = 5
+LATER, MOST_LATER = 1.25, 450  # times the batches of the models before; so many more at most
+FIRST, PORTS_WAIT = 16, 0.1  # batches before the first models; times the square of the ports
+COUNT_S: Final = 0.012  # what a count takes for a port: that is half a window of its rows
 NICENESS: Final = 19
 STDIN: Final = 0
 
@@ -72,25 +73,81 @@ def main(arguments: list[str]) -> int:
 
 
 def _count_until_final(folder: Path) -> None:
-    counted, through, asked, took_s, growth = Counted(), -1, b"", 0.0, _Growth()
-    while not counted.is_final:
-        last, ports = commit_status(folder).last, len(counted.ports) or _number_of_ports(folder)
-        now = last if asked or growth.has_ended(last) else scheduled(last, ports, took_s)
-        if now != through or asked:
-            began, is_first = time.process_time(), through < 0
-            counted = count(folder, now or None, is_last=LAST in asked)
-            took_s = 0.0 if is_first else time.process_time() - began  # the first one loads much
-            through, asked = now, b""
-            if now or counted.is_final:
-                _write(counted)
-        if select.select([STDIN], [], [], 0.0 if counted.is_final else LOOK_S)[0]:
-            asked = os.read(STDIN, 1 << 16)
-            if not asked:
+    counter, growth, asked = _Counter(folder), _Growth(), _Asked()
+    while not (asked or asked.is_over or (folder / MANIFEST).exists()) and folder.is_dir():
+        asked.wait()  # the run begins
+    while not asked.is_over:
+        last = commit_status(folder).last
+        if asked or growth.has_ended(last):
+            counted = counter.everything(last, is_last=LAST in asked.words)
+        else:
+            counted = counter.scheduled(last)
+        if counted is not None:
+            _write(counted)
+            if counted.is_final:
                 return
+        asked.wait()
 
 
-def _number_of_ports(folder: Path) -> int:
-    return sum(len(facts.ports) for facts in stations_of(folder, read_manifest(folder)))
+class _Counter:
+    """Counts the joints of the run in `folder`."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._joints = GrowingJoints(folder)
+        self._schedule = Schedule(1)
+        self._models = self._through = 0
+        self._ended: int | None = None
+
+    def close(self) -> None:
+        self._joints.close()
+
+    def everything(self, last: int, *, is_last: bool) -> Counted | None:
+        """Count what is committed, as the report does; None where that was done and no more is
+        expected.
+        """
+        state = read_manifest(self._folder).state
+        is_known = self._ended == last and not is_last and state != RunState.SEALED
+        self._ended = last
+        return None if is_known else count(self._folder, last or None, is_last=is_last)
+
+    def scheduled(self, last: int) -> Counted | None:
+        """Count, if it is time."""
+        self._ended = None
+        models, through = self._schedule.batches(last)
+        if models and not self._models:  # ports are known some seconds after the run's begin
+            manifest = read_manifest(self._folder)
+            ports = sum(len(facts.ports) for facts in stations_of(self._folder, manifest))
+            self._schedule = Schedule(max(ports, 1))
+            models, through = self._schedule.batches(last)
+        if through == self._through:
+            return None
+        if models != self._models:
+            began, is_first = time.process_time(), not self._models
+            counted = self._joints.identify(models)
+            if not is_first:  # which loads much
+                self._schedule.took(time.process_time() - began)
+        if through != models:
+            counted = self._joints.count(through)
+        self._models, self._through = models, through
+        return counted
+
+
+class _Asked:
+    """What was asked on stdin since the last look; `is_over`: nobody asks any more."""
+
+    def __init__(self) -> None:
+        self.words, self.is_over = b"", False
+
+    def __bool__(self) -> bool:
+        return bool(self.words)
+
+    def wait(self) -> None:
+        """Wait `LOOK_S`, or until something is asked."""
+        self.words = b""
+        if select.select([STDIN], [], [], LOOK_S)[0]:
+            self.words = os.read(STDIN, 1 << 16)
+            self.is_over = not self.words
 
 
 class _Growth:
@@ -106,79 +163,44 @@ class _Growth:
         return time.monotonic() - self._since >= NO_COMMIT_S
 
 
-def scheduled(last: int, ports: int, took_s: float = 0.0) -> int:
-    """Return the batch through which the next count goes, where `last` is the newest one; the same
-    for all who count this run.
+class Schedule:
+    """When the joints of a run with so many ports are counted; the same for all who count it."""
 
-    The distance of two counts is a power of two, at most half of the run, and long enough for
-    `ports`. `took_s`: the last count; it has a say only on a machine that is much slower than
-    others.
-    """
-    if last < 1:
-        return 0
-    enough = REST * BATCHES_PER_S * max(ports * (PORT_S + ROWS_S * last), took_s / SLOW)
-    most = 1 << (last.bit_length() - (1 if last < FEW_BATCHES else 2))
-    step = min(1 << max(math.ceil(enough) - 1, 0).bit_length(), most)
-    return last - last % step
-
-
-def count(folder: Path, through: int | None = None, *, is_last: bool = False) -> Counted:
-    """Count the joints of all ports through a batch; None: all that is committed. `is_last`: that
-    is all.
-
-    Raises RecordError.
-    """
-    for _ in range(TRIES):
-        began, rows = (
-            time.monotonic(),
-            OpenRows(folder, through or commit_status(folder).last or None),
+    def __init__(self, ports: int) -> None:
+        self._ports, self._slower = ports, 1.0
+        few, self._times = max(1 - ports / MANY, 0.0), max(ports / MANY, 1.0)
+        self._share, count_share = (
+            self._times * (least + few * (most - least))
+            for least, most in (MODEL_SHARES, COUNT_SHARES)
         )
-        manifest = read_manifest(folder)
-        is_final = is_last or manifest.state == RunState.SEALED
-        if is_final:
-            rows = OpenRows(folder, None)
-        stations = stations_of(folder, manifest)
-        try:
-            found = ports_found(folder, rows.groups, stations, manifest.t0_utc)
-            age_s = _age_s(rows, found, manifest.t0_utc)
-        except Sealed:
-            continue
-        ports = tuple(_ports(stations, found, 0.0 if is_final else ENDED_S))
-        return Counted(age_s, ports, is_final, time.monotonic() - began)
-    raise RecordError(f"{folder} was sealed again and again")
+        self._models, self._spent_s = 0, 0.0
+        self._following = FIRST + round(PORTS_WAIT * min(ports, MANY) ** 2)
+        self._apart = math.ceil(COUNT_S * ports / count_share / BATCH_S)
 
-
-def _age_s(rows: OpenRows, found: Mapping[Key, PortFound], t0_utc: float | None) -> float:
-    """Return the age of the newest row that was counted, by the run's clock: without the steps of
-    the wall clock.
-    """
-    newest_s = max((one.last_s for one in found.values() if one.rows), default=None)
-    if newest_s is None or t0_utc is None:
-        return 0.0
-    return max(
-        time.time() - t0_utc - sum(step.size_s for step in clock_steps(rows.groups)) - newest_s, 0.0
-    )
-
-
-def _ports(
-    stations: list[StationFacts], found: dict[tuple[str, int], PortFound], ended_s: float
-) -> Iterator[PortCount]:
-    for facts in stations:
-        for port in facts.ports:
-            if has_tip(facts):
-                yield _port(facts.name, port, found[facts.name, port], ended_s)
+    def batches(self, last: int) -> tuple[int, int]:
+        """Return the batches through which models are identified, and joints counted; `last` is the
+        newest one. 0: it is too early.
+        """
+        while self._following <= last:
+            spent_s = self._spent_s + self._slower * self.models_s(self._following)
+            allowed_s = self._times * ALLOWED_S + self._share * BATCH_S * self._following
+            if spent_s <= allowed_s:
+                self._models, self._spent_s = self._following, spent_s
+                self._following += min(math.ceil((LATER - 1) * self._models), MOST_LATER)
             else:
-                yield PortCount(facts.name, port, None, 0, OF_TIPS_ONLY)
+                self._following += max(1, self._following // 64)
+        return self._models, max(self._models, last - last % self._apart if self._models else 0)
 
+    def took(self, models_s: float) -> None:
+        """Note how long the last models took: it has a say only on a machine that is much slower
+        than others.
+        """
+        self._slower = max(models_s / self.models_s(self._models) / SLOW, 1.0)
 
-def _port(station: str, port: int, one: PortFound, ended_s: float) -> PortCount:
-    found = sum(joint.end_s <= one.last_s - ended_s or not ended_s for joint in one.found.joints)
-    why = (
-        NOTHING_RECORDED
-        if not one.rows
-        else one.found.why or (not_read(one.found.unseen_s) if one.found.unseen else None)
-    )
-    return PortCount(station, port, found if why is None else None, found, why)
+    def models_s(self, batch: int) -> float:
+        """Return what it takes to identify the models in the rows through a batch, s of CPU."""
+        each = MODEL_S * min(batch, MODEL_BATCHES) + ROWS_S * batch
+        return self._ports * (PORT_S + each)
 
 
 def _write(counted: Counted) -> None:

@@ -2,8 +2,11 @@
 and without ten followers.
 
 The run is one; the followers come and go in it, so that both halves have the same machine.
-Stretches without and with ten of them alternate; the seconds in which they start are left out. A
-further follower counts the joints as well.
+Stretches without and with ten of them alternate; the seconds in which they start are left out.
+
+Joints are counted by a process beside a follower, some minutes apart (`joint_counter.Schedule`),
+which bounds its share of a core by estimates of what identifying the models and counting take. What
+they do take is measured beside the run.
 """
 
 from __future__ import annotations
@@ -23,18 +26,23 @@ import pyarrow.parquet as pq
 from common import Claim, at_most, is_short, judge, percentile, show, virtual_stations
 from recorder import record
 
+from jbclog.core.locks import commit_status
+from jbclog.live.growing_joints import GrowingJoints
+from jbclog.live.joint_counter import COUNT_S, Schedule
+
 STATIONS: Final = 32  # of two ports each
 FOLLOWERS: Final = 10
 BEGIN_S, START_S = 15.0, 15.0  # of the run, and of followers that start, at most
 # times the lateness without followers, and `SLACK_MS`: ten more processes want the processors too
 WIDER: Final = 2.0
 SLACK_MS: Final = 5.0
+LONGER: Final = 2.0  # times the estimate: of another machine, and beside a run
 FOLLOW: Final = """
 import os, sys
 from jbclog.cli.watch import NICENESS
 from jbclog.live import follow
 os.nice(NICENESS)  # as `jbclog watch` does
-with follow(sys.argv[1], joints=sys.argv[2] == "joints") as line:
+with follow(sys.argv[1]) as line:
     for run in line.stream():
         if run.is_whole:
             break
@@ -66,10 +74,7 @@ def main() -> int:
                     (_cpu_s(one) - first) / stretch_s
                     for one, first in zip(processes, before, strict=True)
                 ]
-        with following(stations.folder, 1, "joints") as (counting,):
-            first = _cpu_s(counting)
-            _stretch(stretch_s)
-            with_joints = (_cpu_s(counting) - first) / stretch_s
+        counting = _counting(stations.folder, stretch_s)
         recorded = running.result()
         (samples,) = stations.folder.glob("*-bench-*/samples")
         late = {"without": _late_ms(samples, without), "ten followers": _late_ms(samples, with_ten)}
@@ -82,17 +87,43 @@ def main() -> int:
         ("", "ticks", "late ms 50 %", "99 %", "latest"),
         rows,
     )
-    print(
-        f"  a follower: {100 * sum(shares) / len(shares):.2f} % of a core, with joints"
-        f" {100 * with_joints:.2f} %"
-    )
+    print(f"  a follower: {100 * sum(shares) / len(shares):.2f} % of a core")
+    for what, (took_s, estimated_s) in counting.items():
+        print(f"  to {what}: {took_s:.2f} s of CPU, estimated {estimated_s:.2f} s")
     print(f"  ticks skipped in the whole run: {recorded.ticks_skipped} of {recorded.rows}")
-    return judge(_claims(figures, max(shares)))
+    return judge(_claims(figures, max(shares), counting))
 
 
-def _claims(figures: dict[str, tuple[float, float, float]], share: float) -> list[Claim]:
+def _counting(runs: Path, stretch_s: float) -> dict[str, tuple[float, float]]:
+    """What counting the joints takes, s of CPU, and what the schedule of counts expects."""
+    (folder,) = runs.glob("*-bench-*")
+    joints, through = GrowingJoints(folder), commit_status(folder).last
+    began = time.process_time()
+    joints.identify(through)
+    identified_s = time.process_time() - began
+    joints.count(through)
+    _stretch(stretch_s)
+    began = time.process_time()
+    joints.count(commit_status(folder).last)
+    counted_s = time.process_time() - began
+    joints.close()
+    return {
+        "identify the models": (identified_s, Schedule(2 * STATIONS).models_s(through)),
+        "count the joints again": (counted_s, 2 * STATIONS * COUNT_S),
+    }
+
+
+def _claims(
+    figures: dict[str, tuple[float, float, float]],
+    share: float,
+    counting: dict[str, tuple[float, float]],
+) -> list[Claim]:
     alone, beside = figures.values()
     return [
+        *(
+            at_most(f"to {what}", took_s, LONGER * estimated_s, " s of CPU")
+            for what, (took_s, estimated_s) in counting.items()
+        ),
         at_most(
             f"a follower of {2 * STATIONS} ports, the dearest of all, of a core",
             100 * share,
@@ -115,11 +146,9 @@ def _claims(figures: dict[str, tuple[float, float, float]], share: float) -> lis
 
 
 @contextmanager
-def following(
-    runs: Path, count: int, what: str = "rows"
-) -> Iterator[list[subprocess.Popen[bytes]]]:
+def following(runs: Path, count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
     """So many followers, once each of them has read what there is."""
-    command = [sys.executable, "-c", FOLLOW, str(runs), what]
+    command = [sys.executable, "-c", FOLLOW, str(runs)]
     processes = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(count)]
     try:
         for one in processes:
@@ -139,13 +168,8 @@ def _stretch(seconds: float) -> Stretch:
 
 
 def _cpu_s(process: subprocess.Popen[bytes]) -> float:
-    """The CPU that a process has used so far, and its children that live."""
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    return sum(_used_s(int(one)) for one in (process.pid, *children))
-
-
-def _used_s(pid: int | str) -> float:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    """The CPU that a process has used so far."""
+    fields = Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 

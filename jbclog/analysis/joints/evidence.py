@@ -33,7 +33,7 @@ from jbclog.analysis.joints.port_rows import CYCLES, Key, cycles_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import counter_span, feeds_counted
-from jbclog.analysis.joints.sweeps import PortSweeps
+from jbclog.analysis.joints.sweeps import Identified, PortSweeps
 from jbclog.analysis.verdict import Feeds, PortJoints, Recovery
 from jbclog.analysis.verdict.clock_steps import Step, steps_in
 from jbclog.analysis.verdict.idle import Floats
@@ -55,7 +55,7 @@ Read = Callable[[str, list[str]], Iterable[pa.Table]]
 
 class PortFound(NamedTuple):
     """The joints of a port; how many rows it has, their distance, and when the last one was read;
-    `series`: with a feeder.
+    `series`: with a feeder; `identified`: without one.
     """
 
     found: FoundJoints
@@ -63,6 +63,7 @@ class PortFound(NamedTuple):
     period_s: float
     last_s: float
     series: Series | None = None
+    identified: Identified | None = None
 
 
 def joint_evidence(
@@ -109,7 +110,13 @@ def ports_found(
         }
         reader.sweep(ports)
         found |= {
-            key: PortFound(port.found, reader.rows(key), reader.period_s(key), reader.last_s(key))
+            key: PortFound(
+                port.found,
+                reader.rows(key),
+                reader.period_s(key),
+                reader.last_s(key),
+                identified=port.identified,
+            )
             for key, port in ports.items()
         }
     for some in at_once([facts for facts in with_tip if has_feeder(facts)], _rows, MOST_ROWS):

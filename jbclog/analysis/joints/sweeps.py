@@ -44,10 +44,11 @@ from jbclog.analysis.joints.windows import WINDOW_S, Seen, View, Windows
 # a draw that ends so long before the last row does not depend on later rows
 SETTLED_S: Final = 30.0
 NEAR_S: Final = 10.0
+SAME_S: Final = 1e-6
 
 
 @dataclass(slots=True)
-class _KnownStretch:
+class KnownStretch:
     """A stretch of the record, and the model of its tool if that is known."""
 
     start_s: float
@@ -58,6 +59,30 @@ class _KnownStretch:
     @property
     def length_s(self) -> float:
         return self.rows * self.period_s
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """The models of a port's tools: of each stretch in order, with its begin; why one is not known,
+    and the doubt about the number.
+
+    `last_tool` is the tool of the last stretch: its code, and a number for each exchange.
+    """
+
+    starts: list[float]
+    models: list[ThermalModel | None]
+    last_tool: tuple[float, int]
+    why: str | None
+    doubt: Doubt | None
+
+    def stretch_like(self, start_s: float, tool: tuple[float, int]) -> int | None:
+        """Return the number of the stretch that begins then, or of the last one for one that goes
+        on with its tool; None: the tool is another one.
+        """
+        place = bisect_right(self.starts, start_s + SAME_S) - 1
+        if place >= 0 and start_s - self.starts[place] <= SAME_S:
+            return place
+        return len(self.starts) - 1 if self.starts and tool == self.last_tool else None
 
 
 @dataclass(slots=True)
@@ -98,8 +123,8 @@ class PortSweeps:
         self._options, self._window_s, self._done, self._observe = options, window_s, 0, observe
         self._period_s = 0.0
         self._seen = Seen()
-        self._stretches: list[_KnownStretch] = []
-        self._groups: list[tuple[float, list[_KnownStretch]]] = []
+        self._stretches: list[KnownStretch] = []
+        self._groups: list[tuple[float, list[KnownStretch]]] = []
         self._absent, self._last_tool = 0, (UNKNOWN_CODE, -1)
         self._unseen = Unseen()
         self._kept: list[list[_ModelPiece]] = []
@@ -117,6 +142,17 @@ class PortSweeps:
         if self._found is None:
             raise ValueError("the sweeps over the port's rows have not ended")
         return self._found
+
+    @property
+    def identified(self) -> Identified:
+        """The models, for the rows that follow; valid after the last sweep."""
+        return Identified(
+            [known.start_s for known in self._stretches],
+            [known.model for known in self._stretches],
+            self._last_tool,
+            self._why,
+            self._doubt,
+        )
 
     def next_sweep(self) -> Windows | None:
         """Return what takes the rows of the next sweep; call it again when these have ended."""
@@ -153,7 +189,7 @@ class PortSweeps:
             if part.start_s >= view.begin_s or not self._stretches:
                 row = int(np.searchsorted(series.seconds, part.start_s - 1e-6))
                 self._begin(
-                    _KnownStretch(part.start_s, series.period_s, 0),
+                    KnownStretch(part.start_s, series.period_s, 0),
                     series,
                     row,
                     int(absent[row] - absent[own.start]),
@@ -161,17 +197,19 @@ class PortSweeps:
             self._stretches[-1].rows += rows.stop - rows.start
         self._absent += int(absent[own.stop] - absent[own.start])
 
-    def _begin(self, known: _KnownStretch, series: Series, row: int, absent: int) -> None:
+    def _begin(self, known: KnownStretch, series: Series, row: int, absent: int) -> None:
         """Note a new stretch; another tool, or one that was out of its port, begins a new group of
         stretches.
         """
-        code = code_at(series.rows.tool, row)
-        tool = (code, self._absent + absent)
+        tool = self._tool_at(series, row, absent)
         if tool != self._last_tool or not self._groups:
-            self._groups.append((code, []))
+            self._groups.append((tool[0], []))
         self._last_tool = tool
         self._groups[-1][1].append(known)
         self._stretches.append(known)
+
+    def _tool_at(self, series: Series, row: int, absent: int) -> tuple[float, int]:
+        return code_at(series.rows.tool, row), self._absent + absent
 
     def _choose_pieces(self) -> None:
         """Choose the pieces of the record that the model of each tool comes from."""

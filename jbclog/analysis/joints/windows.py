@@ -13,6 +13,7 @@ has.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from math import floor, inf
 from typing import Any, Final
@@ -154,6 +155,12 @@ class Windows:
         if self._pieces:
             self._look_at(joined(self._pieces), inf, is_final=True)
             self._pieces.clear()
+
+    def copied(self, look: Look) -> Windows:
+        """Return windows that go on from here with another `look`; these stay as they are."""
+        other = copy(self)
+        other._look, other._pieces = look, [*self._pieces]
+        return other
 
     def _edge(self, second: float) -> float:
         """Return the first edge of a window after this moment."""

@@ -159,7 +159,9 @@ class Recording:
 
 
 class Soldering(Recording):
-    """Port 1 solders a joint each five seconds; port 2 has no rows."""
+    """Port 1 solders a joint each five seconds; port 2 has no rows. `tool` is its tool's code."""
+
+    tool: int | None = None
 
     def solder(self, through: int) -> None:
         columns = sealed_run.samples(SOLDERED_ROWS)
@@ -169,9 +171,8 @@ class Soldering(Recording):
         )
         for tick in range(self.tick, through):
             time_us = self.began_us + tick * 100_000
-            self.store.sample(
-                self.row(1, time_us, temperature_c=temperature[tick], power_permille=power[tick])
-            )
+            measured = {"temperature_c": temperature[tick], "power_permille": power[tick]}
+            self.store.sample(self.row(1, time_us, tool=self.tool, **measured))
             self.tick += 1
         self.commit()
 

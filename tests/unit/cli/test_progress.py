@@ -21,7 +21,7 @@ from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import SystemClock, UtcOffset
 from jbclog.core.rows import JOINTS, UNITS, EventRow, Goal, NoJournal, Severity
 from jbclog.core.serial_line import LineFormat
-from jbclog.live.joint_counter import count
+from jbclog.live.growing_joints import count
 from jbclog.live.states import NOT_COUNTED, OF_TIPS_ONLY, Joints
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.context import PortState, ReadingCount, SessionContext, StationTask

@@ -14,16 +14,20 @@ from types import SimpleNamespace
 import pytest
 
 from jbclog.analysis.joints.evidence import NOTHING_RECORDED
+from jbclog.analysis.joints.growing import NEW_TOOL
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.core.clock import SystemClock
 from jbclog.core.locks import commit_status
 from jbclog.core.rows import EventRow, Severity
 from jbclog.live import Follower, RunState, joint_counter
-from jbclog.live.joint_counter import ENDED_S, count, scheduled
-from jbclog.live.joint_numbers import ENDED, Counted, JointCounting, JointNumbers, PortCount
+from jbclog.live.growing_joints import ENDED_S, GrowingJoints, count
+from jbclog.live.joint_counter import ALLOWED_S, BATCH_S, COUNT_S, LOOK_S, Schedule, _Counter
+from jbclog.live.joint_numbers import ENDED, Counted, JointCounting, JointNumbers
 from jbclog.live.open_rows import OpenRows
-from jbclog.record.manifest import write_manifest
+from jbclog.live.store_follower import StoreFollower
+from jbclog.record.folder import create_run
+from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.record.seal import seal_rows
 from support.records.live_rows import SOLDERED_ROWS as ROWS
 from support.records.live_rows import Soldering, now_us
@@ -126,44 +130,133 @@ def test_without_being_asked_nothing_is_counted(recording: Soldering) -> None:
 
 
 def test_a_count_depends_on_the_run_and_not_on_when_it_is_made(recording: Soldering) -> None:
-    for rows in range(50, COMMIT + 1, 50):
+    """Whoever begins late, or stopped over a part that was sealed, has the same numbers as one who
+    counted again and again.
+    """
+    for rows in range(10, COMMIT + 1, 10):
         recording.solder(rows)
-    through = scheduled(commit_status(recording.folder).last, 1)
-    early = count(recording.folder, through)
-    assert early.ports[0].found
-    recording.solder(ROWS)
-    late = count(recording.folder, through)
-    assert late.ports == early.ports
-    assert count(recording.folder).ports[0].found > early.ports[0].found
+    models = commit_status(recording.folder).last
+    often, late = GrowingJoints(recording.folder), GrowingJoints(recording.folder)
+    early = often.identify(models)
+    assert early.ports == count(recording.folder, models).ports
+    for rows in range(COMMIT + 10, ROWS + 1, 10):
+        recording.solder(rows)
+        if rows == PART:
+            recording.seal_part()
+        if rows % 70 == 0:
+            counted = often.count(commit_status(recording.folder).last)
+    through = commit_status(recording.folder).last
+    late.identify(models)
+    counted = often.count(through)
+    assert counted.ports == late.count(through).ports
+    often.close()
+    late.close()
+    assert counted.ports[0].count == ended(recording) > early.ports[0].found > 5
+    assert counted.ports[1].why == NOTHING_RECORDED
 
 
-def schedule(ports: int, through: int, every: int = 1) -> list[int]:
+def test_each_row_is_read_once(recording: Soldering, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording.solder(COMMIT)
+    joints = GrowingJoints(recording.folder)
+    joints.identify(commit_status(recording.folder).last)
+    joints.count(commit_status(recording.folder).last)
+    read: list[int] = []
+    real = StoreFollower.table
+    monkeypatch.setattr(
+        StoreFollower, "table", lambda self, number: (read.append(number), real(self, number))[1]
+    )
+    for rows in range(COMMIT + 100, COMMIT + 400, 100):
+        recording.solder(rows)
+        joints.count(commit_status(recording.folder).last)
+        joints.count(commit_status(recording.folder).last)
+    joints.close()
+    assert len(read) == len(set(read)) == 3
+
+
+def test_of_a_tool_that_was_exchanged_no_joints_are_known(recording: Soldering) -> None:
+    """Until its heat balance is identified as well."""
+    for tool, through in ((2, COMMIT), (0, COMMIT + 30), (9, ROWS)):  # 0: none
+        recording.tool = tool
+        recording.solder(through)
+        if tool == 2:
+            joints = GrowingJoints(recording.folder)
+            assert joints.identify(commit_status(recording.folder).last).ports[0].count
+    last = commit_status(recording.folder).last
+    port = joints.count(last).ports[0]
+    joints.close()
+    assert (port.count, port.why) == (None, NEW_TOOL)
+    assert joints.identify(last).ports[0].found > port.found + 10
+
+
+def schedule(ports: int, through: int, every: int = 1) -> list[tuple[int, int]]:
     """What a process counts that looks at every `every`th batch."""
-    return list(dict.fromkeys(scheduled(last, ports) for last in range(every, through + 1, every)))
+    made = Schedule(ports)
+    return list(dict.fromkeys(made.batches(last) for last in range(every, through + 1, every)))
 
 
 def test_two_processes_count_at_the_same_commits() -> None:
-    assert schedule(6, 120) == [1, 2, 4, 8, 16, 24, 32, 48, 64, 96]
-    assert set(schedule(6, 2000, every=37)) <= set(schedule(6, 2000))
-    assert schedule(64, 2000)[-2:] == [1024, 1536]
-    assert scheduled(0, 6) == 0
-    # a machine that is a bit slower agrees
-    assert scheduled(1000, 6, took_s=0.5) == scheduled(1000, 6)
-    assert scheduled(1000, 6, took_s=5.0) < scheduled(1000, 6)
+    assert [models for models, _ in schedule(6, 60)][:4] == [0, 20, 25, 32]
+    assert set(schedule(6, 3000, every=37)) <= set(schedule(6, 3000))
+    assert Schedule(6).batches(0) == (0, 0)
+    slow, quick = Schedule(6), Schedule(6)
+    assert slow.batches(1000) == quick.batches(1000)
+    quick.took(2.0)
+    assert slow.batches(5000) == quick.batches(5000)  # a machine that is a bit slower agrees
+    slow.took(60.0)
+    assert slow.batches(6000)[0] < quick.batches(6000)[0]
+
+
+@pytest.mark.parametrize(("ports", "most"), [(6, 0.02), (16, 0.02), (32, 0.013), (64, 0.006)])
+def test_counting_takes_a_bounded_share_of_a_core(ports: int, most: float) -> None:
+    """By what a count takes (tests/bench/bench_watch.py measures it), for any hour of a shift."""
+    made, counts, last = Schedule(ports), 0, 0
+    for batch in range(1, round(8 * 3600 / BATCH_S)):
+        models, through = made.batches(batch)
+        counts += through not in (last, models)
+        last = through
+        if batch * BATCH_S > 3600:
+            spent_s = made._spent_s + counts * ports * COUNT_S
+            assert spent_s <= ALLOWED_S + most * batch * BATCH_S
+    assert made.batches(batch)[0] > 2000  # models are identified anew
+    assert batch - through <= 300 / BATCH_S * max(ports / 32, 1)
+
+
+def test_ports_that_are_known_later_have_a_say(recording: Soldering) -> None:
+    """A run begins before its stations have told how many ports they have."""
+    ports, recording.facts.ports = recording.facts.ports, []
+    recording.manifest.stations = []
+    write_manifest(recording.folder, recording.manifest)
+    recording.store.facts(recording.facts)
+    recording.commit()
+    counter = _Counter(recording.folder)
+    assert counter.scheduled(commit_status(recording.folder).last) is None
+    recording.facts.ports = [*ports, *range(3, 20)]
+    recording.store.facts(recording.facts)
+    counts = []
+    for rows in range(5, 300, 5):
+        recording.solder(rows)
+        last = commit_status(recording.folder).last
+        counted = counter.scheduled(last)
+        counts += [] if counted is None else [(last, len(counted.ports))]
+    counter.close()
+    # so many ports are counted later than one
+    assert counts[0] == (Schedule(19).batches(counts[0][0])[0], 19)
+
+
+def test_many_ports_are_counted_too() -> None:
+    assert schedule(250, 3000)[-1][0] > 0
 
 
 @pytest.fixture
-def counted_through(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[int]], list[int | None]]:
-    """Return the batches through which a process counts that sees these commits, one each
-    second.
+def counted_through(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> Callable[[Sequence[int]], list[int | None]]:
+    """Return the batches through which a process counts everything that sees these commits, one
+    each second.
     """
 
     def counts(commits: Sequence[int]) -> list[int | None]:
-        seen, found = iter(commits), list[int | None]()
-        clock, counted = (
-            iter(range(1000)),
-            Counted(ports=tuple(PortCount("a", port, 0, 0, None) for port in range(6))),
-        )
+        seen, found, clock = iter(commits), list[int | None](), iter(range(1000))
         looks = iter([0] * (len(commits) - 1))
         monkeypatch.setattr(
             joint_counter, "commit_status", lambda _: SimpleNamespace(last=next(seen))
@@ -171,9 +264,12 @@ def counted_through(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[int]]
         monkeypatch.setattr(
             joint_counter,
             "count",
-            lambda _folder, through, **_: (found.append(through), counted)[1],
+            lambda _folder, through, **_: (found.append(through), Counted())[1],
         )
-        monkeypatch.setattr(joint_counter, "_number_of_ports", lambda _: len(counted.ports))
+        monkeypatch.setattr(joint_counter._Counter, "scheduled", lambda *_: None)
+        monkeypatch.setattr(
+            joint_counter, "read_manifest", lambda _: SimpleNamespace(state="recording")
+        )
         monkeypatch.setattr(
             joint_counter.select,
             "select",
@@ -181,17 +277,32 @@ def counted_through(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[int]]
         )
         monkeypatch.setattr(joint_counter.os, "read", lambda *_: b"")
         monkeypatch.setattr(joint_counter.time, "monotonic", lambda: next(clock))
-        joint_counter._count_until_final(Path())
+        (tmp_path / "manifest.json").touch()
+        joint_counter._count_until_final(tmp_path)
         return found
 
     return counts
 
 
-def test_a_run_that_stands_still_is_counted_to_its_end(
+def test_a_run_that_stands_still_is_counted_to_its_end_once(
     counted_through: Callable[[Sequence[int]], list[int | None]],
 ) -> None:
-    assert counted_through([5, 6, 7, 8, 9]) == [4, 8]
-    assert counted_through([7] * 10) == [4, 7]
+    assert counted_through([5, 6, 7, 8, 9]) == []
+    assert counted_through([7] * 10) == [7]
+
+
+def test_a_process_that_is_started_before_the_manifest_is_there_waits_for_it(
+    tmp_path: Path,
+) -> None:
+    """Who watches a folder of runs sees a new run before anything is in it."""
+    folder = create_run(tmp_path, "bench", time.time())
+    counting = JointCounting(folder)
+    time.sleep(1.5 * LOOK_S)
+    counting.poll()
+    assert counting.why is None
+    write_manifest(folder, Manifest(folder.name))
+    assert counting.last(WAIT_S) is not None
+    counting.close()
 
 
 def test_a_killed_process_leaves_numbers_not_known(recording: Soldering) -> None:

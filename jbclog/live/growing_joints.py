@@ -1,0 +1,210 @@
+"""The joints of a run that goes on, counted again and again at a small cost.
+
+The tips' models are identified in the rows through a batch (`identify`), which takes long, and
+stand until they are identified anew. In between each new row is looked at once (`count`). A port
+whose rows stand on no grid, or that has a feeder, is counted when models are identified. A joint
+that ended less than `ENDED_S` before its port's last row is not counted yet.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import pyarrow as pa
+
+from jbclog.analysis.joints.evidence import (
+    EVENTS,
+    NOTHING_RECORDED,
+    PortFound,
+    clock_steps,
+    ports_found,
+)
+from jbclog.analysis.joints.growing import GrowingPort
+from jbclog.analysis.joints.parameters import options_of
+from jbclog.analysis.joints.port_reader import raw_series
+from jbclog.analysis.joints.port_rows import COLUMNS, Clock, by_port
+from jbclog.analysis.verdict.clock_steps import steps_in
+from jbclog.analysis.verdict.evidence import not_read
+from jbclog.analysis.verdict.rules import has_tip
+from jbclog.core.errors import RecordError
+from jbclog.core.locks import commit_status
+from jbclog.core.rows import StationFacts
+from jbclog.live.joint_numbers import Counted, Key, PortCount
+from jbclog.live.open_rows import AT_ONCE, OpenRows
+from jbclog.live.run_follower import stations_of
+from jbclog.live.states import OF_TIPS_ONLY
+from jbclog.live.store_follower import Sealed, StoreFollower
+from jbclog.record.folder import joints_asked
+from jbclog.record.manifest import RunState, read_manifest
+
+ENDED_S: Final = 1.5
+TRIES: Final = 5
+AGAIN_AND_AGAIN: Final = "was sealed again and again"
+
+
+class GrowingJoints:
+    """The run in `folder`. `identify` comes before `count`; both return a count."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._identified: dict[Key, PortFound] = {}
+        self._stations: list[StationFacts] = []
+        self._t0_utc: float | None = None
+        self._store: StoreFollower | None = None
+        self.close()
+
+    def close(self) -> None:
+        """Forget the rows that were read."""
+        if self._store is not None:
+            self._store.close()
+        self._store, self._stepped_s = None, 0.0
+        self._ports: dict[Key, GrowingPort] = {}
+
+    def identify(self, through: int) -> Counted:
+        """Identify the models, and count, in the rows through a batch. Raises RecordError."""
+        counted, self._stations, self._identified, self._t0_utc = _found(self._folder, through)
+        self.close()
+        return counted
+
+    def count(self, through: int) -> Counted:
+        """Count in the rows through a batch, with the models as they were identified. Raises
+        RecordError.
+        """
+        began = time.monotonic()
+        for _ in range(TRIES):
+            try:
+                self._read(through)
+                break
+            except Sealed:
+                self.close()
+        else:
+            raise RecordError(f"{self._folder} {AGAIN_AND_AGAIN}")
+        newest_s = max((port.last_s for port in self._ports.values() if port.rows), default=None)
+        ports = tuple(self._count(facts, port) for facts in self._stations for port in facts.ports)
+        age_s = _age_s(newest_s, self._t0_utc, self._stepped_s)
+        return Counted(age_s, ports, took_s=time.monotonic() - began)
+
+    def _count(self, facts: StationFacts, number: int) -> PortCount:
+        key = facts.name, number
+        port = self._ports.get(key)
+        if port is None:
+            return _port(facts, number, self._identified.get(key), ENDED_S)
+        draws, why, (unseen_s, unseen) = port.so_far()
+        found = sum(draw.end_s <= port.last_s - ENDED_S for draw in draws)
+        why = why or (not_read(unseen_s) if unseen else None)
+        return _port_count(key, found, why if port.rows else NOTHING_RECORDED)
+
+    def _read(self, through: int) -> None:
+        """Read the rows that came since. Raises Sealed where some of them are in a part now."""
+        if self._store is None:
+            self._begin(through)
+            return
+        before = self._store.last
+        new = self._store.refresh(through)
+        if before < through and (not new or new[0][0] > before + 1):
+            raise Sealed
+        for name, take in (("samples", self._take), ("events", self._step)):
+            for rows in _joined(self._store, [number for number, of in new if of == name]):
+                take(rows)
+
+    def _begin(self, through: int) -> None:
+        rows = OpenRows(self._folder, through)
+        for facts in self._stations:
+            options = options_of(joints_asked(self._folder, facts)) if has_tip(facts) else None
+            for port in facts.ports:
+                found = self._identified.get((facts.name, port))
+                if options and found and found.identified and facts.period_s:
+                    self._ports[facts.name, port] = GrowingPort(options, found.identified)
+        for group in rows.groups("samples", COLUMNS):
+            self._take(group)
+        self._stepped_s = sum(step.size_s for step in clock_steps(rows.groups))
+        self._store = StoreFollower(self._folder)
+        self._store.last = through
+
+    def _take(self, rows: pa.Table) -> None:
+        facts = {one.name: one for one in self._stations}
+        for key, some in by_port(rows.select(COLUMNS)):
+            if key in self._ports:
+                clock = Clock(facts[key[0]].period_s, (), 0)
+                self._ports[key].take(raw_series(facts[key[0]], some, clock))
+
+    def _step(self, events: pa.Table) -> None:
+        self._stepped_s += sum(step.size_s for step in steps_in(events.select(EVENTS)))
+
+
+def _joined(store: StoreFollower, numbers: list[int]) -> Iterator[pa.Table]:
+    """Yield the rows of these batches, some batches together."""
+    for first in range(0, len(numbers), AT_ONCE):
+        read = [store.table(number) for number in numbers[first : first + AT_ONCE]]
+        rows = [one for one in read if one is not None]
+        if rows:
+            yield pa.concat_tables(rows).combine_chunks()
+
+
+def count(folder: Path, through: int | None = None, *, is_last: bool = False) -> Counted:
+    """Count the joints of all ports through a batch, as the report does; None: all that is
+    committed. `is_last`: that is all.
+
+    Raises RecordError.
+    """
+    return _found(folder, through, is_last=is_last).counted
+
+
+class _Found(NamedTuple):
+    """What the rows through a batch show."""
+
+    counted: Counted
+    stations: list[StationFacts]
+    ports: dict[Key, PortFound]
+    t0_utc: float | None
+
+
+def _found(folder: Path, through: int | None, *, is_last: bool = False) -> _Found:
+    for _ in range(TRIES):
+        began = time.monotonic()
+        rows = OpenRows(folder, through or commit_status(folder).last or None)
+        manifest = read_manifest(folder)
+        is_final = is_last or manifest.state == RunState.SEALED
+        if is_final:
+            rows = OpenRows(folder, None)
+        stations, t0_utc = stations_of(folder, manifest), manifest.t0_utc
+        try:
+            found = ports_found(folder, rows.groups, stations, t0_utc)
+            stepped_s = sum(step.size_s for step in clock_steps(rows.groups))
+        except Sealed:
+            continue
+        newest_s = max((one.last_s for one in found.values() if one.rows), default=None)
+        age_s, ended_s = _age_s(newest_s, t0_utc, stepped_s), 0.0 if is_final else ENDED_S
+        ports = tuple(
+            _port(facts, port, found.get((facts.name, port)), ended_s)
+            for facts in stations
+            for port in facts.ports
+        )
+        counted = Counted(age_s, ports, is_final, time.monotonic() - began)
+        return _Found(counted, stations, found, t0_utc)
+    raise RecordError(f"{folder} {AGAIN_AND_AGAIN}")
+
+
+def _age_s(newest_s: float | None, t0_utc: float | None, stepped_s: float) -> float:
+    """Return the age of the newest row that was counted, by the run's clock: without the steps of
+    the wall clock.
+    """
+    if newest_s is None or t0_utc is None:
+        return 0.0
+    return max(time.time() - t0_utc - stepped_s - newest_s, 0.0)
+
+
+def _port(facts: StationFacts, number: int, one: PortFound | None, ended_s: float) -> PortCount:
+    if one is None:
+        return PortCount(facts.name, number, None, 0, OF_TIPS_ONLY)
+    joints, last_s = one.found.joints, one.last_s
+    found = sum(joint.end_s <= last_s - ended_s or not ended_s for joint in joints)
+    why = one.found.why or (not_read(one.found.unseen_s) if one.found.unseen else None)
+    return _port_count((facts.name, number), found, why if one.rows else NOTHING_RECORDED)
+
+
+def _port_count(key: Key, found: int, why: str | None) -> PortCount:
+    return PortCount(*key, found if why is None else None, found, why)
