@@ -20,8 +20,7 @@
   function tileOf(key) {
     if (tiles.has(key)) return tiles.get(key);
     const box = make("article", find("ports"));
-    const bar = make("div", box, "bar");
-    const tile = { box, name: make("h2", bar), condition: make("span", bar, "condition"), now: make("p", box, "now") };
+    const tile = { box, name: make("h2", box), condition: make("p", box, "condition"), now: make("p", box, "now") };
     tile.canvas = make("canvas", box, "line");
     tile.canvas.setAttribute("aria-hidden", "true");
     tile.facts = make("p", box, "facts");

@@ -84,6 +84,30 @@ def test_tiles_show_the_run(browser: Chromium) -> None:
         opened.close()
 
 
+def test_tiles_beside_each_other_have_the_same_lines(browser: Chromium) -> None:
+    """Whoever looks for one value reads along a line."""
+    run = live_states.run()
+    first, *others = run.ports
+    long = replace(first, tool="T245/T470/TR245/TR470/T210/T115")
+    stations = (replace(run.stations[0], ports=(long, *others)),)
+    with page(replace(run, stations=stations)) as served:
+        opened = seen(browser, served)
+        for what in (".condition", ".now", ".line", ".facts", "button"):
+            tops = opened.js(
+                f"[0, 1].map(one => document.querySelectorAll('article')[one]"
+                f".querySelector('{what}').getBoundingClientRect().top)"
+            )
+            # the borders of an alarm are thicker
+            assert tops[0] == pytest.approx(tops[1], abs=3)
+        heights = opened.js(
+            "[0, 1].map(one => document.querySelectorAll('article h2')[one].firstChild)"
+            ".map(one => { const range = document.createRange(); range.selectNodeContents(one);"
+            " return range.getBoundingClientRect().height; })"
+        )
+        assert heights[0] > 1.5 * heights[1]
+        opened.close()
+
+
 def test_foreign_text_stays_text(browser: Chromium) -> None:
     with page(live_states.run()) as served:
         opened = seen(browser, served)
@@ -595,6 +619,11 @@ def sizes(opened: Page) -> tuple[int, int]:
     )
 
 
+DRAWS = """(() => { window.draws = 0; const real = CanvasRenderingContext2D.prototype.clearRect;
+  CanvasRenderingContext2D.prototype.clearRect = function (...more) {
+    window.draws += 1; return real.apply(this, more); }; })()"""
+
+
 @pytest.mark.parametrize(
     ("ports", "seconds"),
     [(16, 60), pytest.param(64, 300, marks=[pytest.mark.campaign, pytest.mark.timeout(900)])],
@@ -604,14 +633,23 @@ def test_many_ports_for_long_without_growth(browser: Chromium, ports: int, secon
     with page(lambda: many(next(ticks), ports)) as served:
         opened = seen(browser, served)
         opened.js("new Promise(done => setTimeout(done, 3000))")
-        nodes, heap = sizes(opened)
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            opened.js("new Promise(done => setTimeout(done, 500))")
-        later_nodes, later_heap = sizes(opened)
+        opened.js(DRAWS)
+        began, measured = time.monotonic(), [(0.0, *sizes(opened), 0)]
+        for minute in range(1, seconds // 60 + 1):
+            while time.monotonic() < began + 60 * minute:
+                opened.js("new Promise(done => setTimeout(done, 500))")
+            measured.append((time.monotonic() - began, *sizes(opened), opened.js("draws") // ports))
+        for passed_s, nodes, heap, draws in measured:
+            print(
+                f"{ports} ports, {passed_s:.0f} s: {nodes} nodes, heap {heap / 1e6:.2f} MB,"
+                f" {draws / max(passed_s, 1):.2f} draws a second"
+            )
+        (_, nodes, heap, _), (passed_s, later_nodes, later_heap, draws) = measured[0], measured[-1]
         assert later_nodes <= nodes + 50
         assert later_heap <= heap * 1.3 + 1_000_000
+        assert 0 < draws <= 2 * passed_s + 2
         assert opened.said == []
+        assert {one.removeprefix(served.address) for one in opened.requests} <= LOADED
         opened.close()
 
 
