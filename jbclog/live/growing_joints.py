@@ -1,4 +1,4 @@
-"""The joints of a run that goes on, counted again and again at a small cost.
+"""The joints of a run that is recorded, counted again and again at a small cost.
 
 The tips' models are identified in the rows through a batch (`identify`), which takes long, and
 stand until they are identified anew. In between each new row is looked at once (`count`). A port

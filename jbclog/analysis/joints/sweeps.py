@@ -76,8 +76,8 @@ class Identified:
     doubt: Doubt | None
 
     def stretch_like(self, start_s: float, tool: tuple[float, int]) -> int | None:
-        """Return the number of the stretch that begins then, or of the last one for one that goes
-        on with its tool; None: the tool is another one.
+        """Return the number of the stretch that begins then, or of the last one for one that
+        continues with its tool; None: the tool is another one.
         """
         place = bisect_right(self.starts, start_s + SAME_S) - 1
         if place >= 0 and start_s - self.starts[place] <= SAME_S:

@@ -157,7 +157,7 @@ class Windows:
             self._pieces.clear()
 
     def copied(self, look: Look) -> Windows:
-        """Return windows that go on from here with another `look`; these stay as they are."""
+        """Return windows that continue from here with another `look`; these stay as they are."""
         other = copy(self)
         other._look, other._pieces = look, [*self._pieces]
         return other

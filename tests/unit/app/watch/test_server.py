@@ -10,7 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.watch.server import FILES, MOST_BROWSERS, POLICY, Access, is_loopback, listening
+from jbclog.app.watch.server import (
+    FILES,
+    MOST_BROWSERS,
+    POLICY,
+    WAITING,
+    Access,
+    Broadcast,
+    is_loopback,
+    listening,
+)
 from jbclog.core.errors import RecordError, UsageError
 from support.records import live_states
 from support.records.live_rows import Recording
@@ -228,6 +237,19 @@ def test_a_hundred_browsers_and_no_more() -> None:
             if messages_or_none(served):
                 break
         assert messages(served, 1)[0]["whole"] is True
+
+
+def test_a_browser_that_takes_nothing_loses_its_place() -> None:
+    """One that has vanished without a word; what waits for it is not kept."""
+    broadcast = Broadcast(lambda: None)
+    silent, other = broadcast.join(), broadcast.join()
+    assert silent is not None
+    assert other is not None
+    for number in range(WAITING + 1):
+        broadcast._hand_out(str(number))
+        assert other.get_nowait() == str(number)
+    assert broadcast.browsers == {other}
+    assert (silent.get_nowait(), silent.empty()) == (None, True)
 
 
 def test_no_more_of_those_that_come_at_once() -> None:
