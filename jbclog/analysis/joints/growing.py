@@ -57,7 +57,8 @@ class GrowingPort(PortSweeps):
     def _ended(self) -> GrowingPort:
         """Return a port whose record ends here; this one can take more rows."""
         one = copy(self)
-        one._stretches, one._draws = [copy(known) for known in self._stretches], [*self._draws]
+        one._stretches = [copy(known) for known in self._stretches]
+        one._draws = Packed(Draw, self._draws)
         one._unseen, one._levels = copy(self._unseen), Levels()
         self._stretch_windows.copied(one._look_at_stretches).end()
         self._draw_windows.copied(one._find_draws).end()
