@@ -29,7 +29,7 @@ from jbclog.analysis.metrics.definitions import DEFINITIONS, METHODS
 from jbclog.analysis.verdict import RULES
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, expect_regular, open_foreign, read_foreign
+from jbclog.core.foreign.files import MIB, Kind, expect_regular, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import decoder
 from jbclog.core.foreign.tables import read_small
 from jbclog.record.annotations import read as read_annotations
@@ -234,6 +234,7 @@ METRICS_SCHEMA: Final = pa.schema(
     ]
 )
 """The columns of `metrics.parquet`, in the order of `MetricRow`."""
+CACHE_BYTES: Final = 32 * MIB  # unpacked: those of 512 stations of four ports take some 20
 BY: Final = b"jbclog.methods"
 SUM: Final = b"jbclog.rows_sha256"
 METRIC_NAMES: Final = tuple(one.name for one in DEFINITIONS)
@@ -271,7 +272,7 @@ def cached_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None
     path = folder / METRICS_CACHE
     try:
         expect_regular(path, Kind.CACHE)
-        table = read_small(path)
+        table = read_small(path, most_bytes=CACHE_BYTES)
     except (pa.ArrowException, OSError, ValueError):
         return None
     if not table.schema.equals(METRICS_SCHEMA) or not _is_complete(table):

@@ -15,6 +15,7 @@ from jbclog.analysis.joints.doubt import why_not_known
 from jbclog.analysis.joints.draws import Draw
 from jbclog.analysis.joints.joints import sort_draws
 from jbclog.analysis.joints.levels import Levels
+from jbclog.analysis.joints.packed import Packed
 from jbclog.analysis.joints.parameters import JointOptions, settings_for
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.sweeps import Identified, KnownStretch, PortSweeps

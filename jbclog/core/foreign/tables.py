@@ -46,9 +46,11 @@ TEXTS: Final = (
 
 
 @contextmanager
-def open_table(path: Path, coded: Sequence[str] = ()) -> Iterator[ParquetTable]:
-    """Open the Parquet file at `path` and check its footer. Raises OSError (`NotReadable`) or
-    pa.ArrowException.
+def open_table(
+    path: Path, coded: Sequence[str] = (), most_bytes: int = GROUP_BYTES
+) -> Iterator[ParquetTable]:
+    """Open the Parquet file at `path` and check its footer; a row group that is read has at most
+    `most_bytes`. Raises OSError (`NotReadable`) or pa.ArrowException.
 
     The texts in the columns `coded` are read as dictionaries, in a fifth of the time.
     """
@@ -61,7 +63,7 @@ def open_table(path: Path, coded: Sequence[str] = ()) -> Iterator[ParquetTable]:
                 page_checksum_verification=True,
                 thrift_container_size_limit=FOOTER_LIST,
             )
-            table = ParquetTable(opened.enter_context(file), groups, data)
+            table = ParquetTable(opened.enter_context(file), groups, data, most_bytes)
         except UnicodeDecodeError as error:
             raise NotReadable("has a column whose name is no text") from error
         _expect_plausible(file.metadata, groups, expect_regular(path, Kind.PART))
@@ -93,9 +95,13 @@ def bounds_of(path: Path, column: str) -> list[tuple[bytes, bytes] | None]:
     ]
 
 
-def read_small(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a file of at most one row group's rows. Raises `NotReadable` or pa.ArrowException."""
-    with open_table(path) as table:
+def read_small(
+    path: Path, columns: Sequence[str] | None = None, *, most_bytes: int = GROUP_BYTES
+) -> pa.Table:
+    """Read a whole file of at most one row group's rows. Raises OSError (`NotReadable`) or
+    pa.ArrowException.
+    """
+    with open_table(path, most_bytes=most_bytes) as table:
         if table.metadata.num_rows > GROUP_ROWS:
             raise NotReadable(f"has {table.metadata.num_rows} rows; at most {GROUP_ROWS} are read")
         groups = [*table.groups(columns)]
@@ -105,8 +111,11 @@ def read_small(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
 class ParquetTable:
     """An open Parquet file: its footer, and its row groups, each checked before it is read."""
 
-    def __init__(self, file: pq.ParquetFile, groups: Sequence[RowGroup], data: BinaryIO) -> None:
+    def __init__(
+        self, file: pq.ParquetFile, groups: Sequence[RowGroup], data: BinaryIO, most_bytes: int
+    ) -> None:
         self._file = file
+        self._most_bytes = most_bytes
         self._data = data
         self.row_groups = groups
         self.metadata: pq.FileMetaData = file.metadata
@@ -155,8 +164,8 @@ class ParquetTable:
             if chunk.values > GROUP_ROWS or chunk.values != group.rows:
                 raise NotReadable(f"row group {index}: {chunk.name} has {chunk.values} values")
             unpacked += max(chunk.unpacked, _unpacked(self._data, chunk))
-            if unpacked > GROUP_BYTES:
-                raise NotReadable(f"row group {index} has more than {GROUP_BYTES // MIB} MiB")
+            if unpacked > self._most_bytes:
+                raise NotReadable(f"row group {index} has more than {self._most_bytes // MIB} MiB")
             self._expect_short_texts(index, chunk)
 
     def _expect_short_texts(self, index: int, chunk: ColumnChunk) -> None:
@@ -164,18 +173,17 @@ class ParquetTable:
         kind = self.schema.field(chunk.name).type if chunk.name in self.schema.names else None
         if kind is None or not any(fits(kind) for fits in TEXTS):
             return
-        if chunk.unpacked * chunk.values <= GROUP_BYTES or chunk.dictionary_at is None:
+        if chunk.unpacked * chunk.values <= self._most_bytes or chunk.dictionary_at is None:
             return
         longest = _longest_text(self._data, chunk)
-        if longest * chunk.values <= GROUP_BYTES:
+        if longest * chunk.values <= self._most_bytes:
             return
         written = sum(
             _written_out(batch.column(0)) for batch in self._as_dictionary(index, chunk.name)
         )
-        if written > GROUP_BYTES:
-            raise NotReadable(
-                f"row group {index}: {chunk.name} has more than {GROUP_BYTES // MIB} MiB of text"
-            )
+        if written > self._most_bytes:
+            most = self._most_bytes // MIB
+            raise NotReadable(f"row group {index}: {chunk.name} has more than {most} MiB of text")
 
     def _as_dictionary(self, index: int, name: str) -> Iterator[pa.RecordBatch]:
         with _own(self._data) as own, pq.ParquetFile(own, read_dictionary=[name]) as file:
