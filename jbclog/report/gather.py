@@ -36,6 +36,7 @@ from jbclog.report.stations import station_report
 from jbclog.report.verdict import add_reasons, verdict_facts
 from jbclog.report.zoom import share
 
+GROUPS_KEPT = 32  # of row groups, until what they took is given back
 MOST_ROWS = 8_000_000  # of several stations at once in memory, some 19 bytes each
 
 
@@ -114,7 +115,10 @@ def _by_port(
     }
     by_name = {facts.name: facts for facts in stations}
     every = [*dict.fromkeys(name for facts in stations for name in columns_of(facts))]
-    for group in run.groups("samples", ["station", "port", "late_us", *every], coded=True):
+    read = run.groups("samples", ["station", "port", "late_us", *every], coded=True)
+    for number, group in enumerate(read, 1):
+        if not number % GROUPS_KEPT:
+            pa.default_memory_pool().release_unused()
         for (name, port), rows in by_port(group):
             if name not in found:
                 continue

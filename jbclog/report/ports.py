@@ -234,7 +234,9 @@ def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figu
             f"figures/{file}.svg", caption(drawn), description(place, drawn), drawn, context.crowded
         )
     ]
+    pa.default_memory_pool().release_unused()
     figures[0].zoom = zoom_of(drawn, context.zoom)
+    pa.default_memory_pool().release_unused()
     near = closer(drawn) if drawn.marks or not context.crowded else None
     if near is not None:
         part, why = near

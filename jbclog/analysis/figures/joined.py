@@ -76,7 +76,10 @@ class JoinedTrace:
             status=self._status,
             gaps=sorted([*self._gaps, *self._missing], key=lambda span: span.start),
             reasons=coded(self._codes.array(), [*self._places]),
-            **{name: column.array() for name, column in self._columns.items()},
+            seconds=self._columns["seconds"].array(),
+            temperature=self._columns["temperature"].array(),
+            power=self._columns["power"].array(),
+            setting=self._columns["setting"].array(),
         )
 
     def _coded(self, reasons: pd.Categorical) -> NDArray[np.integer[Any]]:
@@ -84,7 +87,8 @@ class JoinedTrace:
         words = [str(word) for word in reasons.categories]
         numbers = [self._places.setdefault(word, len(self._places)) for word in words]
         kind = np.min_scalar_type(-max(len(self._places), 1))
-        return np.array([*numbers, -1], dtype=kind)[reasons.codes]
+        codes: NDArray[np.integer[Any]] = np.array([*numbers, -1], dtype=kind)
+        return codes[np.asarray(reasons.codes)]
 
 
 def _add_spans(found: list[Span], spans: Sequence[Span], piece: Trace, before_s: float) -> None:

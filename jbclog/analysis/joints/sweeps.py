@@ -99,11 +99,11 @@ class _ModelPiece:
         """Return the rows of the piece as one stretch."""
         stretches = [part.stretch for part in self.parts]
         names = ("seconds", "temperature", "power", "setting")
-        columns = [
+        seconds, temperature, power, setting = (
             np.concatenate([getattr(stretch, name) for stretch in stretches]) for name in names
-        ]
+        )
         return ReadyStretch(
-            Stretch(stretches[0].period_s, *columns),
+            Stretch(stretches[0].period_s, seconds, temperature, power, setting),
             np.concatenate([part.ready for part in self.parts]),
         )
 
@@ -366,4 +366,5 @@ def _between(draws: Packed[Draw], begin_s: float, end_s: float) -> list[Draw]:
 def _copy(stretch: Stretch) -> Stretch:
     """Return the stretch with its own memory, so that the rows of the window are freed."""
     columns = (stretch.seconds, stretch.temperature, stretch.power, stretch.setting)
-    return Stretch(stretch.period_s, *(column.copy() for column in columns))
+    seconds, temperature, power, setting = (column.copy() for column in columns)
+    return Stretch(stretch.period_s, seconds, temperature, power, setting)
