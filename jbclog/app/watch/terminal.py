@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from textwrap import wrap
 from typing import ClassVar, Final
 
 from textual.app import App, ComposeResult
@@ -52,12 +53,11 @@ class Tile(Static, can_focus=True):
     def __init__(self, port: PortState) -> None:
         super().__init__()
         self.port = port
-        self.border_title = Content(words.port_name(port))
 
     def show(self, port: PortState) -> None:
         self.port = port
-        self.border_title = Content(words.port_name(port))
-        self.border_subtitle = Content(str(port.condition).upper())
+        # first: a tile that is cut off below, or has a long name, still shows how it stands
+        self.border_title = Content(f"{str(port.condition).upper()} · {words.port_name(port)}")
         self.set_classes(str(port.condition).replace(" ", "-"))
         self.update(Content("\n".join(words.port_lines(port, max(self.size.width, 1)))))
 
@@ -247,8 +247,10 @@ class WatchApp(App[None]):
         shown = [words.event_line(one) for one in known if words.at_least(self.severity, one)][
             -SHOWN_EVENTS:
         ]
-        lines = max(events.size.height, 1)
-        events.update(Content("\n".join(shown[-lines:]) or "no event"))
+        lines, width = max(events.size.height, 1), max(events.size.width, 20)
+        # broken here and not by the box, so that the newest event is whole and older ones are cut
+        broken = [line for one in shown[-lines:] for line in wrap(one, width)]
+        events.update(Content("\n".join(broken[-lines:]) or "no event"))
 
     def _show_trouble(self, text: str) -> None:
         with suppress(NoMatches):  # as in `_take`

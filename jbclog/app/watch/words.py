@@ -33,7 +33,7 @@ from jbclog.live.states import RUN_ENDED
 SEVERITIES: Final = (Severity.INFO, Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 BLOCKS: Final = "▁▂▃▄▅▆▇█"
 SPAN_C: Final = 5.0  # the least range of a sparkline, so that noise does not look like a change
-OLD_COUNT_S: Final = 15.0  # from which on a number of joints has its age beside it
+OLD_COUNT_S: Final = 20.0  # from which on a number of joints has its age beside it
 LABEL: Final = 8  # columns of the labels of a plot
 NO_RUN: Final = "no run yet"
 WORST: Final = tuple(Condition)
@@ -107,7 +107,7 @@ def joints_text(joints: Joints) -> str:
 def joints_age(joints: Joints) -> str:
     """`` (3 min ago)`` where the number is so old that it matters."""
     age_s = joints.age_s or 0.0
-    return f" ({age_text(age_s)} ago)" if age_s > OLD_COUNT_S else ""
+    return f" ({age_text(age_s)} ago)" if age_s >= OLD_COUNT_S else ""
 
 
 def joints_why(joints: Joints) -> str:

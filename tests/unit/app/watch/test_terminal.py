@@ -21,7 +21,8 @@ from jbclog.app.watch.terminal import StationScreen, Tile, WatchApp
 from jbclog.app.watch.words import NO_RUN
 from jbclog.core.errors import RecordError
 from jbclog.core.outcome import Exit
-from jbclog.live import Phase, RunState
+from jbclog.core.rows import EventRow, Severity
+from jbclog.live import NumberedEvent, Phase, RunState
 from support.readers.screen import PICTURES, SIZES, in_utc, picture, text_of
 from support.records import live_states
 
@@ -211,9 +212,22 @@ def test_while_the_record_cannot_be_read_nothing_is_known() -> None:
         assert "NORMAL" in await shown(app, pilot, live_states.run())
         app._show_trouble("the disk is away")
         await pilot.pause()
-        assert {str(tile.border_subtitle) for tile in app.query(Tile)} == {"STALE"}
+        assert {str(tile.border_title)[:6] for tile in app.query(Tile)} == {"STALE "}
         assert "now unknown (not readable; last" in text_of(app)
         assert "NORMAL" in await shown(app, pilot, live_states.run())
+
+    play(steps)
+
+
+def test_the_newest_event_is_seen_whole_however_long_those_before_it_are() -> None:
+    long = EventRow(1, "host.busy", Severity.WARNING, "The recorder was too late. " * 12)
+    newest = EventRow(2, "alarm.high", Severity.ERROR, "The tool is too hot. " * 8 + "Look at it.")
+    events = tuple(NumberedEvent(seq, one) for seq, one in enumerate([*[long] * 20, newest]))
+
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        seen = await shown(app, pilot, replace(live_states.run(), events=events))
+        assert "Look at it." in seen
+        assert " ".join(seen.split()).count("The tool is too hot.") == 8
 
     play(steps)
 
