@@ -93,9 +93,7 @@ def typed(page: str) -> str:
 
 
 def write_files(page: str, folder: Path) -> None:
-    """The files that a page prints: TOML blocks whose first line is a comment with the file's
-    name.
-    """
+    """The files that a page prints: TOML blocks whose first line is a comment with their name."""
     for block in blocks("toml", text_of(page)):
         name = re.match(r"# (\w+\.toml)\n", block)
         if name:

@@ -76,9 +76,7 @@ def test_forty_processes_that_want_one_of_sixteen_names(
 def test_readers_see_every_row_once_while_the_run_is_written_and_sealed(
     tmp_path: Path, rounds: int
 ) -> None:
-    """What was committed is there, whole and in order, whichever moment of a sealing a reader
-    meets.
-    """
+    """What was committed is there, whole and in order, at whichever moment of a sealing."""
     store = few_rows.begun(tmp_path)
     committed, is_over, wrong, looks = 0, threading.Event(), list[str](), 0
 

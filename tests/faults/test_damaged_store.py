@@ -45,9 +45,7 @@ def in_the_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def in_the_pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run whose rows are all in the pages of the database, which have no check sums of their
-    own.
-    """
+    """A run whose rows are all in the database's pages, which have no check sums of their own."""
     return few_rows.abandoned(
         tmp_path_factory.mktemp("runs"), commits=3, rows=ROWS // 3, in_pages=True
     )

@@ -50,9 +50,7 @@ beginning.
 
 @dataclass
 class Slow:
-    """A cable on which answers take as long as the phases say; behind it they come in their
-    order.
-    """
+    """A cable on which answers take as long as the phases say, and come in their order."""
 
     cable: Peer
     phases: Sequence[Phase]
@@ -93,9 +91,7 @@ def history(rng: Random) -> list[Phase]:
 
 
 def stops(rng: Random) -> list[Phase]:
-    """When the host stands still: long enough to be told as that, or so short that it only was
-    busy.
-    """
+    """When the host stands still: long enough to be reported, or so short that it was only busy."""
     lengths = [
         rng.choice([rng.uniform(0.3, BUSY_S), rng.uniform(SUSPENDED_S + 3, 15.0)])
         for _ in range(rng.choice([0, 0, 1, 3]))

@@ -215,9 +215,7 @@ def assert_bounded(found: Outcome, flooders: int, *, is_flood: bool = True) -> N
 
 
 def test_two_servers_without_end_delay_nobody(tmp_path: Path) -> None:
-    """The first report: others 1.4 s late, 62 s in place of 15, and the guard killed the
-    recorder.
-    """
+    """The first report: others 1.4 s late, 62 s instead of 15, the guard killed the recorder."""
     for again in range(3):
         (tmp_path / str(again)).mkdir()
         with suppress(TooBusy):

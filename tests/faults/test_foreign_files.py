@@ -88,9 +88,7 @@ VERBS_OF_CRASHED = (
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of runs: a sealed one that stays as it is, one to be spoilt, and one that
-    crashed.
-    """
+    """A folder of runs: a sealed one that stays as it is, one to be spoilt, one that crashed."""
     out = tmp_path_factory.mktemp("kept") / "runs"
     for name in (GOOD, BAD):
         made = make_run(out / name, 8.0)
@@ -137,9 +135,7 @@ class Place:
 
 
 def spoilt(kept: Path, home: Path, path: str, made: Callable[[Path], None], of: str = BAD) -> Place:
-    """The folder of runs with that in the place of a file; a bomb finds the file that it stands
-    for.
-    """
+    """The folder of runs with that in place of a file; a bomb finds the file it stands for."""
     place = Place(kept, home, of)
     where = place.bad / path
     if made in SPECIAL.values():

@@ -311,9 +311,7 @@ def busy() -> Iterator[None]:
 def test_a_machine_with_four_times_the_work_and_a_stalling_disk_is_no_reason(
     line: ServedLine, tmp_path: Path, counted: Callable[..., None]
 ) -> None:
-    """Both together, for a minute; `test_watch.py` has a hundred hours of jitter on a virtual
-    clock.
-    """
+    """Both together, a minute; `test_watch.py` has a hundred hours of jitter on a virtual clock."""
     with slow_run(line, tmp_path, BUSY_S) as run:
         now = time.monotonic()
         with busy():
@@ -393,9 +391,7 @@ def test_a_disk_that_stalls_is_no_reason(line: ServedLine, tmp_path: Path) -> No
 
 @contextmanager
 def slow_run(line: ServedLine, out: Path, seconds: float) -> Iterator[subprocess.Popen[str]]:
-    """A run that has put all tools to work, on a disk that takes 1.5 s for each sync for so
-    long.
-    """
+    """A run that has put all tools to work, on a disk whose syncs take 1.5 s for so long."""
     command = [
         *program("faults.slow_disk"),
         seconds,

@@ -554,9 +554,7 @@ def test_all_of_it_at_random_for_long(counted: Callable[..., None]) -> None:
 
 @pytest.mark.parametrize("rate", [10, 0.2])
 def test_cables_swapped_so_quickly_that_no_answer_is_lost(rate: float) -> None:
-    """F-17: nothing but the plugged hours can tell, and they do: from 100 to 5000 within a
-    minute.
-    """
+    """F-17: only the plugged hours can show it, and do: from 100 to 5000 within a minute."""
     run = prepare(line(hours(100), hours(5000)), GOING_ON, duration_s=120, rate=rate)
     run.at(22.52, lambda: swap_cables(run))
     run.go()

@@ -65,9 +65,7 @@ def credentials(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def refused(run: Path, store: str, code: int, capfd: pytest.CaptureFixture[str]) -> str:
-    """The one line with which `publish` ends with that code, and the libraries below it say
-    nothing.
-    """
+    """The one line with which `publish` ends with that code; libraries below it say nothing."""
     ended = CliRunner().invoke(app, ["publish", str(run), store])
     assert (ended.exit_code, ended.stdout, *capfd.readouterr()) == (code, "", "", "")
     (line,) = ended.stderr.splitlines()

@@ -66,9 +66,7 @@ class Numbered:
 
 @dataclass(frozen=True)
 class Taken:
-    """What was taken for the answer to what; the questions that were asked for it, and in what
-    time.
-    """
+    """What was taken for the answer to what; the questions asked for it, and in what time."""
 
     question: str
     value: Value

@@ -46,9 +46,7 @@ def only(run: VirtualRun, kind: str) -> EventRow:
 
 
 def times_asked(run: VirtualRun) -> int:
-    """How often the flags were asked: whenever they were due, and once more when sampling had
-    ended.
-    """
+    """How often the flags were asked: whenever due, and once more when sampling had ended."""
     return [one.text for one in run.heard].count("RTA1")
 
 

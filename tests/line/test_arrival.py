@@ -1,6 +1,4 @@
-"""When alarms begin to count: once the tool has come to its setting, and never by one answer
-alone.
-"""
+"""When alarms begin to count: once the tool is at its setting, and never by one answer."""
 
 from __future__ import annotations
 
@@ -54,9 +52,7 @@ def test_two_answers_near_the_setting_do() -> None:
 
 
 def test_one_answer_beyond_the_setting_does_not_either() -> None:
-    """A tip that heats up quickly passes its setting between two readings; that, too, is told
-    twice.
-    """
+    """A tip that heats up quickly passes its setting between two readings, reported twice, too."""
     run = cold(stuck_c=335)
     say(run, "TT1", "00365", 6)
     run.go()

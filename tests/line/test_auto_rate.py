@@ -148,9 +148,7 @@ def test_the_borders_of_the_usual_stations() -> None:
 def test_an_omega_is_held_against_the_longest_answer_that_its_manual_prints(
     usual_ms: float, longest_ms: float, rate_hz: float
 ) -> None:
-    """003, 11.1: 0 to 250 ms. However quick its first answers were, later ones may take that
-    long.
-    """
+    """003, 11.1: 0 to 250 ms. However quick first answers were, later ones may take that long."""
     assert taken("omega", (1,), usual_ms, longest_ms) == rate_hz
 
 

@@ -337,9 +337,7 @@ def test_two_answers_that_are_25_degrees_apart_do_not_contradict(
 def test_a_tip_may_change_by_50_degrees_from_one_tick_to_the_next(
     value: int, is_doubted: bool, times: int
 ) -> None:
-    """The tip is at 350 °C; said once, 299 is contradicted, and said again and again it is a
-    jump.
-    """
+    """The tip is at 350 °C; said once, 299 is contradicted; said again and again it is a jump."""
     run = one_port()
     say(run, "TT1", f"{value:05d}", 10, times=times)
     run.go()

@@ -83,9 +83,7 @@ def test_a_tool_that_is_not_switched_on_stops_the_run() -> None:
 def test_the_flow_is_a_share_of_what_the_station_says_is_its_greatest(
     greatest: int, raw: int
 ) -> None:
-    """docs/reference/contradictions.md, B-33: per mille, per cent or litres, the share is the
-    same.
-    """
+    """docs/reference/contradictions.md, B-33: per mille, per cent, litres: one share."""
     settings = f"minimum_air_flow = 1, selected_air_flow = 20, maximum_air_flow = {greatest}"
     run = hot_air(f"settings = {{ {settings} }}", duration_s=15).go()
     assert f"WSF1{raw:05d}" in written(run)
@@ -586,9 +584,7 @@ def test_a_single_answer_does_not_decide_it() -> None:
 
 
 def test_the_safe_order_does_not_wait_for_a_reading_of_the_status() -> None:
-    """Reads of the status are silent from some moment on: the last confirmed digit goes out at
-    once.
-    """
+    """Reads of the status are silent from then on: the last confirmed digit goes out at once."""
     run = sucking(with_keys(), sim=fault("silence", command="status", only="read", at_s=3))
     run.go()
     last_tick = max(one.at for one in run.heard if one.text == "RAT1" and one.at <= run.t0 + 7)

@@ -26,9 +26,7 @@ def bench(hours: float = HOURS, duration_s: float = 20) -> VirtualRun:
 def exchange(
     run: VirtualRun, *, hours: float = 0.0, software: str | None = None, at_s: float = 5
 ) -> None:
-    """Put another station there while the cable is out: so many more plugged hours, other
-    software.
-    """
+    """Put another station there while the cable is out: more plugged hours, other software."""
 
     def exchanged() -> None:
         run.station.plant.start_counts["plugged_hours"] += hours
@@ -235,9 +233,7 @@ def test_model_and_software_are_read_as_often_as_the_counters_and_planned_for() 
 def test_what_another_station_answers_is_no_change_of_this_one(
     which: str, said: str, change: str
 ) -> None:
-    """Before a change is recorded, the station is asked who it is: the cable may be in another
-    one.
-    """
+    """Before a change is recorded, the station is asked who it is: the cable may have moved."""
     run = prepare(line_text(f"counters = {{ plugged_hours = {HOURS} }}\n"), duration_s=100)
 
     def swap() -> None:

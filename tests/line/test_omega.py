@@ -201,9 +201,7 @@ def test_a_joint_takes_the_temperature_out_of_its_range_and_a_lasting_one_is_tol
 
 
 def test_an_error_is_believed_when_it_is_said_twice() -> None:
-    """Two flipped bits make a0 a good a2: 0 and 2 differ in one bit, and so do the sums 91 and
-    93.
-    """
+    """Two flipped bits make a0 a good a2: 0 and 2 differ in one bit, so do the sums 91 and 93."""
     run = prepared("turnaround_ms = 20", duration_s=20)
     told, left = run.omega.plant.information, [True]
 

@@ -219,9 +219,7 @@ def test_the_recipe_may_go_on_with_a_difference_and_nothing_is_written_again() -
 
 
 def test_a_restart_is_found_by_what_it_lost() -> None:
-    """The selected temperature is volatile (manual 002, W-STx); the tool is back in its first
-    state.
-    """
+    """The selected temperature is volatile (manual 002, W-STx); the tool is in its first state."""
     recipe = RECIPE.replace("select_c = 350", "select_c = 300")
     run = prepare(line_text(away_for_3_s("restart")), recipe, duration_s=20).go()
     assert run.facts.outcome == "stopped"

@@ -29,9 +29,7 @@ STATION_WIDE = ("station_error", "transformer_c")
 
 
 def gaps_s(run: VirtualRun, column: str, port: int) -> list[float]:
-    """Seconds between the values of a column, told from the rows, begin and end of the run
-    included.
-    """
+    """Seconds between the values of a column by its rows, begin and end of the run included."""
     begin, end = run.memory.column("tick", port)[0], run.memory.column("tick", port)[-1]
     ticks = [
         row[COLUMN["tick"]]
@@ -260,9 +258,7 @@ def test_a_station_that_knows_no_signal_ends_the_run(rate: str | None) -> None:
 def test_a_rate_is_held_against_the_longest_answer_where_answers_vary(
     family: str, fits: bool
 ) -> None:
-    """003, 11.1: 0 to 250 ms. What one answer in twelve takes, one in twelve of a run takes,
-    too.
-    """
+    """003, 11.1: 0 to 250 ms. What one answer in twelve takes, one of twelve in a run takes."""
     recipe = (
         RECIPE
         if family == "dde"

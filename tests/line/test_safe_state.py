@@ -449,9 +449,7 @@ JTSE = line_text("tool = 1").replace("dde", "jtse")
 
 
 def exchange(run: VirtualRun, text: str, at_s: float) -> None:
-    """Put the cable into the station that `text` describes, between two questions: the link
-    stands.
-    """
+    """Put the cable into the station that `text` describes between two questions: no link lost."""
     (other,) = parse_line(text, Path("line.toml")).stations
 
     def exchanged() -> None:

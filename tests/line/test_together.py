@@ -334,9 +334,7 @@ def test_a_station_that_is_silent_is_left_out_where_that_is_allowed() -> None:
 
 
 def hung(*, allow_missing: bool) -> VirtualRun:
-    """A run of which one session says nothing for a minute: its driver hangs in opening the
-    port.
-    """
+    """A run of which one session says nothing for a minute: its driver hangs opening the port."""
 
     def late(session: Steps[StationFacts]) -> Steps[StationFacts]:
         from jbclog.core.io_requests import RunEnded, Wait

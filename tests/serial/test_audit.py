@@ -193,9 +193,7 @@ def _note_opened(monkeypatch: pytest.MonkeyPatch, opened: list[str]) -> None:
 
 
 def _began_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As if each run began between the look for runs and the opening of the port: the lock
-    decides.
-    """
+    """As if each run began between the look for runs and opening the port: the lock decides."""
     real, looks = survey.run_that_holds, []
 
     def holds(url: str) -> Path | None:

@@ -53,9 +53,7 @@ def test_eight_wires_at_a_time(tmp_path: Path, count: int, wire: str) -> None:
 
 
 def most_at_once(log: Path) -> int:
-    """How many stations were being asked at one moment, from each one's first question to its
-    last.
-    """
+    """How many stations were asked at one moment, from each one's first question to its last."""
     spans: dict[str, list[float]] = {}
     for line in log.read_text(encoding="ascii").splitlines():
         one = json.loads(line)

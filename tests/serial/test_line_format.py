@@ -1,6 +1,4 @@
-"""A pseudo-terminal has no wire, but it knows what its client has set: virtual stations go by
-that.
-"""
+"""A pseudo-terminal has no wire, but knows what its client set; virtual stations go by it."""
 
 from __future__ import annotations
 

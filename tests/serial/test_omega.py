@@ -1,6 +1,4 @@
-"""An OMEGA through real pseudo-terminals, as a person meets it: plan, run, and a joint made by
-hand.
-"""
+"""An OMEGA through real pseudo-terminals, as a person meets it: plan, run, a joint by hand."""
 
 from __future__ import annotations
 
@@ -31,9 +29,7 @@ RECIPE = PROFILES / "recipes" / "omega-point.toml"
 
 @pytest.fixture
 def line(tmp_path: Path) -> Iterator[Path]:
-    """A virtual OMEGA, served; the line file for a run. It holds condition 101 as the recipe has
-    it.
-    """
+    """A virtual OMEGA, served; the line file for a run. It holds condition 101 of the recipe."""
     (tmp_path / "line.toml").write_text(LINE)
     with SimProcess(tmp_path / "line.toml", tmp_path / "virtual") as stations:
         yield stations.line_path

@@ -140,9 +140,7 @@ def test_a_loop_has_no_descriptor_and_works() -> None:
 def test_a_kind_of_port_that_writes_files_or_loads_code_is_not_even_parsed(
     tmp_path: Path, url: str
 ) -> None:
-    """pyserial's spy:// opens the file that the url names for writing as soon as it reads the
-    url.
-    """
+    """pyserial's spy:// opens the file that the url names for writing as it reads the url."""
     file = tmp_path / "precious"
     file.write_text("precious")
     with terminal() as far, pytest.raises(LinkError, match="not a port that may be opened"):

@@ -1,6 +1,4 @@
-"""Virtual stations as a process of their own, on real pseudo-terminals and TCP, through
-pyserial.
-"""
+"""Virtual stations as their own process, on real pseudo-terminals and TCP, by pyserial."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Taking over on real pseudo-terminals: who is saved, who is left alone, and what is tried
-again.
-"""
+"""Taking over on real pseudo-terminals: who is saved, who left alone, what is tried again."""
 
 from __future__ import annotations
 

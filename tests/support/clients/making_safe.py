@@ -128,9 +128,7 @@ def task(
     wanted: str = "stand",
     suction: bool | None = False,
 ) -> SafetyTask:
-    """To put these tools in stand, or what is `wanted`; who is there is proven by the model's
-    name.
-    """
+    """Put these tools in stand, or what is `wanted`; the model's name proves who is there."""
     client = Station(LineFormat())
     client.turnaround_s = 0.002  # it has been spoken to before
     made = FAMILIES[family]

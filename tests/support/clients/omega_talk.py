@@ -23,9 +23,7 @@ PROMPT_S = 0.1
 
 
 def framed(text: str) -> bytes:
-    """`text` as a frame, built from the manual's rule (003, 11.2) and not by the code under
-    test.
-    """
+    """`text` as a frame, by the manual's rule (003, 11.2) and not by the code under test."""
     return b"\x02" + text.encode() + b"\x03" + f"{sum(text.encode()) % 256:02X}".encode()
 
 

@@ -67,9 +67,7 @@ def calls_of(name: str) -> set[str]:
 
 
 def allowed_calls(text: str) -> set[str]:
-    """By systemd's rule: the first line says that it is a list of what is allowed; ~ takes from
-    it.
-    """
+    """By systemd's rule: the first line says that what is listed is allowed; ~ takes from it."""
     allowed = calls_of("@default")
     for line in (
         line.partition("=")[2] for line in text.splitlines() if line.startswith("SystemCallFilter=")
@@ -121,9 +119,7 @@ def _library() -> ctypes.CDLL:
 
 
 def _deny_code_in_memory() -> None:
-    """As systemd does it: no memory that may be written and executed, none that becomes
-    executable.
-    """
+    """As systemd does it: no memory both writable and executable, none becomes executable."""
     library = _library()
     context = ctypes.c_void_p(library.seccomp_init(ALLOW))
     for call, bits in {

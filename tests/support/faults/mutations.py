@@ -63,9 +63,7 @@ def _random(
 def altered(
     seed: bytes, seeds: Sequence[bytes], words: Sequence[bytes], rng: Rng, count: int
 ) -> bytes:
-    """`seed` with `count` alterations: bits, bytes, words, lines, pieces of itself and of
-    others.
-    """
+    """`seed` with `count` alterations: bits, bytes, words, lines, pieces of it and of others."""
     data = bytearray(seed)
     for _ in range(count):
         place, size = rng.randrange(len(data) + 1), rng.choice((1, 1, 2, 4, 16, 200))

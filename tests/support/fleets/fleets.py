@@ -38,9 +38,7 @@ def on(days: float) -> str:
 def task(
     at: int, percent: float, *, doubt: float = 0.5, pace: float = 0.4, audits: int = 9
 ) -> TaskState:
-    """The task of that number, used up to so much, with a due range from a pace in per cent a
-    day.
-    """
+    """The task of that number, used so far, with a due range from a pace in per cent a day."""
     name, title, port, counter, unit, life = LIVES[at % len(LIVES)]
     used = Interval(max(percent - doubt, 0) * life / 100, (percent + doubt) * life / 100)
     states = {120: State.OVERDUE, 100: State.DUE, 80: State.SOON}

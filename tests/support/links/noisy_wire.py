@@ -96,9 +96,7 @@ class Exchange:
 
 @dataclass(frozen=True, slots=True)
 class Forgery:
-    """A whole answer that is not what the station says at that moment: its text, and when it
-    came.
-    """
+    """A whole answer that the station does not say at that moment: its text, and when it came."""
 
     text: str
     at: float

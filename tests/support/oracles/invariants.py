@@ -273,9 +273,7 @@ def counted(kept: Kept) -> dict[tuple[str, str, str], Counter[str]]:
 
 
 def _due(kept: Kept, *, whole: bool = True) -> Iterator[str]:
-    """Every tick has its row, and every reading that the session counted as due a value or a
-    reason.
-    """
+    """Every tick has its row, and every reading counted as due a value or a reason."""
     rows = counted(kept)
     for facts in kept.facts:
         yield from (f"I2: {facts.name}: {text}" for text in _missing_ticks(kept, facts))

@@ -502,9 +502,7 @@ def _tick(seconds: float, first: int) -> int:
 
 
 def _step(seconds: float, first: int) -> int:
-    """Contacts begin and end with decisions, so that the heat of each is a difference of two
-    sums.
-    """
+    """Contacts begin and end with decisions: the heat of each is a difference of two sums."""
     return EVERY * _tick(seconds, first)
 
 

@@ -256,9 +256,7 @@ def _recorded(
 
 
 def _for_second(script: Script) -> second_plant.Script:
-    """The same, `BEFORE_S` later: until then a tip that begins cold is aimed at its
-    surroundings.
-    """
+    """The same, `BEFORE_S` later: till then a tip that begins cold is aimed at its surroundings."""
 
     def later(spans: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
         return [(start + BEFORE_S, end + BEFORE_S) for start, end in spans]
@@ -483,9 +481,7 @@ def worst_tenth(several: Sequence[Outcome]) -> float:
 
 
 def number_wrong(several: Sequence[Outcome]) -> float:
-    """Of the plant and tip with the largest: how far the number of joints is off, where it is
-    known.
-    """
+    """Of the plant and tip with the largest: how far the number of joints is off, where known."""
     shares = [0.0]
     for plant, tip in product(PLANTS, TIPS):
         told = [
@@ -501,9 +497,7 @@ def number_wrong(several: Sequence[Outcome]) -> float:
 
 
 def numbers_off(several: Sequence[Outcome]) -> float:
-    """Of the trials in which the number is known: in how many it is wrong by more than
-    `OFF_SHARE`.
-    """
+    """Of the trials with a known number: in how many it is wrong by more than `OFF_SHARE`."""
     shares = [share_off(one) for one in several if one.is_known]
     return sum(share > OFF_SHARE for share in shares) / max(len(shares), 1)
 

@@ -388,9 +388,7 @@ def trials(
 def _recorded(
     plants: Plants, script: Script, seen: Recorded, row: int, seed: int, hz: float
 ) -> Trial:
-    """One trial at one rate: each tick is read up to 15 ms late, one reading in two hundred is
-    lost.
-    """
+    """One trial at one rate: each tick is read up to 15 ms late, one reading of 200 is lost."""
     rng = np.random.default_rng([seed, 3, round(hz)])
     ticks = np.arange(int(seen.power.shape[1] * STEP_S * hz)) / hz
     at = np.minimum(

@@ -522,9 +522,7 @@ class Trial:
 def recorded(
     script: Script, temperature: Floats, power: Floats, noise_c: float, seed: int, hz: float
 ) -> Trial:
-    """One trial at one rate: each tick is read up to 15 ms late, one reading in two hundred is
-    lost.
-    """
+    """One trial at one rate: each tick is read up to 15 ms late, one reading of 200 is lost."""
     rng = np.random.default_rng([seed, 3, round(hz)])
     ticks = np.arange(int(script.seconds * hz)) / hz
     moments = ticks + rng.uniform(0, 0.015, len(ticks))

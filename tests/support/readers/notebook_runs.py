@@ -42,9 +42,7 @@ once.install()
 
 
 class Kernel:
-    """A kernel for several notebooks, one after the other: each finds no name of the one before
-    it.
-    """
+    """A kernel for several notebooks in turn: each finds no name of the one before it."""
 
     def __init__(self, client: NotebookClient) -> None:
         self._client = client

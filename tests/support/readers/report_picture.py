@@ -21,9 +21,7 @@ COLOURS = 64
 
 
 def upper_part(html: str) -> str:
-    """The page from its top to the end of what stands below its first heading of the second
-    rank.
-    """
+    """The page from its top to the end of what is below its first heading of the second rank."""
     before, first, rest = html.partition("<h2>")
     strips, _, _ = rest.partition("<h2>")
     return f"{before}{first}{strips}</main></body></html>"

@@ -35,9 +35,7 @@ def rows(text: str) -> list[list[str]]:
 
 
 def commands() -> list[str]:
-    """What a reader of README could type: the shell blocks, and every piece of code in the
-    prose.
-    """
+    """What a reader of README could type: shell blocks, and every piece of code in the prose."""
     return [*blocks("sh"), *re.findall(r"`([^`\n]+)`", PROSE)]
 
 

@@ -308,9 +308,7 @@ def _disturb(series: Series, rng: random.Random) -> None:
 
 @dataclass(frozen=True)
 class Plain:
-    """An episode as far as the slow way tells it: side, onset interval, raised, end interval,
-    peak.
-    """
+    """An episode as the slow way has it: side, onset interval, raised, end interval, peak."""
 
     side: str
     onset: tuple[int, int]

@@ -23,9 +23,7 @@ STEPS = (0.0, 0.1)  # of six standard deviations: what practice asks of a gauge
 
 
 def in_steps(values: Floats, share: float) -> tuple[Floats, float | None]:
-    """The values as they are read in steps of that share of six standard deviations, and the
-    step.
-    """
+    """The values as read in steps of that share of six standard deviations, and the step."""
     step = share * 6 * float(values.std())
     return (np.round(values / step) * step, step) if step else (values, None)
 

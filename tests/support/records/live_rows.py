@@ -41,9 +41,7 @@ def now_us() -> int:
 
 @dataclass
 class Recording:
-    """A store that was started in a new folder below `out`, with the manifest of a run that goes
-    on.
-    """
+    """A store started in a new folder below `out`, with the manifest of a run in progress."""
 
     out: Path
     ports: tuple[int, ...] = (1, 2)

@@ -275,9 +275,7 @@ EXAMPLES: dict[str, Callable[[], Iterator[Example]]] = {
 
 @contextmanager
 def _nowhere(seed: int) -> Iterator[None]:
-    """The record names no machine, and the letters at the end of its name are the same each
-    time.
-    """
+    """The record names no machine, and the letters at the end of its name are always the same."""
     letters = random.Random(seed)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
@@ -304,9 +302,7 @@ def record(one: Example, out: Path, seed: int) -> Path:
 
 
 def pack(folder: Path) -> None:
-    """Many runs as one file, which is a twentieth of their size; the same runs give the same
-    bytes.
-    """
+    """Many runs as one file, a twentieth of their size; the same runs give the same bytes."""
     with (
         lzma.open(folder.with_suffix(".tar.xz"), "wb") as out,
         tarfile.open(fileobj=out, mode="w", format=tarfile.USTAR_FORMAT) as tar,

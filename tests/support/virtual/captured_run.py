@@ -49,9 +49,7 @@ class TapedCable:
         return self._cable.is_unplugged(now)
 
     def told(self, row: ResultRow) -> None:
-        """Note what came up to this moment, or became of the link; then what the session is
-        told.
-        """
+        """Note what came up to this moment, or became of the link; then what the session gets."""
         now, reopened = row.at_s, row.request == "reopen"
         if row.what == "broke":
             self._keep(LinkRow(now, "failed" if reopened else "lost", text=row.text))

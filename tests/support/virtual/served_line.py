@@ -159,9 +159,7 @@ class ServedLine:
         return str(self.path.parent / name)
 
     def orders(self, since: float = 0.0) -> list[Order]:
-        """What was written to the stations after `since` (monotonic seconds), in the order of
-        time.
-        """
+        """What was written to the stations after `since` (monotonic seconds), by time."""
         found = [
             self._order(name, write)
             for name, one in self.stations.items()

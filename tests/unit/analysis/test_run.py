@@ -194,9 +194,7 @@ def test_damage_is_reported(tmp_path: Path) -> None:
 
 
 def test_every_look_at_a_run_while_it_is_sealed_sees_each_row_once(tmp_path: Path) -> None:
-    """A reader goes on without pause while parts appear, batches disappear and the run is
-    concluded.
-    """
+    """A reader goes on while parts appear, batches disappear and the run is concluded."""
     store = few_rows.begun(tmp_path)
     committed, done, seen = [0], threading.Event(), []
 

@@ -22,9 +22,7 @@ def _signals_as_before() -> Iterator[None]:
 
 @pytest.fixture
 def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
-    """A bench of virtual stations in memory, in whose folder the program is; no run is in
-    progress.
-    """
+    """A bench of virtual stations in memory, the program in its folder; no run is in progress."""
 
     def made(*stations: str) -> Bench:
         bench = Bench(tmp_path, *stations)

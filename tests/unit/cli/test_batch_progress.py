@@ -1,6 +1,4 @@
-"""What a person sees of a batch: its live table, the events of its jobs, and the table at its
-end.
-"""
+"""What a person sees of a batch: its live table, its jobs' events, the table at its end."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The line file's key `model` in `write`, `safe`, `read` and `audit`: the same name, the same
-proof.
-"""
+"""The line file's key `model` in `write`, `safe`, `read`, `audit`: one name, one proof."""
 
 from __future__ import annotations
 

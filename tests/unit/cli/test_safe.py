@@ -1,6 +1,4 @@
-"""`jbclog safe`: what it orders of whom, what it leaves alone, and what it does not take for
-safe.
-"""
+"""`jbclog safe`: what it orders of whom, what it leaves alone, what it does not call safe."""
 
 from __future__ import annotations
 

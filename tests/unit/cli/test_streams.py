@@ -1,6 +1,4 @@
-"""A stream that was closed, or that cannot write every character, keeps no run from being
-recorded.
-"""
+"""A stream that was closed, or cannot write every character, keeps no run from its record."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The scan that finds each key's line: held against tomllib, which finds the keys but not the
-lines.
-"""
+"""The scan that finds each key's line, against tomllib, which finds keys but not lines."""
 
 from __future__ import annotations
 

@@ -89,9 +89,7 @@ def test_a_page_s_header_is_read_whatever_its_length(tmp_path: Path, length: int
 
 
 def child_that_ends(path: Path, all_of_them: Iterator[bytes]) -> int:
-    """How a child ends that reads each of these in turn: an abort of the library would be its
-    end.
-    """
+    """How a child ends that reads each of these in turn: the library's abort would end it."""
     child = os.fork()
     if not child:
         code = 1

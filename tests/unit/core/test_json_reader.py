@@ -1,6 +1,4 @@
-"""Dataclasses from JSON: the description of each type is made at import, before there are
-threads.
-"""
+"""Dataclasses from JSON: each type's description is made at import, before any thread."""
 
 from __future__ import annotations
 

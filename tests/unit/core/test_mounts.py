@@ -1,6 +1,4 @@
-"""A folder on a network mount that hangs is not waited for, and one that is local costs no
-child.
-"""
+"""A folder on a network mount that hangs is not waited for; a local one costs no child."""
 
 from __future__ import annotations
 

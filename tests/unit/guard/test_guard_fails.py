@@ -247,9 +247,7 @@ def test_a_lease_is_closed_as_far_as_it_could_be_written_down_why(
 def test_one_without_descriptors_ends_when_another_process_has_dealt_with_its_lease(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """It can neither write the lease again nor take the lock; a removed lease is seen all the
-    same.
-    """
+    """It can neither write the lease again nor take the lock; a removed lease is seen anyhow."""
     action_log = ActionLog(tmp_path)
     lease_writer = LeaseWriter(tmp_path, action_log)
     lease_writer.put([LEASE])

@@ -1,6 +1,4 @@
-"""What a run leases: all that it touched while a session goes on, then what is not known to be
-safe.
-"""
+"""What a run leases: all it touched while a session lasts, then what is not known safe."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The tasks file: what it gives, and everything that is wrong with it, at once, with line and
-key.
-"""
+"""The tasks file: what it gives, and all that is wrong with it at once, with line and key."""
 
 from __future__ import annotations
 

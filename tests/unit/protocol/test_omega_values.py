@@ -43,9 +43,7 @@ COUNTED_ON_WIRE = "007C100A01401E02803203C04605005A06406E07808208C096"
 
 
 def test_the_record_of_the_reference() -> None:
-    """Four digits of number, one of mode, fifteen fields of three: 50 characters, and a frame of
-    55.
-    """
+    """Four digits of number, one of mode, fifteen fields of three: 50 characters; a frame: 55."""
     assert RECORD.encode(COUNTED) == COUNTED_ON_WIRE
     assert RECORD.decode(COUNTED_ON_WIRE) == COUNTED
     assert len(COUNTED_ON_WIRE) == 50

@@ -171,9 +171,7 @@ def test_places_that_cannot_be_read_any_more_are_damage(
 
 
 def test_what_was_at_risk_is_told_as_it_was(tmp_path: Path) -> None:
-    """A disk or a machine that kept the last commit waiting: the guard saw when the recorder
-    ended.
-    """
+    """A disk or a machine that kept the last commit waiting: the guard saw the recorder end."""
     folder = few_rows.abandoned(tmp_path)
     said = commit_status(folder)
     assert said.since is not None

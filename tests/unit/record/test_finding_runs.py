@@ -1,6 +1,4 @@
-"""Runs are found by anything that was said of them, whatever else lies in the folder, and
-quickly.
-"""
+"""Runs are found by anything said of them, whatever else is in the folder, and quickly."""
 
 from __future__ import annotations
 

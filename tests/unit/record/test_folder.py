@@ -1,6 +1,4 @@
-"""A run's folder is new, is named as docs/reference/run-folder.md says, and is known to take
-writes.
-"""
+"""A run's folder is new, named as docs/reference/run-folder.md says, and known to take writes."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The live store: handing over never waits, what is committed is there, what cannot be kept is
-said.
-"""
+"""The live store: handing over never waits, what is committed is there, failures are said."""
 
 from __future__ import annotations
 

@@ -108,9 +108,7 @@ def test_the_cleaning_is_a_short_record() -> None:
 
 @pytest.mark.parametrize(("number", "letter"), [(101, "h"), (201, "i"), (301, "h")])
 def test_a_joint_is_told_of_when_it_is_made(number: int, letter: str) -> None:
-    """h when a point is done, i after the first stage of a slide; questions are answered
-    meanwhile.
-    """
+    """h when a point is done, i after a slide's first stage; questions are answered meanwhile."""
     omega = station()
     (late,) = omega.receive(framed(f"H{number:04X}"), WARM)
     assert late.data == framed(letter)

@@ -157,9 +157,7 @@ def test_what_came_before_the_first_question_belongs_to_none() -> None:
 
 
 def many(count: int) -> list[CaptureRow]:
-    """Q1 answered by its own number, Q2 every fourth time, by the number of the question before
-    it.
-    """
+    """Q1 answered by its own number, Q2 every fourth time by that of the question before it."""
     rows: list[CaptureRow] = []
     for number in range(count):
         rows += [row(float(number), "sent", Q1), row(number + 0.01, "heard", b"%d" % number)]
@@ -278,9 +276,7 @@ def test_nothing_from_before_a_write_comes_after_it() -> None:
 
 
 def test_a_write_that_was_repeated_because_its_answer_was_lost_divides_nothing() -> None:
-    """A client that hears the first answer does not write again, and has come as far all the
-    same.
-    """
+    """A client that hears the first answer does not write again, and comes as far all the same."""
     one = station(
         tape(
             row(1.0, "sent", SLEEP),

@@ -1,6 +1,4 @@
-"""A whole virtual station: its wire's pace, its faults by name and the time that they count
-from.
-"""
+"""A whole virtual station: its wire's pace, its faults by name and the time they count from."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Two one-sided tests: equivalent, different, or not known; against figures worked out another
-way.
-"""
+"""Two one-sided tests: equivalent, different, not known; against figures of another way."""
 
 from __future__ import annotations
 

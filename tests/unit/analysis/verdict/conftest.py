@@ -114,9 +114,7 @@ class Case:
         return facts
 
     def seal(self, tips: list[tuple[str, int, Tip]], first_tick: int = 0) -> None:
-        """Write the tips as one part of `samples`, interleaved tick by tick as a recorder has
-        them.
-        """
+        """Write the tips as one part of `samples`, interleaved tick by tick as by a recorder."""
         n = len(tips[0][2].temperature)
         rows = [(i, name, port, tip) for i in range(n) for name, port, tip in tips]
         ticks = [first_tick + i for i, *_ in rows]

@@ -18,9 +18,7 @@ SECONDS, SET_C, FIRST_S = 240.0, 350.0, 20.0
 
 
 def worked(seed: int, dwell_s: float, pause_s: float, break_s: float = 0.0) -> Script:
-    """A joint after the other with the same pause; after every tenth a break, where there is
-    one.
-    """
+    """A joint after the other with the same pause; after every tenth a break, if there is one."""
     rng, script, now, number = np.random.default_rng([seed, 9]), Script(), FIRST_S, 0
     script.settings.append((0.0, SET_C))
     while now < SECONDS - 3:
@@ -97,18 +95,14 @@ def test_where_it_rests_the_error_is_that_of_the_rest(
 
 @rates
 def test_joints_that_leave_hardly_time_to_recover_give_the_true_error_or_none(hz: float) -> None:
-    """Eight seconds from joint to joint: some of these tips are back for a moment, and some are
-    not.
-    """
+    """Eight seconds from joint to joint: some of these tips are back for a moment, some not."""
     for trial in trials(*HARDLY, hz):
         found = readings(trial, hz)
         assert not len(found) or abs(found.mean()) < 0.35
 
 
 def test_what_the_tip_does_in_its_own_time_stays_in() -> None:
-    """A slow swing of 3 °C while nothing is soldered is the tip's spread, not the tail of
-    anything.
-    """
+    """A slow swing of 3 °C while nothing is soldered is the tip's spread, and no tail."""
     at = np.arange(6000) / 10
     temperature = np.round(350 + 3 * np.sin(2 * np.pi * at / 45))
     power = np.full(len(at), 100.0)

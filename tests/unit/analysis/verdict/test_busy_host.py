@@ -1,6 +1,4 @@
-"""What the computer skipped breaks no limit, and limits in per cent have the resolution of the
-run.
-"""
+"""What the computer skipped breaks no limit; limits in per cent have the run's resolution."""
 
 from __future__ import annotations
 

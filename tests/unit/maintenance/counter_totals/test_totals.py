@@ -1,6 +1,4 @@
-"""Counter totals on histories made by hand: every kind of difference, and the rule that decides
-it.
-"""
+"""Counter totals on histories made by hand: every kind of difference, and its rule."""
 
 from __future__ import annotations
 

@@ -38,9 +38,7 @@ def _walk(*chosen: tuple[Family, Command]) -> pytest.MarkDecorator:
 
 @pytest.fixture
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, family: Family) -> Bench:
-    """A station of the family on a wire without time, its tools cold; it has been on for a
-    while.
-    """
+    """A station of the family on a wire without time, its tools cold; it has been on a while."""
     made = Bench(tmp_path, station_text("it", family.name, sim="wire = false"))
     monkeypatch.setattr(connection, "run_that_holds", lambda url: None)
     return made

@@ -226,9 +226,7 @@ def _written() -> list[Quantity]:
 
 
 def _read_back(quantity: Quantity, texts: Iterable[str]) -> int:
-    """How many texts mean something; each value must be written as the text that it was read
-    from.
-    """
+    """How many texts mean something; each value must be written as the text it was read from."""
     count = 0
     for text in texts:
         value = meant(quantity, text)

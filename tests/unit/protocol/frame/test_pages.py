@@ -47,9 +47,7 @@ def begins(module: ModuleType) -> dict[str, int]:
 
 
 def ends(module: ModuleType) -> dict[str, int]:
-    """The page on which the next section begins: the last on which something of a section can
-    stand.
-    """
+    """The page on which the next section begins: the last on which one's content can be."""
     sections = list(begins(module).items())
     return {section: after for (section, _), (_, after) in pairwise(sections)} | {
         sections[-1][0]: sections[-1][1]

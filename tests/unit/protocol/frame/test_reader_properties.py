@@ -23,9 +23,7 @@ Told = Frame | str
 
 
 class System(NamedTuple):
-    """One protocol: its reader, what a good frame is told as, and its bytes by the manual's
-    rule.
-    """
+    """One protocol: its reader, what a good frame gives, and its bytes by the manual's rule."""
 
     reader: Callable[[], Reader]
     frames: st.SearchStrategy[Told]

@@ -603,9 +603,7 @@ def test_hot_air_is_not_switched_on_by_one_either() -> None:
 @pytest.mark.parametrize("family", ["dde", "ucr"])
 @pytest.mark.parametrize("wanted", ["working", "on", "", "../x"])
 def test_a_state_that_is_not_safe_is_never_ordered(family: str, wanted: str) -> None:
-    """A lease is a file in a folder of runs: whoever puts one there must not heat a tool with
-    it.
-    """
+    """A lease is a file in a folder of runs: whoever puts one there must not heat a tool by it."""
     device, made = station(family, tools=(1,)), task(1, family=family)
     given = SafetyTask(made.client, made.family, wanted, made.tools, made.feeds, made.prove)
     Cable(device).pull(secure(given))
