@@ -34,7 +34,7 @@ from jbclog.core.foreign.json_reader import decoder
 from jbclog.core.foreign.tables import read_small
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.folder import METRICS_CACHE
-from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
+from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME, Column, field_of
 
 REPORT_FILE: Final = "report.json"
 JOINTS_FILE: Final = "joints.parquet"
@@ -88,7 +88,6 @@ class _Report:
 _read_written: Final = decoder(_Written)
 _read_report: Final = decoder(_Report)
 
-Column = tuple[str, pa.DataType, str, str]
 JOINTS: Final[Sequence[Column]] = (
     ("station!", TEXT, "", ""),
     ("port!", INT, "", ""),
@@ -161,15 +160,7 @@ JOINTS: Final[Sequence[Column]] = (
 )
 
 
-def _field(column: Column) -> pa.Field:
-    name, kind, unit, definition = column
-    metadata = {key: value for key, value in (("unit", unit), ("definition", definition)) if value}
-    return pa.field(
-        name.removesuffix("!"), kind, nullable=not name.endswith("!"), metadata=metadata or None
-    )
-
-
-JOINTS_SCHEMA: Final = pa.schema([_field(column) for column in JOINTS])
+JOINTS_SCHEMA: Final = pa.schema([field_of(column, "definition") for column in JOINTS])
 
 
 def joints_parquet(joints: pa.Table, manifest_sha256: str) -> bytes:

@@ -101,9 +101,10 @@ _PANDAS = {
 }
 
 
-def _field(column: Column) -> pa.Field:
-    name, kind, unit, command = column
-    metadata = {key: text for key, text in (("unit", unit), ("command", command)) if text}
+def field_of(column: Column, of_text: str = "command") -> pa.Field:
+    """Return the column as a field; its metadata have the unit and, as `of_text`, the last text."""
+    name, kind, unit, last = column
+    metadata = {key: text for key, text in (("unit", unit), (of_text, last)) if text}
     return pa.field(
         name.removesuffix("!"), kind, nullable=not name.endswith("!"), metadata=metadata or None
     )
@@ -136,7 +137,7 @@ def _pandas_hint(fields: Sequence[pa.Field]) -> str:
 
 
 def _schema(columns: Sequence[Column]) -> pa.Schema:
-    fields = [_field(column) for column in columns]
+    fields = [field_of(column) for column in columns]
     return pa.schema(
         fields, metadata={"jbclog.schema": str(SCHEMA_VERSION), "pandas": _pandas_hint(fields)}
     )
