@@ -34,6 +34,7 @@ from jbclog.analysis.alarms.from_record import earliest_us
 from jbclog.analysis.run_tables import RunTables, stations_of
 from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read as read_annotations
+from jbclog.record.manifest import iso as manifest_iso
 from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
 
 ACKNOWLEDGED: Final = "alarm.acknowledged"
@@ -325,11 +326,7 @@ def acknowledged_in(run: RunTables) -> dict[str, Acknowledgement]:
 
 def iso(micros: int | None) -> str | None:
     """Return a UTC time as ISO 8601 with microseconds."""
-    return (
-        None
-        if micros is None
-        else pd.Timestamp(micros, unit="us", tz="UTC").strftime("%Y-%m-%dT%H:%M:%S.%fZ")
-    )
+    return None if micros is None else manifest_iso(int(micros))
 
 
 def _moment(text: object) -> datetime | None:

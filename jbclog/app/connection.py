@@ -18,6 +18,7 @@ from typing import Final, TypeVar
 from jbclog import __version__
 from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import Line, load_line
+from jbclog.core.clock import utc_text
 from jbclog.core.durable_files import write_new
 from jbclog.core.errors import PortBusy, RecordError, UsageError
 from jbclog.core.io_requests import Steps
@@ -70,7 +71,7 @@ def ask(
 
 def utc_of(moment: float, access: PortAccess = SYSTEM) -> str:
     """Convert a monotonic time of this process to UTC: ``2026-11-21T01:30:00.000000Z``."""
-    return access.utc_of(moment).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    return utc_text(access.utc_of(moment))
 
 
 def keep_snapshot(

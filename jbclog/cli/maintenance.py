@@ -13,6 +13,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.output import echo, echo_json, echo_table, reports_errors
+from jbclog.core.clock import utc_ms
 from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
@@ -96,10 +97,10 @@ def maintenance(
     place = place_of(station, book, _places(line))
     expect_port(port, place, book)
     now = datetime.now(UTC)
-    when = _utc(now if at is None else _moment(at, now))
+    when = utc_ms(now if at is None else _moment(at, now))
     known = task_of(task, book, _names(tasks))
     _keep(
-        Fact(when, _utc(now), by or _user(), *place, known, port, part or "", remark),
+        Fact(when, utc_ms(now), by or _user(), *place, known, port, part or "", remark),
         ledger,
         as_json=as_json,
     )
@@ -134,10 +135,6 @@ def _moment(text: str, now: datetime) -> datetime:
     if found is None or found > now:
         raise UsageError(f"--at {text}: is in the future")
     return found
-
-
-def _utc(moment: datetime) -> str:
-    return moment.isoformat(timespec="milliseconds")
 
 
 def _user() -> str:

@@ -10,8 +10,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import partial
-from typing import Protocol
+from typing import Final, Protocol
+
+UTC_FORMAT: Final = "%Y-%m-%dT%H:%M:%S.%fZ"
+
+
+def utc_text(moment: datetime) -> str:
+    """Format a time as in records: ``2026-11-21T01:30:00.123456Z``."""
+    return moment.astimezone(UTC).strftime(UTC_FORMAT)
+
+
+def utc_ms(moment: datetime) -> str:
+    """Format a time as in ledgers: ``2026-11-21T01:30:00.123+00:00``."""
+    return moment.astimezone(UTC).isoformat(timespec="milliseconds")
 
 
 def _elapsed() -> Callable[[], float]:

@@ -27,6 +27,7 @@ from pathlib import Path
 from statistics import fmean, stdev
 from typing import Final
 
+from jbclog.core.clock import utc_text
 from jbclog.core.durable_files import (
     add_line,
     chain_in,
@@ -187,7 +188,7 @@ def verify(given: Given, own: Own, now: datetime) -> Verification:
     result, text = _outcome(given, own, offset, known, now)
     return Verification(
         seq=0,
-        time=now.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ"),
+        time=utc_text(now),
         station=given.station,
         port=given.port,
         tip=given.tip,

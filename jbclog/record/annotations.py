@@ -21,6 +21,7 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.clock import UTC_FORMAT
 from jbclog.core.durable_files import (
     add_line,
     chain_in,
@@ -37,7 +38,6 @@ from jbclog.core.foreign.json_reader import builder, decoder
 NAME: Final = "annotations.jsonl"
 MANIFEST: Final = "manifest.json"
 NOTE: Final = "note"
-TIME: Final = "%Y-%m-%dT%H:%M:%S.%fZ"
 VOUCHED: Final = "report.written"
 REPORT: Final = "report.json"
 WHICH: Final = re.compile(rf"{re.escape(REPORT)} SHA-256 ([0-9a-f]{{64}})")
@@ -106,7 +106,7 @@ def append(
         raise RecordError(f"{kind!r} is no kind of an annotation")
 
     def made(seq: int, previous: str) -> bytes:
-        time = moment.strftime(TIME)
+        time = moment.strftime(UTC_FORMAT)
         return line_of(
             asdict(Annotation(seq, time, kind, texts["who"], texts["what"], texts["why"], previous))
         )
@@ -186,7 +186,7 @@ def _is_complete(said: Annotation) -> bool:
     """Whether it has a time, an author, a text and a reason; without them it acknowledges nothing.
     Raises ValueError.
     """
-    is_time = datetime.fromisoformat(said.time).strftime(TIME) == said.time
+    is_time = datetime.fromisoformat(said.time).strftime(UTC_FORMAT) == said.time
     return is_time and all(text.strip() for text in (said.who, said.what, said.why))
 
 

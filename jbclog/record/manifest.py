@@ -13,6 +13,7 @@ from itertools import accumulate, islice
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.clock import utc_text
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
@@ -292,7 +293,7 @@ def iso(micros: int) -> str:
     moment = datetime.fromtimestamp(micros // 1_000_000, UTC).replace(
         microsecond=micros % 1_000_000
     )
-    return moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    return utc_text(moment)
 
 
 def read_manifest(folder: Path) -> Manifest:

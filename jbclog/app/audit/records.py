@@ -8,7 +8,7 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -16,6 +16,7 @@ from pyarrow import ArrowException
 
 from jbclog.app.audit.questions import SurveyTarget, is_parameter, parameter_name
 from jbclog.config.tasks_file import Task
+from jbclog.core.clock import utc_ms
 from jbclog.core.errors import JbclogError, RecordError
 from jbclog.core.rows import StationFacts
 from jbclog.core.serial_line import is_one_port
@@ -102,7 +103,7 @@ class PastRuns:
 
 def counted_to(audit: str) -> str:
     """Return up to when the audit that began at `audit` counts errors."""
-    return (datetime.fromisoformat(audit) - LAG).astimezone(UTC).isoformat(timespec="milliseconds")
+    return utc_ms(datetime.fromisoformat(audit) - LAG)
 
 
 def past_runs(folder: Path, since: Mapping[Place, str], audit: str) -> PastRuns:
@@ -218,12 +219,12 @@ def observed_in(folder: Path, wanted: SurveyTarget, now: datetime) -> Observatio
         record = _record(folder, wanted, now)
         counts = [] if record is None else list(_newest(record))
         if record is None or (not counts and record.family is not None and record.family.counters):
-            return replace(wanted.unseen(_text(now), _nothing_yet(folder, record)), source=source)
+            return replace(wanted.unseen(utc_ms(now), _nothing_yet(folder, record)), source=source)
         return _observation(wanted, record, counts, source)
     except (JbclogError, OSError, sqlite3.Error, ArrowException) as error:
         return replace(
             wanted.unseen(
-                _text(now), f"the run {folder} holds it, and its record cannot be read: {error}"
+                utc_ms(now), f"the run {folder} holds it, and its record cannot be read: {error}"
             ),
             source=source,
         )
@@ -265,7 +266,7 @@ def _observation(
 ) -> Observation:
     facts = record.facts
     return Observation(
-        _text(max((one.time for one in counts), default=record.now)),
+        utc_ms(max((one.time for one in counts), default=record.now)),
         wanted.audit,
         wanted.line,
         wanted.target.name,
@@ -347,10 +348,6 @@ def _errors(record: _Record, wanted: SurveyTarget) -> Errors:
     )
 
 
-def _text(moment: datetime) -> str:
-    return moment.astimezone(UTC).isoformat(timespec="milliseconds")
-
-
 # -- verifications ---------------------------------------------------------------------------------
 # The last verification of each tip, from the file of verifications beside the runs, as entries of
 # the ledger.
@@ -386,7 +383,7 @@ def _last(book: Book, station: str) -> Iterator[Verification]:
 
 
 def _fact(place: Place, one: Verification, runs: Path) -> Fact:
-    time = datetime.fromisoformat(one.time).astimezone(UTC).isoformat(timespec="milliseconds")
+    time = utc_ms(datetime.fromisoformat(one.time))
     text = (
         f"port {one.port} verified by {one.by}, {one.result.upper()}: line {one.seq} of"
         f" {runs / NAME}"

@@ -15,13 +15,13 @@ import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from datetime import datetime
 from pathlib import Path
 from threading import Event
 from typing import Final
 
 from jbclog.app.audit.questions import SurveyTarget, harmless_for, look
 from jbclog.app.port_access import SYSTEM, PortAccess
+from jbclog.core.clock import utc_ms
 from jbclog.core.errors import (
     LinkError,
     PortBusy,
@@ -133,10 +133,10 @@ class Survey:
 
     def utc(self) -> str:
         """Return the current time in the format of the ledger."""
-        return _text(self.access.now())
+        return utc_ms(self.access.now())
 
     def _utc_of(self, moment: float) -> str:
-        return _text(self.access.utc_of(moment))
+        return utc_ms(self.access.utc_of(moment))
 
     def _unless_stopped(self, request: Request) -> Steps[IoResult]:
         if self.is_stopped:
@@ -168,7 +168,3 @@ def _open(wanted: SurveyTarget, access: PortAccess) -> Port:
             f"{target.url} is open in {processes_text(sharers)}; end that program", sharers[0]
         )
     return ReadOnly(access.open_port(target.url, target.line), harmless_for(target.family))
-
-
-def _text(moment: datetime) -> str:
-    return moment.isoformat(timespec="milliseconds")

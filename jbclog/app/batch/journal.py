@@ -17,6 +17,7 @@ from typing import Final
 
 from jbclog.app.batch.state import BatchState, Entry, EntryKind, batch_state
 from jbclog.app.batch.store import ADD_LINE, OLD_JOURNAL, BatchStore, import_files
+from jbclog.core.clock import utc_text
 from jbclog.core.durable_files import (
     LineChain,
     chain_in,
@@ -52,7 +53,7 @@ def home_of(out: Path, jobs_file: Path) -> Path:
 
 def iso(utc_s: float) -> str:
     """Format a time of the journal."""
-    return datetime.fromtimestamp(utc_s, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    return utc_text(datetime.fromtimestamp(utc_s, UTC))
 
 
 class Journal:
