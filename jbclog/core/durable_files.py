@@ -177,11 +177,19 @@ def _broken(number: int, of_first: str) -> str:
     )
 
 
+CUT_OFF: Final = "was cut off while it was written; it counts for nothing"
+
+
+def damage_in(wrong: Iterable[tuple[int, str]]) -> list[str]:
+    """Return the faults, without lines that a crash cut off: those were never acknowledged."""
+    return [f"line {number} {text}" for number, text in wrong if text != CUT_OFF]
+
+
 def _unreadable(line: Line, what: str) -> str:
     if line.text is None:
         return f"has more than {LONGEST_LINE} bytes; it counts for nothing"
     if not line.is_ended:
-        return "was cut off while it was written; it counts for nothing"
+        return CUT_OFF
     return f"is no {what}, or was changed"
 
 

@@ -22,6 +22,7 @@ from jbclog.core.durable_files import (
     LineChain,
     add_lines,
     chain_of,
+    damage_in,
     first_faults,
     line_of,
     sha256,
@@ -165,7 +166,7 @@ class Book:
     @property
     def is_sound(self) -> bool:
         """Whether the chain holds. A last line that a crash cut off was never acknowledged."""
-        return all("cut off" in text for _, text in self.wrong)
+        return not damage_in(self.wrong)
 
     @property
     def is_foreign(self) -> bool:

@@ -31,6 +31,7 @@ from jbclog.core.clock import utc_text
 from jbclog.core.durable_files import (
     add_line,
     chain_in,
+    damage_in,
     fields_of,
     first_faults,
     line_of,
@@ -309,7 +310,7 @@ def keep(out: Path, one: Verification) -> tuple[Verification, str]:
     Adds nothing to a file whose chain does not hold.
     """
     found = read_book(out)
-    if any("cut off" not in text for _, text in found.wrong):
+    if damage_in(found.wrong):
         number, text = found.wrong[0]
         raise RecordError(
             f"{out / NAME}: line {number} {text}; nothing was added. Restore the file from a copy,"
@@ -401,7 +402,7 @@ def cited(
 
 
 def _one(book: Book, station: str, port: int, tip: str | None, begin: datetime) -> TipCheck:
-    damaged = [f"line {number} {text}" for number, text in book.wrong if "cut off" not in text]
+    damaged = damage_in(book.wrong)
     if damaged:
         return TipCheck(station, port, UNREADABLE, f"{NAME} is damaged: {damaged[0]}.")
     found = last_valid(book, station, port, tip, begin)

@@ -17,6 +17,7 @@ from pyarrow import ArrowException
 from jbclog.app.audit.questions import SurveyTarget, is_parameter, parameter_name
 from jbclog.config.tasks_file import Task
 from jbclog.core.clock import utc_ms
+from jbclog.core.durable_files import damage_in
 from jbclog.core.errors import JbclogError, RecordError
 from jbclog.core.rows import StationFacts
 from jbclog.core.serial_line import is_one_port
@@ -367,11 +368,7 @@ def verified(runs: Path, places: Iterable[Place]) -> tuple[list[Fact], list[str]
         book = read_book(runs)
     except RecordError as error:
         return [], [str(error)]
-    wrong = [
-        f"{runs / NAME}: line {number} {text}"
-        for number, text in book.wrong
-        if "cut off" not in text
-    ]
+    wrong = [f"{runs / NAME}: {text}" for text in damage_in(book.wrong)]
     return [_fact(place, one, runs) for place in places for one in _last(book, place[1])], wrong
 
 
