@@ -25,14 +25,12 @@ from jbclog.core.foreign.json_reader import (
     json_of,
     read_json,
 )
-from jbclog.core.rows import SCHEMA_VERSION, Goal, StationFacts, TipCheck
+from jbclog.core.rows import SCHEMA_VERSION, SIGNAL_COLUMNS, Goal, StationFacts, TipCheck
 from jbclog.record.manifest_counts import MOST, expect_counts
-from jbclog.record.schema import SAMPLES
 
 NAME: Final = "manifest.json"
 MOST_SAID: Final = 500
 ROUND_A_UNIT: Final = 8  # bytes at most around a unit: its comma, line end and indentation
-SIGNALS: Final = frozenset(name.removesuffix("!") for name, *_ in SAMPLES)
 END: Final = b"\n}\n"
 DIGEST: Final = ',\n "digest": "%s"\n}\n'
 _DIGEST: Final = re.compile(rb',\n "digest": "([0-9a-f]{64})"\n\}\n')
@@ -330,7 +328,7 @@ def _expect_signals(stations: Iterable[StationFacts]) -> None:
     the columns of these names.
     """
     for one in stations:
-        unknown = next((name for name in one.signals if name not in SIGNALS), None)
+        unknown = next((name for name in one.signals if name not in SIGNAL_COLUMNS), None)
         if unknown is not None:
             raise ValueError(f"station {one.name}: {unknown!r:.60} is no signal")
 

@@ -115,7 +115,7 @@ ASAM MDF {{mdf.VERSION}}. The file's start is tick 0 of the run, in UTC; the fac
 
 Units stand at each channel. `time_utc` and other times are microseconds since 1970-01-01 UTC. A value that is not known has
 its invalidation bit set; a reader that ignores these bits finds NaN, and `{{mdf.NO_TEXT}}` or an empty text. Flags are 0 and 1;
-`quality`, `status`, `motor` and `reasons` are numbers with a table of their texts. With `--rate max` there is no grid, and
+`quality`, `status`, `motor` and `reasons` are numbers with a table of their texts, and no text has line ends or control characters. With `--rate max` there is no grid, and
 the seconds are those of the host's clock without its steps.
 
 mdfreader 4.3 does not read groups of 17 to 24 channels that can be invalid; asammdf does.
