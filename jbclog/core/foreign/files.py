@@ -15,6 +15,7 @@ import stat
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from enum import StrEnum
 from io import BufferedReader
 from pathlib import Path
@@ -277,15 +278,15 @@ def _long_line(file: BufferedReader, text: bytes) -> Line:
 
 
 def plain_files(folder: Path) -> Iterator[Path]:
-    """Yield all files below `folder`, which may be missing. Raises `NotReadable` for whatever is
-    neither a regular file nor a folder, a link included.
+    """Yield all files below `folder`; what is missing, or is removed meanwhile, has none. Raises
+    `NotReadable` for whatever is neither a regular file nor a folder, a link included.
     """
-    folders = [folder] if os.path.lexists(folder) else []
+    folders = [folder]
     while folders:
         here = folders.pop()
-        if not is_plain_folder(here):
+        if os.path.lexists(here) and not is_plain_folder(here):
             raise NotReadable(f"{here}: is not a folder of its own")
-        with os.scandir(here) as entries:
+        with suppress(FileNotFoundError), os.scandir(here) as entries:
             for entry in entries:
                 if entry.is_dir(follow_symlinks=False):
                     folders.append(here / entry.name)

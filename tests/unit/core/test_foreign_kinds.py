@@ -13,7 +13,15 @@ import pyarrow.parquet as pq
 import pytest
 
 from jbclog.core.foreign.database import NotAStore, open_database
-from jbclog.core.foreign.files import LIMITS, LINES, Kind, NotReadable, open_foreign, read_foreign
+from jbclog.core.foreign.files import (
+    LIMITS,
+    LINES,
+    Kind,
+    NotReadable,
+    open_foreign,
+    plain_files,
+    read_foreign,
+)
 from jbclog.core.foreign.json_reader import expect_moment, json_of
 from jbclog.core.foreign.tables import GROUP_BYTES, MIB, open_table, read_small
 from jbclog.record.parts import ROWS_A_GROUP, write_part
@@ -38,6 +46,20 @@ def test_what_is_no_file_is_named_and_not_opened(tmp_path: Path, what: str) -> N
         MADE[what](path)
     with pytest.raises(NotReadable, match=f"^is {what}, not a file$"):
         read_foreign(path, Kind.MANIFEST)
+
+
+@pytest.mark.parametrize("what", ["a pipe", "a link"])
+def test_a_folder_of_plain_files_has_nothing_else(tmp_path: Path, what: str) -> None:
+    assert [*plain_files(tmp_path / "missing")] == []
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "a" / "b" / "file").write_bytes(b"x")
+    assert [*plain_files(tmp_path / "a")] == [tmp_path / "a" / "b" / "file"]
+    MADE[what](tmp_path / "a" / "b" / "other")
+    with pytest.raises(NotReadable, match=f"other: is {what}, not a file"):
+        [*plain_files(tmp_path / "a")]
+    (tmp_path / "link").symlink_to(tmp_path / "a")
+    with pytest.raises(NotReadable, match="link: is not a folder of its own"):
+        [*plain_files(tmp_path / "link")]
 
 
 def test_a_link_that_the_user_names_leads_to_a_file_and_to_nothing_else(tmp_path: Path) -> None:
