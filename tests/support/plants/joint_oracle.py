@@ -44,8 +44,9 @@ UNLIKELY: Final = 0.0004  # a contact in two steps, whatever came before
 SETTLING_S: Final = 6.0  # after a new setting or a stand nothing is soldered
 # without and with the rhythm
 PARTICLES: Final = {"third": (2000, 2000), "fifth": (6000, 2000)}
-# standard deviation of a power as told from that of a particle: half-cycles of the third plant, ‰
-OFF_CYCLES, OFF_PERMILLE = 1.2, 25.0
+# standard deviation of a power as told from that of a particle: half-cycles of the third plant; ‰
+# of the fifth, without and with the rhythm
+OFF_CYCLES, OFF_PERMILLE = 1.2, (25.0, 15.0)
 SHOWN_C: Final = 0.12  # °C: of the fifth plant's display
 QUIET, QUIET_SLOTS = 0.1, 4  # below this probability for so long, one joint is over
 KINDS: Final = {"wipe": 1, "touch": 2}
@@ -233,7 +234,7 @@ class Known:
     reading_steps: int  # from the earlier step of a reading to the later one
     first_share: float  # how often it is the earlier one
     celsius_sd: float
-    permille_sd: float
+    permille_sd: tuple[float, float]  # without and with the rhythm
 
 
 def known_of(cell: Cell) -> Known:
@@ -253,7 +254,7 @@ def _of_third(tip: str, seed: int) -> Known:
         1,
         2 / 3,
         float(plants.noise_c[0]),
-        1000 / float(plants.window[0]) * OFF_CYCLES,
+        (1000 / float(plants.window[0]) * OFF_CYCLES,) * 2,
     )
 
 
@@ -391,7 +392,7 @@ def tell(library: ctypes.CDLL, cell: Cell, trial: Trial, observer: Observer) -> 
         PARTICLES[cell.plant][observer.rhythm], steps, int(read.sum()), len(habit.kind_of), AGES,
         BINS, len(habit.pads),
         int(known.is_fifth), cell.seed, SLOT_STEPS,
-        known.first_share, known.celsius_sd, known.permille_sd,
+        known.first_share, known.celsius_sd, known.permille_sd[observer.rhythm],
         *(arrays[name].ctypes.data for name in ARRAYS),
     )  # fmt: skip
     hot_c = script.settings[0][1] if script.begins_hot else known.cold_c

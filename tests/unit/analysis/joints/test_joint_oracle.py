@@ -29,7 +29,7 @@ HOLDS = {
     ("third", RHYTHM): (0.98, 0.98),
     ("third", LAW): (0.96, 0.95),
     ("fifth", RHYTHM): (0.97, 0.97),
-    ("fifth", LAW): (0.93, 0.93),
+    ("fifth", LAW): (0.92, 0.90),
 }
 
 
