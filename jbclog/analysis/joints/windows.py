@@ -117,8 +117,8 @@ Look = Callable[[View], float | None]
 class Windows:
     """Cuts the rows of a port into windows and shows them to `look`.
 
-    `seen` takes the stretches of each window; or with `wanted`, which tells by first and last
-    moment what windows are shown at all, it gives those of the sweep that took them. Without
+    `seen` takes the stretches of each window. With `wanted`, which says of the first and last moment
+    of a window whether it is shown at all, `seen` gives those of the sweep that took them. Without
     `with_parts` a view has no stretches.
     """
 
