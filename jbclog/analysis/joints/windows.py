@@ -117,8 +117,8 @@ Look = Callable[[View], float | None]
 class Windows:
     """Cuts the rows of a port into windows and shows them to `look`.
 
-    `seen` takes the stretches of each window. With `wanted`, which says by its first and last moment
-    whether a window is shown at all, `seen` gives those of the sweep that took them. Without
+    `seen` takes the stretches of each window. With `wanted`, which says by the first and last
+    moment whether a window is shown at all, `seen` gives those of the sweep that took them. Without
     `with_parts` a view has no stretches.
     """
 
