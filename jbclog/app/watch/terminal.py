@@ -142,7 +142,7 @@ class WatchApp(App[None]):
     TITLE = "jbclog watch"
     ENABLE_COMMAND_PALETTE = False
     CSS = """
-    #head { height: auto; max-height: 6; padding: 0 1; text-style: bold; }
+    #head { height: auto; max-height: 9; padding: 0 1; text-style: bold; }
     #tiles { height: auto; grid-gutter: 0 1; }
     #queue { height: auto; text-wrap: nowrap; }
     #events { height: 9; }

@@ -23,6 +23,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.outcome import Exit
 from jbclog.core.rows import EventRow, Severity
 from jbclog.live import NumberedEvent, Phase, RunState
+from jbclog.live.run_follower import CRASHED
 from support.readers.screen import PICTURES, SIZES, in_utc, picture, text_of
 from support.records import live_states
 
@@ -230,6 +231,23 @@ def test_the_newest_event_is_seen_whole_however_long_those_before_it_are() -> No
         assert " ".join(seen.split()).count("The tool is too hot.") == 8
 
     play(steps)
+
+
+def test_what_to_do_about_hot_tools_is_never_cut_off() -> None:
+    """The longest line at the top, at 60 columns."""
+    hot = replace(
+        live_states.run(phase=Phase.CRASHED),
+        product="demo board",
+        text=CRASHED,
+        problems=(f"{'Tools of ale-1, dde-1, dde-2, ucr-1 may still be hot. ' * 2}Look at them.",),
+    )
+
+    async def inside() -> None:
+        app = WatchApp(lambda: None, None)
+        async with app.run_test(size=(60, 30)) as pilot:
+            assert "Look at them." in await shown(app, pilot, hot)
+
+    asyncio.run(inside())
 
 
 def test_arrows_and_tab_choose_a_tile_and_the_footer_says_so() -> None:
