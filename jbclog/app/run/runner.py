@@ -73,6 +73,7 @@ def conduct(
 
             run = Recorder(plan, out, observer, seal_every_s, missed, units, folder, guarding)
             on_error.pop_all()
+        gc.freeze()  # what is loaded stays; to look through it would delay the first answers
         gc.enable()  # `jbclog run` loads without it
         return _conduct(run, out, signals)
 

@@ -247,7 +247,8 @@ def test_a_rule_of_other_types_makes_it_no_manifest(
 
 
 def test_every_signal_of_every_family_is_a_column() -> None:
-    assert {one.name for family in FAMILIES.values() for one in family.signals} <= set(SIGNAL_COLUMNS)
+    signals = {one.name for family in FAMILIES.values() for one in family.signals}
+    assert signals <= set(SIGNAL_COLUMNS)
 
 
 STATION = StationFacts("a", "url", "dde")
