@@ -62,6 +62,7 @@ class Goals:
             from jbclog.live.joint_numbers import JointCounting
 
             self._counting = JointCounting(folder)
+            self._ask_at = time.monotonic() + LEAST_PAUSE_S  # by itself it counts seldom
 
     def look(self) -> None:
         """Check the goals. Call it about once a second; never waits."""

@@ -211,6 +211,19 @@ def test_a_count_is_asked_for_when_the_missing_joints_can_have_come(
     assert asked == [0, 0, 1, 1, 1]  # once, `LEAST_PAUSE_S` after the count
 
 
+def test_the_first_count_is_asked_for_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process counts by itself to show numbers, with many ports after minutes."""
+    clock = {"now": 100.0}
+    monkeypatch.setattr(goals_of_a_run.time, "monotonic", lambda: clock["now"])
+    goals, _, counting = counted(monkeypatch, *[None] * 5)
+    asked = []
+    for _ in range(5):
+        goals.look()
+        asked.append(counting.asked)
+        clock["now"] += 0.6
+    assert asked == [0, 0, 1, 1, 1]
+
+
 def test_what_cannot_be_counted_ends_no_run_and_is_told_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
