@@ -86,8 +86,8 @@ ALLOWED = {
     "config/tasks_file.py:read_text": "the same",
     "config/jobs_file.py:read_text": "the same",
     "config/line.py:read_table": "a table of TOML",
+    "config/schema.py:read_table": "a table of TOML",
     "config/load_recipe.py:read_table": "a table of TOML",
-    "config/tasks_file.py:read_table": "a table of TOML",
     "config/jobs_file.py:read_table": "a table of TOML",
 }
 """File and call -> why it is no read of a foreign file."""

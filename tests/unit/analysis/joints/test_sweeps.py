@@ -32,7 +32,7 @@ UNEVEN = [(15 + 4 * n + 0.3 * (n % 3), 16.2 + 4 * n + 0.3 * (n % 5)) for n in ra
 LONG = (262.0, 430.0)  # longer than a window of these tests with what is beside it
 WINDOWS = (37.0, 61.0, 130.0)
 MOST_BYTES = 16e6
-BYTES_A_JOINT = 250.0
+BYTES_A_JOINT = 350.0
 WEEK_S = 604_800.0
 
 
