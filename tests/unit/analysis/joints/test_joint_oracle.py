@@ -72,6 +72,12 @@ def test_who_knows_the_rhythm_says_none_where_none_are(
     assert (found.truths, found.false) == (0, 0)
 
 
+def test_other_tests_keep_their_subnormal_numbers(library: ctypes.CDLL) -> None:
+    smallest = np.nextafter(np.zeros(1), 1.0)
+    assert library is not None
+    assert (smallest * 2 / 2 > 0).all()
+
+
 def test_a_joint_is_from_the_median_of_its_start_to_that_of_its_end() -> None:
     """Two joints whose gap is certain, but not where it is, are two."""
     contact, start, end = np.zeros(100), np.zeros(100), np.zeros(100)
