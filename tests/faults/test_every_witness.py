@@ -23,7 +23,7 @@ from jbclog.core.rows import COLUMN, StationFacts
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.session.run.context import StationTask
-from jbclog.session.run.sampling import SUSPENDED_S
+from jbclog.session.run.lateness import SUSPENDED_S
 from jbclog.transport.virtual import Peer
 from support.command import jbclog
 from support.oracles.account import assert_account_holds
