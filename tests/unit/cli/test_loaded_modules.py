@@ -26,16 +26,16 @@ ports = [1]
 """
 RECIPE = Path(__file__).parents[3] / "profiles" / "recipes" / "sn100c-tht.toml"
 TELL = """
-import gc, os, sys
+import gc, os, pathlib, sys
 from jbclog.transport.reactor import Reactor
 def tell(*_):
-    os.write(2, " ".join(["\\n", *sys.modules, f"collects={gc.isenabled()}"]).encode())
+    pathlib.Path("modules").write_text(" ".join([*sys.modules, f"collects={gc.isenabled()}"]))
     os._exit(0)
 Reactor.run = tell
 """
 SHOWN = """
-import atexit, sys
-atexit.register(lambda: print(*sys.modules, file=sys.stderr))
+import atexit, pathlib, sys
+atexit.register(lambda: pathlib.Path("modules").write_text(" ".join(sys.modules)))
 """
 MAIN = "from jbclog.cli import main; main()"
 
@@ -94,15 +94,14 @@ DRAWN = {
 
 def loaded(before: str, words: list[str], folder: Path) -> set[str]:
     """The modules that the command has loaded."""
-    done = subprocess.run(
+    subprocess.run(
         [sys.executable, "-c", f"{before}{MAIN}", *words],
         capture_output=True,
-        text=True,
         check=True,
         cwd=folder,
         env=os.environ | {"JBCLOG_NO_METRICS": "1"},
     )
-    return set(done.stderr.splitlines()[-1].split())
+    return set((folder / "modules").read_text().split())
 
 
 def own(modules: set[str]) -> set[str]:
