@@ -43,6 +43,7 @@ COMMAND_LINE = {"typer", "click", "shellingham", "annotated_doc", "typing_extens
 MODELS = {"pydantic", "pydantic_core", "annotated_types", "typing_inspection"}
 ARROW = {"pyarrow", "numpy", "cloudpickle", "dateutil", "six", "msgspec"}
 MADE_BY_CYTHON = {"cython_runtime"}
+OF_THE_SYSTEM = {"sitecustomize", "usercustomize"}  # Debian's Python brings one
 MEASURED_BY = {"coverage", "$coverage"}  # in child processes, too, where coverage is measured
 
 PLAN = {
@@ -110,7 +111,7 @@ def own(modules: set[str]) -> set[str]:
 
 def foreign(modules: set[str]) -> set[str]:
     packages = {name.partition(".")[0] for name in modules if "=" not in name}
-    packages -= sys.stdlib_module_names | MEASURED_BY
+    packages -= sys.stdlib_module_names | MEASURED_BY | OF_THE_SYSTEM
     return {name for name in packages if not name.startswith("_")} - MADE_BY_CYTHON - {"jbclog"}
 
 
