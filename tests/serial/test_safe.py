@@ -81,19 +81,21 @@ def test_without_a_run_all_stations_at_once(line: ServedLine) -> None:
 
 def test_four_tools_that_heat_on_in_their_extractor_state_are_told_to_stand(tmp_path: Path) -> None:
     """The second cools: it is left alone. On a busy machine it may not be seen to cool within the
-    second that is given, and gets the order as well; then the line is asked again.
+    second that is given, and gets the order as well, or the three seconds of a station are over
+    before all is read back; then the line is asked again.
     """
     for attempt in range(5):
         folder = tmp_path / str(attempt)
         folder.mkdir()
         stood = ports_told_to_stand(folder)
-        assert stood >= {1, 3, 4}
-        if 2 not in stood:
+        assert stood is None or stood >= {1, 3, 4}
+        if stood == {1, 3, 4}:
             return
-    pytest.fail("a tool that cools was told to stand each time")
+    pytest.fail("a tool that cools was told to stand, or one was not confirmed, each time")
 
 
-def ports_told_to_stand(folder: Path) -> set[int]:
+def ports_told_to_stand(folder: Path) -> set[int] | None:
+    """The ports; None if a tool did not confirm in time, and `safe` said so."""
     with ServedLine(folder, FOUR_TOOLS) as line:
         tools = line.tools()
         for port in tools:
@@ -106,6 +108,9 @@ def ports_told_to_stand(folder: Path) -> set[int]:
         now = time.monotonic()
         ended = jbclog("safe", "--line", line.path)
         orders = line.orders(now)
+    if ended.returncode == 5:
+        assert "does not confirm it; it may be hot: switch the station off" in ended.stderr
+        return None
     assert ended.returncode == 0, ended.stderr
     assert {order.value for order in orders} == {STAND}
     start_s = now - before  # of a process, on a machine that may be busy

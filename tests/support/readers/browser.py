@@ -114,6 +114,19 @@ class Page:
             self.tab.touchscreen.tap(x, y)
         self.settle()
 
+    def tap_until(self, x: float, y: float, expression: str, times: int = 1) -> None:
+        """Tap until it holds, at most five times: where the machine was busy between down and up,
+        the browser took the tap for a long press.
+        """
+        for _ in range(5):
+            self.tap(x, y, times)
+            end = time.monotonic() + ANSWER_S / 10
+            while time.monotonic() < end:
+                if self.js(expression):
+                    return
+                self.tab.wait_for_timeout(20)
+        raise AssertionError(f"it never came to {expression}")
+
     def touch(self, *moments: list[tuple[float, float]]) -> None:
         """Fingers put down at the first moment's places, moved through the others, and lifted."""
         for number, places in enumerate(moments):

@@ -280,8 +280,9 @@ def test_a_phone_moves_pinches_and_taps(phone: View, rows: pd.DataFrame) -> None
     assert np.isclose(phone.window[0] - start, 0.5 * (end - start), rtol=0.1)
     assert np.isclose(np.diff(phone.window)[0], end - start)
     tick = round(phone.window[0] * HZ) + 60
-    phone.page.tap(phone.x(tick / HZ), y)
-    phone.page.until(f"document.querySelector('{VALUE}').textContent.includes('°C')")
+    phone.page.tap_until(
+        phone.x(tick / HZ), y, f"document.querySelector('{VALUE}').textContent.includes('°C')"
+    )
     assert f"temperature {rows.loc[tick, 'temperature_c']} °C" in phone.text()
     # a line in every panel
     phone.page.until("document.querySelectorAll('.zoom .u-cursor-x:not(.u-off)').length === 3")
