@@ -17,6 +17,12 @@ from typing import Final, Protocol
 UTC_FORMAT: Final = "%Y-%m-%dT%H:%M:%S.%fZ"
 
 
+def utc_of(micros: int) -> datetime:
+    """Return microseconds since 1970 as UTC, exactly."""
+    seconds, rest = divmod(micros, 1_000_000)
+    return datetime.fromtimestamp(seconds, UTC).replace(microsecond=rest)
+
+
 def utc_text(moment: datetime) -> str:
     """Format a time as in records: ``2026-11-21T01:30:00.123456Z``."""
     return moment.astimezone(UTC).strftime(UTC_FORMAT)

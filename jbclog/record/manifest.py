@@ -7,13 +7,13 @@ import json
 import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from enum import StrEnum
 from itertools import accumulate, islice
 from pathlib import Path
 from typing import Final
 
-from jbclog.core.clock import utc_text
+from jbclog.core.clock import utc_of, utc_text
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
@@ -288,10 +288,7 @@ _build_rules: Final = builder(list[_Rule])
 
 def iso(micros: int) -> str:
     """Format UTC microseconds since 1970 as in the manifest: ``2026-11-21T01:30:00.000000Z``."""
-    moment = datetime.fromtimestamp(micros // 1_000_000, UTC).replace(
-        microsecond=micros % 1_000_000
-    )
-    return utc_text(moment)
+    return utc_text(utc_of(micros))
 
 
 def read_manifest(folder: Path) -> Manifest:

@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 
 from jbclog.analysis.figures.style import WIDE
-from jbclog.analysis.figures.ticks import duration_text, moment
+from jbclog.analysis.figures.ticks import duration_text
 from jbclog.analysis.figures.trace import JointEnd, MarkKind, Trace
+from jbclog.core.clock import utc_of
 
 WINDOW_S: Final = 60.0
 LONG_S: Final = 180.0  # single joints are seen in the first figure of a shorter run
@@ -110,8 +111,8 @@ def description(place: str, trace: Trace) -> str:
 
 
 def _day(trace: Trace) -> str:
-    return moment(trace.grid.t0_utc_us + round(trace.start * 1e6)).strftime("%Y-%m-%d")
+    return utc_of(trace.grid.t0_utc_us + round(trace.start * 1e6)).strftime("%Y-%m-%d")
 
 
 def _clock(trace: Trace, seconds: float) -> str:
-    return moment(trace.grid.t0_utc_us + round(seconds * 1e6)).strftime("%H:%M:%S")
+    return utc_of(trace.grid.t0_utc_us + round(seconds * 1e6)).strftime("%H:%M:%S")

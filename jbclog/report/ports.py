@@ -27,11 +27,11 @@ from jbclog.analysis.figures.from_samples import (
 from jbclog.analysis.figures.marks import Happening, limits_of, marks_of
 from jbclog.analysis.figures.port import draw
 from jbclog.analysis.figures.style import NARROW, WIDE, Format
-from jbclog.analysis.figures.ticks import moment
 from jbclog.analysis.figures.trace import Air, Limit, MarkKind, Trace
 from jbclog.analysis.run_joints import spans_of
 from jbclog.analysis.verdict import PortMeasure
 from jbclog.analysis.verdict.clock_steps import Step
+from jbclog.core.clock import utc_of, utc_text
 from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.record.manifest import Ledger
 from jbclog.report.captions import caption, closer, closer_caption, description
@@ -48,7 +48,7 @@ from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.overview import Overview
 from jbclog.report.port_samples import PortSamples
 from jbclog.report.repeated import PortRows, due_readings, of_port, verification
-from jbclog.report.text import clean, iso
+from jbclog.report.text import clean
 from jbclog.report.zoom import MOST_READINGS, zoom_of
 
 MOST_GAPS = 50
@@ -175,7 +175,7 @@ def _recorded(
 
 
 def _gap(gap: Span, t0_utc_us: int) -> dict[str, object]:
-    start = iso(moment(t0_utc_us + round(gap.start * 1e6)))
+    start = utc_text(utc_of(t0_utc_us + round(gap.start * 1e6)))
     return {"from": start, "seconds": round(gap.seconds, 6), "why": gap.word}
 
 

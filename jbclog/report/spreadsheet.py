@@ -14,6 +14,7 @@ from jbclog.core.text import csv_bytes, csv_text
 from jbclog.report.alarms import COLUMNS as ALARMS
 from jbclog.report.joints import COLUMNS as JOINTS
 from jbclog.report.joints import Joints
+from jbclog.report.tables import EVENT_COLUMNS, SETTING_COLUMNS
 from jbclog.report.text import RowView
 
 TABLES: Final[Mapping[str, Sequence[str]]] = {
@@ -53,33 +54,8 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
             "energy_j",
         ),
     ),
-    "events": (
-        "seq",
-        "time",
-        "earliest",
-        "station",
-        "port",
-        "kind",
-        "severity",
-        "code",
-        "text",
-        "value",
-        "limit",
-        "raw",
-    ),
-    "settings": (
-        "time",
-        "station",
-        "port",
-        "tool",
-        "setting",
-        "unit",
-        "requested",
-        "written",
-        "readback",
-        "nak",
-        "outcome",
-    ),
+    "events": EVENT_COLUMNS,
+    "settings": SETTING_COLUMNS,
     "counters": (
         "station",
         "port",

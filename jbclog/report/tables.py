@@ -7,11 +7,15 @@ from datetime import datetime
 
 import pandas as pd
 
+from jbclog.core.clock import utc_text
 from jbclog.record.manifest import Ledger
+from jbclog.record.schema import SCHEMAS
 from jbclog.report.facts import Omitted
-from jbclog.report.text import Row, iso
+from jbclog.report.text import Row
 
 MOST_EVENTS = 1000
+EVENT_COLUMNS = tuple(name for name in SCHEMAS["events"].names if name != "prev_sha256")
+SETTING_COLUMNS = tuple(SCHEMAS["settings"].names)
 SEVERITIES = ("critical", "error", "warning", "info")
 
 
@@ -23,7 +27,7 @@ def plain_rows(table: pd.DataFrame, columns: Iterable[str]) -> list[Row]:
 
 def _plain(value: object) -> object:
     if isinstance(value, datetime):
-        return None if pd.isna(value) else iso(value)
+        return None if pd.isna(value) else utc_text(value)
     return None if pd.isna(value) else value  # type: ignore[call-overload]  # one cell
 
 
@@ -48,20 +52,6 @@ def _last_if_none(port: object) -> tuple[bool, int]:
 
 def event_rows(events: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
     """Return the events in their order; of more than `MOST_EVENTS` the gravest."""
-    columns = [
-        "seq",
-        "time",
-        "earliest",
-        "station",
-        "port",
-        "kind",
-        "severity",
-        "code",
-        "text",
-        "value",
-        "limit",
-        "raw",
-    ]
     left = None
     if len(events) > MOST_EVENTS:
         gravity = events["severity"].map(SEVERITIES.index)
@@ -70,25 +60,12 @@ def event_rows(events: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
             len(events) - MOST_EVENTS, "further events, none graver than these, are in events/."
         )
         events = events.loc[kept.sort_values()]
-    return plain_rows(events, columns), left
+    return plain_rows(events, EVENT_COLUMNS), left
 
 
 def setting_rows(settings: pd.DataFrame) -> tuple[list[Row], Omitted | None]:
     """Return requested settings, and each reading that differs from the one before it."""
-    columns = [
-        "time",
-        "station",
-        "port",
-        "tool",
-        "setting",
-        "unit",
-        "requested",
-        "written",
-        "readback",
-        "nak",
-        "outcome",
-    ]
-    rows, kept = plain_rows(settings, columns), []
+    rows, kept = plain_rows(settings, SETTING_COLUMNS), []
     last: dict[tuple[object, ...], object] = {}
     for row in rows:
         key = (row["station"], row["port"], row["tool"], row["setting"])

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from math import floor
 
 import pyarrow as pa
@@ -21,7 +20,6 @@ __all__ = [
     "cleaned",
     "clock",
     "interval",
-    "iso",
     "iso_times",
     "measured",
     "number",
@@ -35,18 +33,13 @@ RowView = Mapping[str, object]
 """A row that is only read."""
 
 
-def iso(moment: datetime | None) -> str | None:
-    """Return ``2026-11-21T01:30:00.123456Z``."""
-    return None if moment is None else moment.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
-
-
 def iso_times(times: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Return a column of UTC times as `iso` writes them."""
+    """Return a column of UTC times as `utc_text` writes them."""
     return pc.strftime(times.cast(pa.int64()).cast(pa.timestamp("us")), "%Y-%m-%dT%H:%M:%SZ")
 
 
 def clock(text: str | None, *, with_day: bool = False) -> str:
-    """Return ``01:30:00.123`` from `iso`, with the day ``11-21 01:30:00.123``."""
+    """Return ``01:30:00.123`` of `utc_text`, with the day ``11-21 01:30:00.123``."""
     if text is None:
         return ""
     return f"{text[5:10]} {text[11:23]}" if with_day else text[11:23]

@@ -2,8 +2,8 @@
 
 ::
 
-    normal --beyond--> pending --beyond for the on-delay--> active --back--> clearing --back for the
-    off-delay--> normal
+    normal --beyond--> pending --beyond for the on-delay--> active
+    active --back--> clearing --back for the off-delay--> normal
 
 Limit and delay are the station's, as read back (`settings`), so that its flags and our samples are
 compared by the same limits. An alarm whose limit or delay is off or not known is not evaluated.
@@ -16,9 +16,10 @@ alarm off) ends an episode at once.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
 from enum import Enum, StrEnum
 from typing import Final
+
+from jbclog.core.clock import utc_of
 
 
 class Side(StrEnum):
@@ -210,8 +211,7 @@ class Episode:
 
 def moment_text(micros: int) -> str:
     """Return a UTC time as part of a name: ``20261121T013205.123Z``."""
-    moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=micros)
-    return f"{moment:%Y%m%dT%H%M%S}.{micros // 1000 % 1000:03d}Z"
+    return f"{utc_of(micros):%Y%m%dT%H%M%S}.{micros // 1000 % 1000:03d}Z"
 
 
 class Phase(Enum):

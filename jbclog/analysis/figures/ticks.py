@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
 from math import ceil
 from typing import Final
 
 from matplotlib.ticker import MaxNLocator
+
+from jbclog.core.clock import utc_of
 
 STEPS: Final = (1, 2, 5, 10)  # steps that people count in
 
@@ -38,12 +39,6 @@ STEPS_S = (
     *(HOUR * n for n in (1, 2, 3, 6, 12)),
     *(DAY * n for n in (1, 2, 7, 14, 30, 90)),
 )
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-
-
-def moment(utc_us: int) -> datetime:
-    """Return microseconds since 1970 as UTC, exactly."""
-    return EPOCH + timedelta(microseconds=utc_us)
 
 
 def time_marks(
@@ -61,7 +56,7 @@ def time_marks(
 
 
 def _label(utc_s: int, step: int) -> str:
-    at = moment(utc_s * 1_000_000)
+    at = utc_of(utc_s * 1_000_000)
     if step >= DAY or (step >= HOUR and at.hour == at.minute == 0):
         return at.strftime("%m-%d")
     return at.strftime("%H:%M" if step >= MINUTE else "%H:%M:%S")

@@ -6,7 +6,8 @@ from datetime import UTC, datetime
 
 import pytest
 
-from jbclog.report.text import clean, cleaned, clock, iso, measured, number, stamp, together
+from jbclog.core.clock import utc_text
+from jbclog.report.text import clean, cleaned, clock, measured, number, stamp, together
 
 
 @pytest.mark.parametrize(
@@ -56,7 +57,7 @@ def test_numbers(value: object, digits: int, shown: str) -> None:
 
 
 def test_times() -> None:
-    text = iso(datetime(2026, 11, 21, 1, 30, 0, 123456, tzinfo=UTC))
+    text = utc_text(datetime(2026, 11, 21, 1, 30, 0, 123456, tzinfo=UTC))
     assert text == "2026-11-21T01:30:00.123456Z"
     assert stamp(text) == "2026-11-21 01:30:00"
     assert clock(text) == "01:30:00.123"
