@@ -16,7 +16,7 @@ from importlib.resources import files
 from typing import Final
 from urllib.parse import quote
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup
 
 from jbclog.analysis.figures.ticks import duration_text
@@ -24,8 +24,9 @@ from jbclog.analysis.verdict.rules import CONFIDENCE
 from jbclog.report import joint_words
 from jbclog.report.alarms import WITNESSES
 from jbclog.report.joint_words import jointed, remark
+from jbclog.report.page_template import environment
 from jbclog.report.safety import short
-from jbclog.report.text import bound_text, clock, interval, measured, number, stamp, together
+from jbclog.report.text import bound_text, clock, interval, measured
 
 PLAIN_IN_ADDRESS = " !$'()*+,-./:;=@_?[]{}|^~"
 SIGNS = {
@@ -110,19 +111,10 @@ _IN_ADDRESS = _Quoted()
 
 @cache
 def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("jbclog.report"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters.update(
-        number=number,
+    made = environment("jbclog.report")
+    made.filters.update(
         measured=measured,
-        stamp=stamp,
         clock=clock,
-        together=together,
         duration=_duration,
         place=place,
         bound=bound_text,
@@ -136,15 +128,15 @@ def _environment() -> Environment:
         idle_error=joint_words.idle,
         verified=short,
     )
-    environment.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, endings=ENDINGS)
-    environment.globals.update(
+    made.globals.update(signs=SIGNS, result_signs=RESULT_SIGNS, endings=ENDINGS)
+    made.globals.update(
         witnesses=WITNESSES,
         most_alarms=MOST_ALARMS,
         most_units=MOST_UNITS,
         joint_note=joint_words.NOTE,
         when_passed=when_passed,
     )
-    return environment
+    return made
 
 
 PASSES: Final = (

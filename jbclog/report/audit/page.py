@@ -12,12 +12,12 @@ from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import Final
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup
 
 from jbclog import __version__
 from jbclog.analysis.figures.canvas import styled
-from jbclog.core.text import clean, number, stamp, together
+from jbclog.core.text import clean
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind
 from jbclog.maintenance.fleet import (
@@ -32,6 +32,7 @@ from jbclog.maintenance.fleet import (
 )
 from jbclog.report.audit import overview, plots
 from jbclog.report.audit.overview import listed, overview_of, span
+from jbclog.report.page_template import environment
 
 MOST_MARKS: Final = 200
 SUPERSCRIPTS: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -316,22 +317,13 @@ def _shown(value: object) -> object:
 
 @cache
 def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("jbclog.report.audit"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=_shown,
-    )
-    environment.filters.update(
-        number=number, stamp=stamp, together=together, span=overview.span, percent=overview.percent
-    )
-    environment.filters.update(day=overview.day, of_life=overview.of_life, window=overview.window)
-    environment.globals.update(
+    made = environment("jbclog.report.audit", _shown)
+    made.filters.update(span=overview.span, percent=overview.percent)
+    made.filters.update(day=overview.day, of_life=overview.of_life, window=overview.window)
+    made.globals.update(
         place=overview.place,
         counted=overview.counted,
         COUNTERS=overview.COUNTERS,
         STATES=overview.STATES,
     )
-    return environment
+    return made
