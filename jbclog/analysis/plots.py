@@ -19,6 +19,7 @@ from jbclog.analysis.figures.style import ALARM, EXTERNAL, QUIET, TEMPERATURE, W
 from jbclog.analysis.figures.trace import JOINED_PERIODS
 from jbclog.analysis.run import Run
 from jbclog.analysis.trend import Trend, title_of
+from jbclog.analysis.verdict.clock_steps import nominal_period
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text
 
@@ -78,7 +79,7 @@ def _line(axes: Axes, run: Run, station: str, port: int, colour: str) -> None:
         _seconds(run, station, rows),
         rows["temperature_c"].to_numpy(dtype=np.float64, na_value=np.nan),
     )
-    step = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
+    step = nominal_period(seconds) or 1.0  # of a single row
     curve = envelope(
         seconds, np.asarray(celsius, dtype=np.float64), WIDE.stretches, JOINED_PERIODS * step
     )

@@ -20,6 +20,7 @@ from jbclog.analysis.figures.curves import (
     runs,
 )
 from jbclog.analysis.figures.trace import Air, Grid, Trace
+from jbclog.analysis.verdict.clock_steps import nominal_period
 from jbclog.core.rows import StationFacts
 
 STATE_COLUMNS = ("solder_shortage", "clogged", "preparing", "in_range")
@@ -50,7 +51,9 @@ def trace(
         _floats(samples["tick"]), np.empty(0) if grid.period_s else _utc_us(samples["time"])
     )
     temperature = _readings(samples["temperature_c"])
-    period_s = grid.period_s or _typical(seconds)
+    period_s = (
+        grid.period_s or nominal_period(seconds) or 1.0
+    )  # a single row is drawn as one second
     is_read = (
         np.array(any_state_read(samples), dtype=np.bool_) if of_states else ~np.isnan(temperature)
     )
@@ -92,11 +95,6 @@ def _coded(
     return coded(
         number[np.asarray(given.codes) if but is None else np.where(but, -1, given.codes)], distinct
     )
-
-
-def _typical(seconds: Floats) -> float:
-    """Return the median step in s; a run of one row is drawn as one second."""
-    return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
 
 
 def any_state_read(samples: pd.DataFrame) -> list[bool]:

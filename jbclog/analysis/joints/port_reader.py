@@ -17,10 +17,10 @@ import pyarrow.compute as pc
 
 from jbclog.analysis.coded_texts import is_one_of
 from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock, Key, by_port
-from jbclog.analysis.joints.series import Series, nominal_period
+from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.values import Values
 from jbclog.analysis.joints.windows import Windows, joined, placed
-from jbclog.analysis.verdict.clock_steps import Step
+from jbclog.analysis.verdict.clock_steps import Step, nominal_period
 from jbclog.analysis.verdict.idle import Block, Flags, Floats
 from jbclog.analysis.verdict.rules import has_feeder, has_tip
 from jbclog.analysis.verdict.samples import Counts

@@ -372,8 +372,3 @@ def moments_of_grid(origin: tuple[float, int], rows: int, period_s: float) -> Fl
     """Return the moments of so many rows of a grid."""
     begin_s, first = origin
     return np.asarray(begin_s + np.arange(first, first + rows) * period_s, dtype=np.float64)
-
-
-def nominal_period(seconds: Floats) -> float:
-    """Return the median distance of two rows in s: the period where there is no grid."""
-    return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0

@@ -23,6 +23,11 @@ Floats = NDArray[np.float64]
 NEAR_S: Final = 60.0
 
 
+def nominal_period(seconds: Floats) -> float:
+    """Return the median distance of two rows in s: the period where there is no grid."""
+    return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
+
+
 class Step(NamedTuple):
     """A step of the wall clock: its time by the new clock in s since 1970, and its size in s."""
 

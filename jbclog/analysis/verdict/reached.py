@@ -20,6 +20,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from jbclog.analysis.verdict.clock_steps import nominal_period
 from jbclog.analysis.verdict.idle import SETTING_HOLDS_S, Block, Flags, Floats
 from jbclog.analysis.verdict.rule import Figure, Result, Rule, allowed_misses, floored, shown
 
@@ -151,7 +152,7 @@ class Heat:
         if self.step_s is not None:
             return self.step_s
         times = seconds if self._last_s is None else np.concatenate(([self._last_s], seconds))
-        return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        return nominal_period(times)
 
     def _settings(self, rows: Block) -> Floats:
         """Return the setpoint in each row: the one last read, for at most `SETTING_HOLDS_S`; NaN

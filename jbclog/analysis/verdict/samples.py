@@ -23,7 +23,13 @@ from numpy.typing import NDArray
 
 from jbclog.analysis.coded_texts import coded, is_one_of
 from jbclog.analysis.rule_versions import RULES
-from jbclog.analysis.verdict.clock_steps import Step, Unstepped, steps_in, steps_of
+from jbclog.analysis.verdict.clock_steps import (
+    Step,
+    Unstepped,
+    nominal_period,
+    steps_in,
+    steps_of,
+)
 from jbclog.analysis.verdict.idle import Block, Flags, Floats, IdleError, by_block, idle_readings
 from jbclog.analysis.verdict.reached import WITHIN_C, Heat
 from jbclog.core.foreign.tables import open_table
@@ -170,7 +176,7 @@ class PortMeasure:
     def _close_block(self) -> None:
         if self._held:
             block = _joined(self._held)
-            step = self.period_s or _typical_step(block.seconds)
+            step = self.period_s or nominal_period(block.seconds)
             self.idle.add(*idle_readings(block, step, self.rules), step)
             self._held.clear()
 
@@ -185,10 +191,6 @@ def _joined(blocks: list[Block]) -> Block:
         np.concatenate([block.tool for block in blocks if block.tool is not None]),
         np.concatenate([block.port_error for block in blocks if block.port_error is not None]),
     )
-
-
-def _typical_step(seconds: Floats) -> float:
-    return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
 
 
 Measures = dict[tuple[str, int], PortMeasure]
