@@ -11,7 +11,7 @@ import pytest
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Steps, Wait
 from jbclog.core.rows import COLUMN
-from jbclog.session.run.lateness import Standstill
+from jbclog.session.run.lateness import SkippedTicks, Standstill
 from support.oracles.account import assert_account_holds
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
@@ -179,6 +179,15 @@ def test_each_is_told_with_its_own_delay() -> None:
     assert 0.2 < delays["host"] < 0.4
     assert delays["station"] > 2
     assert_account_holds(run)
+
+
+def test_the_delay_of_skipped_ticks_is_the_part_that_was_given_and_the_greatest() -> None:
+    """Not the time since the tick was due, of which the other has its part."""
+    late = SkippedTicks()
+    late.add(3, 10.0, 0.2, 10.5)
+    late.add(1, 20.0, 0.15, 20.3)
+    assert late == SkippedTicks(ticks=4, places=2, late_s=0.2, since=10.0, last=20.3)
+    assert "4 ticks of 0.1 s not run in 2 places, 0.20 s late at most" in late.text(0.1)
 
 
 # -- the measure itself ----------------------------------------------------------------------------
