@@ -145,10 +145,16 @@ def parts_through(parts: list[Path]) -> int:
 def part_through(path: Path) -> int:
     """The number of the last batch in a part. Raises `RecordError` if it is not readable."""
     try:
-        metadata = metadata_of(path).metadata or {}
-        return int(metadata[THROUGH])
-    except (pa.ArrowException, OSError, KeyError, ValueError) as error:
+        last = (metadata_of(path).metadata or {}).get(THROUGH, b"")
+    except (pa.ArrowException, OSError) as error:
         raise RecordError(f"{path} is no readable part: {error}") from error
+    if not re.fullmatch(rb"[0-9]{1,18}", last):
+        problem = f"is {last!r:.40}, no number" if last else "is missing"
+        raise RecordError(
+            f"{path} was not written by jbclog, or by other software since: its metadata"
+            f" {THROUGH.decode()} (number of the last batch) {problem}"
+        )
+    return int(last)
 
 
 def write_part(folder: Path, table: str, groups: Groups, last: int) -> Path:

@@ -103,6 +103,20 @@ def test_a_part_tells_the_last_batch_that_it_holds(tmp_path: Path) -> None:
     assert part_through(part_paths(folder, "samples")[0]) == last
 
 
+@pytest.mark.parametrize(("last", "what"), [(None, "is missing"), (b"-1", "is b'-1', no number")])
+def test_a_part_of_other_software_is_refused_with_the_key_that_it_lacks(
+    tmp_path: Path, last: bytes | None, what: str
+) -> None:
+    """Such as one that a user filtered with pandas and wrote under its name."""
+    path = tmp_path / "part-0000.parquet"
+    metadata = None if last is None else {b"jbclog.through": last}
+    pq.write_table(SCHEMAS["counters"].empty_table().replace_schema_metadata(metadata), path)
+    with pytest.raises(RecordError) as refused:
+        part_through(path)
+    assert str(refused.value).startswith(f"{path} was not written by jbclog, or by other software")
+    assert str(refused.value).endswith(f"jbclog.through (number of the last batch) {what}")
+
+
 def test_a_live_store_that_still_holds_rows_is_not_removed(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
     lock = FolderLock.take(folder)
