@@ -112,8 +112,9 @@ def why_not_known(doubt: Doubt, joints: int, period_s: float) -> str | None:
         return None
     share = joints / doubt.looked_at if doubt.looked_at else 1.0
     least, most = (round(share * number) for number in (doubt.least, doubt.most))
+    found = f"{least} were" if least == most else f"Between {least} and {most} were"
     return (
-        f"Between {least} and {most} were found as limits, smoothing, heat capacity and lag were"
+        f"{found} found as limits, smoothing, heat capacity and lag were"
         f" varied; {100 * doubt.share:.0f} % of them come or go, {100 * allowed:g} % are allowed."
     )
 

@@ -107,6 +107,9 @@ def test_the_range_of_a_long_record_is_that_of_its_windows_on_the_whole() -> Non
     assert text is not None
     assert text.startswith("Between 900 and 1200 were found")
     assert "20 % of them come or go, 3 % are allowed" in text
+    same = why_not_known(Doubt(0.2, 14, 14, 14), 14, 0.1)
+    assert same is not None
+    assert same.startswith("14 were found as limits")
     some = Doubt((MOST_DOUBT + MOST_DOUBT_SLOW) / 2, 45, 60, 50)
     assert why_not_known(some, 50, 0.1) is None
     assert why_not_known(some, 50, 0.5) is not None, "slow rates show less"
