@@ -117,12 +117,8 @@ class GuardSupervisor:
         self._guard.await_ready()
 
     @property
-    def is_watching(self) -> bool:
-        """Whether a guard is running."""
-        return self._guard is not None
-
-    @property
     def pid(self) -> int | None:
+        """The process of the guard; None where none is running."""
         return self._guard.pid if self._guard else None
 
     def lease(self, station: StationLease) -> None:

@@ -37,10 +37,6 @@ class Malformed(Exception):
     """The file is no database, or damaged."""
 
 
-class _Changed(Exception):
-    """The files changed in a way that makes what was read inconsistent."""
-
-
 class DatabasePages:
     """The pages of the database at `path`. Raises OSError where it cannot be opened."""
 

@@ -104,7 +104,6 @@ def _plain(text: str) -> str:
 # Format 1 was a single member with one checksum; such a file is read only if that is right.
 
 FIXED: Final = b"\x1f\x8b\x08\x04\0\0\0\0\0\xff"  # deflate, an extra field, no time, no system
-SINGLE: Final = b"\x1f\x8b\x08\0"  # the beginning of a file of format 1
 FIELD_NAME: Final = b"JW"
 HEAD: Final = struct.Struct("<10sH2sH4II")
 FIELD_BYTES: Final = HEAD.size - 16

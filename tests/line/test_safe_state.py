@@ -35,7 +35,6 @@ from support.virtual.virtual_run import (
 )
 
 ALE_RECIPE = RECIPE + "\n[feeder]\nlength_mm = 7.5\n"
-APPLIED_S = 1.2  # by then the recipe is on the station and the tools are at work
 
 
 def ale_line(sim: str = "") -> str:

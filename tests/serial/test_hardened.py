@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,7 +19,6 @@ from support import program
 from support.command import RECIPE, WireLog, is_sampling, until
 from support.readers.unit_file import AUDIT, UNIT
 
-Confine = Callable[..., list[str]]
 JBCLOG = ("-c", "from jbclog.cli import main; main()")
 
 

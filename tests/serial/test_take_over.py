@@ -31,7 +31,6 @@ from jbclog.transport.opening import open_port
 from support.command import until
 from support.virtual.served_line import ServedLine
 
-SOFTWARE = "8886666"
 BUSY_S = 0.7
 
 

@@ -4,7 +4,7 @@ what came of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,10 +16,6 @@ class Altered(NamedTuple):
 
     how: str
     data: bytes
-
-
-Way = Callable[[bytes, int], Iterator[Altered]]
-"""Gives alterations of a file; of those that there are one for each place, each `stride`th."""
 
 
 def bits_flipped(data: bytes, stride: int = 1) -> Iterator[Altered]:

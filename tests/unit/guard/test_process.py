@@ -317,7 +317,7 @@ def test_the_next_one_is_told_all_leases(tmp_path: Path) -> None:
     assert [kind for kind, _ in told] == ["guard.lost"]
     supervisor.end()
     assert list(tmp_path.iterdir()) == []
-    assert (supervisor.is_watching, supervisor.pid) == (False, None)
+    assert supervisor.pid is None
     for what in (
         supervisor.end,
         supervisor.take_over,
@@ -338,7 +338,7 @@ def test_whatever_kills_guards_is_not_fed_for_ever(
     supervisor._guard = _Lost(tmp_path)  # type: ignore[assignment]
     for _ in range(2 * REPLACED_AT_MOST):
         supervisor.renew()
-    assert not supervisor.is_watching
+    assert supervisor.pid is None
     assert len(told) == REPLACED_AT_MOST + 1
     assert "is not replaced" in told[-1]
 
