@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import Plan, RunOptions, make_plan
+from jbclog.app.run.plan import Plan
 from jbclog.app.run.run_record import RunRecord
 from jbclog.core.clock import VirtualClock
 from jbclog.record.check import check
@@ -24,7 +24,7 @@ from jbclog.session.run.station_run import run_station
 from jbclog.sim.setup import virtual_station
 from jbclog.transport.virtual import VirtualDriver
 from support.virtual.lines import fault
-from support.virtual.recorded_run import Nobody, _sealed_here
+from support.virtual.recorded_run import Nobody, _sealed_here, plan_in
 from support.virtual.virtual_run import RECIPE, line_text
 
 DAY_S, HOUR_S = 86400.0, 3600.0
@@ -64,13 +64,8 @@ def outages(days: float) -> list[float]:
 
 def plan_for(folder: Path, days: float) -> Plan:
     outs = "".join(fault("dropout", at_s=at_s, for_s=OUT_S) for at_s in outages(days))
-    (folder / "line.toml").write_text(
-        line_text("noise_c = 2.0\njoints_per_minute = 2\n" + outs, "ports = [1]")
-    )
-    (folder / "recipe.toml").write_text(SPARSE)
-    return make_plan(
-        RunOptions(folder / "line.toml", folder / "recipe.toml", duration_s=days * DAY_S)
-    )
+    line = line_text("noise_c = 2.0\njoints_per_minute = 2\n" + outs, "ports = [1]")
+    return plan_in(folder, line, SPARSE, days * DAY_S)
 
 
 def live(folder: Path, days: float, seal_s: float = DAY_S) -> Lived:

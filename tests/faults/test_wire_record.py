@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from jbclog.analysis.run import open_run
-from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.outcome import Exit
@@ -16,6 +15,7 @@ from jbclog.core.rows import EventRow, Goal
 from jbclog.record import capture_recorder
 from jbclog.record.check import check
 from jbclog.session.run.context import SessionContext
+from support.virtual.recorded_run import plan_in
 
 LINE = (
     '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports ='
@@ -36,11 +36,7 @@ class Onlooker:
 
 def run(place: Path) -> Result:
     """A run on a port that is not there."""
-    (place / "line.toml").write_text(LINE)
-    (place / "job.toml").write_text(RECIPE)
-    plan = make_plan(
-        RunOptions(place / "line.toml", place / "job.toml", duration_s=1.0, wire=True, guard=False)
-    )
+    plan = plan_in(place, LINE, RECIPE, 1.0, wire=True, guard=False)
     return conduct(plan, place / "runs", Onlooker())
 
 
@@ -68,11 +64,7 @@ def test_where_it_cannot_be_written_the_run_is_what_it_would_have_been(
 
 
 def test_without_the_option_nothing_is_kept(tmp_path: Path) -> None:
-    (tmp_path / "line.toml").write_text(LINE)
-    (tmp_path / "job.toml").write_text(RECIPE)
-    plan = make_plan(
-        RunOptions(tmp_path / "line.toml", tmp_path / "job.toml", duration_s=1.0, guard=False)
-    )
+    plan = plan_in(tmp_path, LINE, RECIPE, 1.0, guard=False)
     result = conduct(plan, tmp_path / "runs", Onlooker())
     assert result.manifest.wire is None
     assert not (result.folder / "wire").exists()

@@ -12,10 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import RunOptions, StationPlan, make_plan
+from jbclog.app.run.plan import StationPlan
 from jbclog.config.line import parse_line
 from jbclog.core.errors import Problems
 from jbclog.core.rows import COLUMN
+from support.virtual.recorded_run import plan_in
 from support.virtual.virtual_run import Heard, VirtualRun, line_text, prepare
 
 RATES = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000)
@@ -47,10 +48,7 @@ def line_of(baudrate: int, form: str) -> str:
 
 
 def planned(folder: Path, baudrate: int, form: str) -> StationPlan:
-    line, recipe = folder / "line.toml", folder / "recipe.toml"
-    line.write_text(line_of(baudrate, form))
-    recipe.write_text(RECIPE)
-    return make_plan(RunOptions(line, recipe, rate="fit")).stations[0]
+    return plan_in(folder, line_of(baudrate, form), RECIPE, rate="fit").stations[0]
 
 
 def test_the_formats_are_the_seventy_two_that_are_printed() -> None:

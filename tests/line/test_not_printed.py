@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import Metadata, Plan, RunOptions, make_plan
+from jbclog.app.run.plan import Metadata, Plan
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.ranges import longest_countdown_s
+from support.virtual.recorded_run import plan_in
 from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
 
 LINE = """[line]
@@ -131,11 +132,7 @@ def test_without_the_station_s_own_maximum_no_temperature_is_written() -> None:
 
 
 def plan_of(folder: Path, recipe: str, family: str) -> Plan:
-    (folder / "line.toml").write_text(LINE.format(family=family, sim=""))
-    (folder / "job.toml").write_text(recipe)
-    return make_plan(
-        RunOptions(folder / "line.toml", folder / "job.toml", duration_s=5.0, metadata=Metadata())
-    )
+    return plan_in(folder, LINE.format(family=family, sim=""), recipe, 5.0, metadata=Metadata())
 
 
 def test_a_plan_notes_what_is_beyond_another_manual_s_limits(tmp_path: Path) -> None:

@@ -11,11 +11,11 @@ import pytest
 from jbclog.analysis.rejudge import check_verdict
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict import RULES
-from jbclog.app.run.plan import Plan, RunOptions, make_plan
+from jbclog.app.run.plan import Plan
 from jbclog.app.run.run_record import Result
 from support.records.verdict_corpus import ONLY_COVERAGE, SOLDERING, STATION, WORKING, StallingClock
 from support.virtual.lines import fault
-from support.virtual.recorded_run import RecordedRun
+from support.virtual.recorded_run import RecordedRun, plan_in
 
 STAND = '\n[run]\nstatus = "stand"\n'
 NEVER = "\n[acceptance]\ncoverage_percent = 99.5\nat_work_percent = 0\n"
@@ -24,10 +24,9 @@ NEVER = "\n[acceptance]\ncoverage_percent = 99.5\nat_work_percent = 0\n"
 def planned(
     home: Path, *parts: str, family: str = "dde", sim: str = "tool = 2", seconds: float = 48.5
 ) -> Plan:
-    line, recipe = home / "line.toml", home / "recipe.toml"
-    line.write_text('[line]\nname = "bench"\n' + STATION.format(family=family, sim=sim))
-    recipe.write_text("".join([SOLDERING, *parts]).format(name="test"))
-    return make_plan(RunOptions(line, recipe, duration_s=seconds, rate=4.0))
+    line = '[line]\nname = "bench"\n' + STATION.format(family=family, sim=sim)
+    recipe = "".join([SOLDERING, *parts]).format(name="test")
+    return plan_in(home, line, recipe, seconds, rate=4.0)
 
 
 def run(home: Path, *parts: str, stalls_s: tuple[float, ...] = (), **more: str) -> Result:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import Metadata, Plan, RunOptions, make_plan
+from jbclog.app.run.plan import Metadata, Plan
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.errors import RecordError, StartRefused
@@ -27,20 +27,14 @@ from jbclog.record.manifest import read_manifest
 from jbclog.record.parts import row_groups
 from jbclog.transport.opening import open_port
 from support.records.few_rows import table
-from support.virtual.recorded_run import Nobody, RecordedRun
+from support.virtual.recorded_run import Nobody, RecordedRun, plan_in
 from support.virtual.virtual_run import RECIPE, line_text
 
 SAID = Metadata("A. Rossi", "88123", units=("SN-1",), tags={"shift": "1"})
 
 
 def plan_of(folder: Path, line: str, recipe: str = RECIPE, **wanted: object) -> Plan:
-    (folder / "line.toml").write_text(line)
-    (folder / "recipe.toml").write_text(recipe)
-    return make_plan(
-        RunOptions(
-            folder / "line.toml", folder / "recipe.toml", duration_s=2.0, metadata=SAID, **wanted
-        )
-    )  # type: ignore[arg-type]
+    return plan_in(folder, line, recipe, 2.0, metadata=SAID, **wanted)
 
 
 def expect_record(result: Result, outcome: str, *words: str) -> None:

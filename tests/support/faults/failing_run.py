@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jbclog.app.run import run_record
-from jbclog.app.run.plan import Plan, RunOptions, make_plan
+from jbclog.app.run.plan import Plan
 from jbclog.app.run.run_record import Result, RunRecord
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import RecordError
@@ -39,8 +39,8 @@ from jbclog.transport.virtual import VirtualDriver
 from support.faults.crash import contents, in_child
 from support.faults.killed_run import sealed_rows
 from support.oracles.invariants import Wires, violations
-from support.virtual.recorded_run import Nobody
-from support.virtual.virtual_run import RECIPE, Memory, Tap, line_text
+from support.virtual.recorded_run import Nobody, plan_in
+from support.virtual.virtual_run import Memory, Tap, line_text
 
 DURATION_S = 3.0
 SIM = "joints_per_minute = 30\n"
@@ -150,10 +150,7 @@ def _is_safe(station: VirtualStation) -> bool:
 
 
 def trial(home: Path, duration_s: float = DURATION_S) -> Trial:
-    (home / "line.toml").write_text(line_text(SIM), encoding="utf-8")
-    (home / "recipe.toml").write_text(RECIPE, encoding="utf-8")
-    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=duration_s))
-    return Trial(plan, home / "runs", {}, Memory())
+    return Trial(plan_in(home, line_text(SIM), duration_s=duration_s), home / "runs", {}, Memory())
 
 
 # -- the scenarios ---------------------------------------------------------------------------------

@@ -25,13 +25,13 @@ import pytest
 
 from jbclog import __version__
 from jbclog.app.run import run_record
-from jbclog.app.run.plan import Metadata, RunOptions, make_plan
+from jbclog.app.run.plan import Metadata
 from jbclog.core.clock import VirtualClock
 from jbclog.maintenance.counter_totals.observed import Fact, Observation
 from jbclog.maintenance.ledger import add
 from jbclog.record import folder as folders
 from support.fleets.audit_fleet import Fleet, SimStation, iso
-from support.virtual.recorded_run import RecordedRun
+from support.virtual.recorded_run import RecordedRun, plan_in
 
 HOME = Path(__file__).parents[3] / "notebooks" / "data"
 
@@ -290,13 +290,9 @@ def _nowhere(seed: int) -> Iterator[None]:
 def record(one: Example, out: Path, seed: int) -> Path:
     """The run's folder below `out`."""
     with tempfile.TemporaryDirectory() as aside, _nowhere(seed):
-        line, recipe = Path(aside, "line.toml"), Path(aside, "recipe.toml")
-        line.write_text(
-            '[line]\nname = "bench-3"\n' + "".join(station.text for station in one.stations)
-        )
-        recipe.write_text(one.recipe)
-        plan = make_plan(
-            RunOptions(line, recipe, duration_s=one.seconds, rate=one.rate, metadata=one.metadata)
+        line = '[line]\nname = "bench-3"\n' + "".join(station.text for station in one.stations)
+        plan = plan_in(
+            Path(aside), line, one.recipe, one.seconds, rate=one.rate, metadata=one.metadata
         )
         return RecordedRun(plan, out, VirtualClock(utc=one.began.timestamp())).result.folder
 

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from jbclog.app.run import run_record
-from jbclog.app.run.plan import Plan
+from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Result, RunRecord
 from jbclog.core.clock import VirtualClock
 from jbclog.core.locks import FolderLock
@@ -22,6 +23,7 @@ from jbclog.sim.omega import VirtualOmega
 from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
 from jbclog.transport.virtual import VirtualDriver
+from support.virtual.virtual_run import RECIPE
 
 
 class Nobody:
@@ -53,6 +55,25 @@ class RecordedRun:
             driver.add(run_station(context), virtual)
         driver.run()
         self.result: Result = papers.conclude(_sealed_here(papers))
+
+
+def plan_in(
+    home: Path, line: str, recipe: str = RECIPE, duration_s: float | None = None, **options: Any
+) -> Plan:
+    """The plan of a run by these texts, written into `home`; `options` of `RunOptions`."""
+    (home / "line.toml").write_text(line, encoding="utf-8")
+    (home / "recipe.toml").write_text(recipe, encoding="utf-8")
+    return make_plan(
+        RunOptions(home / "line.toml", home / "recipe.toml", duration_s=duration_s, **options)
+    )
+
+
+def run_in(
+    home: Path, line: str, recipe: str = RECIPE, duration_s: float | None = None, **options: Any
+) -> Path:
+    """The folder of such a run, below `home`."""
+    plan = plan_in(home, line, recipe, duration_s, **options)
+    return RecordedRun(plan, home / "runs").result.folder
 
 
 def _sealed_here(papers: RunRecord) -> str | None:

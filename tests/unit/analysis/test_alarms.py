@@ -14,13 +14,12 @@ from typer.testing import CliRunner
 from jbclog.analysis.alarms import Detector
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_alarms import TABLE
-from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.cli.app import app
 from jbclog.record.annotations import append, read
 from support.records import small_run
 from support.records.alarm_series import STATION, Series, being_recorded, random_series, recorded
 from support.virtual.manual import Ended
-from support.virtual.recorded_run import RecordedRun
+from support.virtual.recorded_run import run_in
 from support.virtual.virtual_run import RECIPE, line_text
 
 
@@ -35,14 +34,8 @@ HOT = "\n[[station.sim.fault]]\nkind = 'overheat'\nat_s = {at_s}\nfor_s = {for_s
 def run_of(
     home: Path, sim: str, recipe: str = RECIPE, duration_s: float = 40.0, rate: str | None = None
 ) -> Path:
-    (home / "line.toml").write_text(
-        line_text("joints_per_minute = 0\n" + sim, "ports = [1]"), encoding="utf-8"
-    )
-    (home / "recipe.toml").write_text(recipe, encoding="utf-8")
-    plan = make_plan(
-        RunOptions(home / "line.toml", home / "recipe.toml", duration_s=duration_s, rate=rate)
-    )
-    return RecordedRun(plan, home / "runs").result.folder
+    line = line_text("joints_per_minute = 0\n" + sim, "ports = [1]")
+    return run_in(home, line, recipe, duration_s, rate=rate)
 
 
 @pytest.fixture(scope="module")

@@ -19,14 +19,13 @@ from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import PortMeasuring
 from jbclog.analysis.run import open_run
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA
-from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.core.errors import UsageError
 from jbclog.record.annotations import vouch
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.write import write_report
 from support.records import sealed_run
 from support.records.alarm_series import Series, being_recorded
-from support.virtual.recorded_run import RecordedRun
+from support.virtual.recorded_run import run_in
 from support.virtual.virtual_run import RECIPE, line_text
 
 FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
@@ -37,24 +36,13 @@ AIR = (
 )
 
 
-def recorded(
-    home: Path, line: str, recipe: str = RECIPE, seconds: float = 120.0, rate: str | None = None
-) -> Path:
-    (home / "line.toml").write_text(line, encoding="utf-8")
-    (home / "recipe.toml").write_text(recipe, encoding="utf-8")
-    plan = make_plan(
-        RunOptions(home / "line.toml", home / "recipe.toml", duration_s=seconds, rate=rate)
-    )
-    return RecordedRun(plan, home / "runs").result.folder
-
-
 @pytest.fixture(scope="module")
 def soldered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two minutes of a virtual station that solders twelve joints a minute."""
     line = line_text(
         "joints_per_minute = 12\njoint_seconds = 1.5\nseed = 3", "ports = [1]\nrated_power_w = 130"
     )
-    return recorded(tmp_path_factory.mktemp("soldered"), line)
+    return run_in(tmp_path_factory.mktemp("soldered"), line, duration_s=120.0)
 
 
 def values(table: pd.DataFrame) -> dict[str, object]:
@@ -154,7 +142,7 @@ def test_metrics_that_a_report_left_are_taken_and_others_are_not(
 def test_wire_of_an_ale(tmp_path: Path) -> None:
     sim = "joints_per_minute = 12\njoint_seconds = 1.5\nfeed_each_joint = true"
     line = line_text(sim).replace('"dde"', '"ale"')
-    folder = recorded(tmp_path, line, RECIPE + FEEDER, seconds=200.0)
+    folder = run_in(tmp_path, line, RECIPE + FEEDER, duration_s=200.0)
     run = open_run(folder)
     found = values(run.metrics())
     assert run.joints()["fed"].all()
@@ -168,8 +156,8 @@ def test_wire_of_an_ale(tmp_path: Path) -> None:
 def test_stations_that_report_little(tmp_path: Path) -> None:
     for name, recipe in (("omega", OMEGA), ("jtse", AIR)):
         (tmp_path / name).mkdir()
-        folder = recorded(
-            tmp_path / name, line_text().replace('"dde"', f'"{name}"'), recipe, seconds=60.0
+        folder = run_in(
+            tmp_path / name, line_text().replace('"dde"', f'"{name}"'), recipe, duration_s=60.0
         )
         table = open_run(folder).metrics()
         assert len(open_run(folder).joints()) == 0
@@ -179,7 +167,7 @@ def test_stations_that_report_little(tmp_path: Path) -> None:
 
 def test_a_run_at_the_highest_rate_has_no_grid_and_the_same_joints(tmp_path: Path) -> None:
     line = line_text("joints_per_minute = 12\njoint_seconds = 1.5\nseed = 3", "ports = [1]")
-    joints = open_run(recorded(tmp_path, line, rate="max", seconds=60.0)).joints()
+    joints = open_run(run_in(tmp_path, line, rate="max", duration_s=60.0)).joints()
     assert len(joints) in (11, 12)
     assert np.diff(joints["start_s"]).max() < 6.5
 

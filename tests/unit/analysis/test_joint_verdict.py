@@ -20,7 +20,6 @@ from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.rejudge import check_verdict, judge_again
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict import Feeds
-from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
 from jbclog.report import write
@@ -28,7 +27,7 @@ from jbclog.report.verify import verify_report
 from jbclog.report.write import write_report
 from support.records import made_series
 from support.records.made_series import joints_at
-from support.virtual.recorded_run import RecordedRun
+from support.virtual.recorded_run import run_in
 from support.virtual.virtual_run import RECIPE, line_text
 
 FEEDER = "\n[feeder]\nmode = 'discontinuous'\nlength_mm = 5.0\nspeed_mm_s = 10.0\n"
@@ -36,18 +35,13 @@ ASKED = "\n[acceptance]\nrecovery_p95_s = 2.0\njoints_against_counter_percent = 
 SIM = "joints_per_minute = 24\njoint_seconds = 0.8\nfeed_each_joint = true"
 
 
-def recorded(home: Path, recipe: str, seconds: float, sim: str = SIM, family: str = "ale") -> Path:
-    (home / "line.toml").write_text(
-        line_text(sim).replace('"dde"', f'"{family}"'), encoding="utf-8"
-    )
-    (home / "recipe.toml").write_text(recipe, encoding="utf-8")
-    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=seconds))
-    return RecordedRun(plan, home / "runs").result.folder
+def run_of(home: Path, recipe: str, seconds: float, sim: str = SIM, family: str = "ale") -> Path:
+    return run_in(home, line_text(sim).replace('"dde"', f'"{family}"'), recipe, seconds)
 
 
 @pytest.fixture(scope="module")
 def soldered(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return recorded(tmp_path_factory.mktemp("soldered"), RECIPE + FEEDER + ASKED, 230.0)
+    return run_of(tmp_path_factory.mktemp("soldered"), RECIPE + FEEDER + ASKED, 230.0)
 
 
 def rules(manifest: Manifest) -> dict[object, dict[str, object]]:
@@ -93,7 +87,7 @@ def test_evidence_does_not_depend_on_row_groups_and_is_what_the_joints_say(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sim = "joints_per_minute = 24\njoint_seconds = 0.8"
-    folder = recorded(
+    folder = run_of(
         tmp_path, RECIPE + "\n[acceptance]\nrecovery_p95_s = 2.0\n", 60.0, sim, family="dde"
     )
     manifest, joints = read_manifest(folder), open_run(folder).joints()
@@ -140,12 +134,10 @@ def test_too_few_joints_are_not_accepted_and_slow_ones_rejected(tmp_path: Path) 
     few, slow = tmp_path / "few", tmp_path / "slow"
     for home in (few, slow):
         home.mkdir()
-    assert read_manifest(recorded(few, RECIPE + FEEDER + ASKED, 40.0)).verdict == "INCONCLUSIVE"
+    assert read_manifest(run_of(few, RECIPE + FEEDER + ASKED, 40.0)).verdict == "INCONCLUSIVE"
     strict = ASKED.replace("2.0", "0.5")
     assert (
-        rules(read_manifest(recorded(slow, RECIPE + FEEDER + strict, 40.0)))["recovery_p95"][
-            "result"
-        ]
+        rules(read_manifest(run_of(slow, RECIPE + FEEDER + strict, 40.0)))["recovery_p95"]["result"]
         == "fail"
     )
 
@@ -157,7 +149,7 @@ def test_what_this_program_cannot_do_ends_no_record(
         raise ZeroDivisionError("for the test")
 
     monkeypatch.setattr(evidence_of, "find_joints", broken)
-    manifest = read_manifest(recorded(tmp_path, RECIPE + FEEDER + ASKED, 5.0))
+    manifest = read_manifest(run_of(tmp_path, RECIPE + FEEDER + ASKED, 5.0))
     assert (manifest.state, manifest.verdict) == ("sealed", "INCONCLUSIVE")
     assert "ZeroDivisionError: for the test" in str(rules(manifest)["recovery_p95"]["text"])
 

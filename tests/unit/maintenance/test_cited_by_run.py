@@ -9,26 +9,20 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import Metadata, RunOptions, make_plan
+from jbclog.app.run.plan import Metadata
 from jbclog.core.clock import VirtualClock
 from jbclog.maintenance.verification import NAME, Given, keep, own_of, read_book, verify
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
-from support.virtual.recorded_run import RecordedRun
+from support.virtual.recorded_run import run_in
 from support.virtual.virtual_run import RECIPE, line_text
 
 ASKED = RECIPE + "\n[acceptance]\nverification_days = 30\n"
 
 
 def run_of(home: Path, tips: tuple[str, ...] = ()) -> Manifest:
-    (home / "line.toml").write_text(
-        line_text("joints_per_minute = 0\n", "ports = [1, 2]"), encoding="utf-8"
-    )
-    (home / "recipe.toml").write_text(ASKED, encoding="utf-8")
-    wanted = RunOptions(
-        home / "line.toml", home / "recipe.toml", duration_s=4.0, metadata=Metadata(tips=tips)
-    )
-    return read_manifest(RecordedRun(make_plan(wanted), home / "runs").result.folder)
+    line = line_text("joints_per_minute = 0\n", "ports = [1, 2]")
+    return read_manifest(run_in(home, line, ASKED, 4.0, metadata=Metadata(tips=tips)))
 
 
 def verified(home: Path, port: int, days_before: float, reading: float = 351.0) -> None:

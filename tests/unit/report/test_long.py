@@ -21,7 +21,6 @@ from jbclog.analysis.figures.trace import Grid, Trace
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_tables import RunTables, select
 from jbclog.analysis.verdict import judged_signals
-from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.report import gather, port_samples, ports
 from jbclog.report.facts import FigureFacts
 from jbclog.report.joints import joints_of
@@ -30,8 +29,8 @@ from jbclog.report.write import as_document, figures_of
 from support.records import small_run
 from support.records.sealed_run import lose, samples, seal, station, table
 from support.virtual.lines import AIR
-from support.virtual.recorded_run import RecordedRun
-from support.virtual.virtual_run import RECIPE, line_text
+from support.virtual.recorded_run import run_in
+from support.virtual.virtual_run import line_text
 
 
 def small(home: Path) -> Path:
@@ -40,20 +39,12 @@ def small(home: Path) -> Path:
 
 def hot_air(home: Path) -> Path:
     sim = "tool = 1\n[[station.sim.fault]]\nkind = 'silence'\nat_s = 4\nfor_s = 2\n"
-    (home / "line.toml").write_text(line_text(sim).replace("dde", "jtse"))
-    (home / "recipe.toml").write_text(AIR)
-    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=10.0))
-    return RecordedRun(plan, home / "runs").result.folder
+    return run_in(home, line_text(sim).replace("dde", "jtse"), AIR, 10.0)
 
 
 def free(home: Path) -> Path:
     """With ``--rate max`` the rows have no grid, only times."""
-    (home / "line.toml").write_text(line_text())
-    (home / "recipe.toml").write_text(RECIPE)
-    plan = make_plan(
-        RunOptions(home / "line.toml", home / "recipe.toml", duration_s=5.0, rate="max")
-    )
-    return RecordedRun(plan, home / "runs").result.folder
+    return run_in(home, line_text(), duration_s=5.0, rate="max")
 
 
 @pytest.mark.parametrize("made", [small, hot_air, free])

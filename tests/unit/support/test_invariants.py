@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.core.rows import COLUMN
 from support.oracles.invariants import (
     Ended,
@@ -20,7 +19,7 @@ from support.oracles.invariants import (
     violations,
     violations_of,
 )
-from support.virtual.recorded_run import RecordedRun
+from support.virtual.recorded_run import run_in
 from support.virtual.virtual_run import RECIPE, Heard, VirtualRun, line_text, prepare
 
 SIM = "joints_per_minute = 20\nnoise_c = 2.0\n"
@@ -82,14 +81,7 @@ def sealed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, li
     """A run in a folder; what its station said is rebuilt from nothing but the record: only writes
     are of interest here.
     """
-    home = tmp_path_factory.mktemp("sealed")
-    (home / "line.toml").write_text(line_text(SIM), encoding="utf-8")
-    (home / "recipe.toml").write_text(RECIPE, encoding="utf-8")
-    run = RecordedRun(
-        make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=4.0)),
-        home / "runs",
-    )
-    return run.result.folder, {}
+    return run_in(tmp_path_factory.mktemp("sealed"), line_text(SIM), duration_s=4.0), {}
 
 
 def test_a_sealed_run_against_another_wire(sealed: tuple[Path, dict[str, list[Heard]]]) -> None:

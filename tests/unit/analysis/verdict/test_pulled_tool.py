@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.analysis.run import open_run
-from jbclog.app.run.plan import RunOptions, make_plan
-from support.virtual.recorded_run import RecordedRun
+from support.virtual.recorded_run import run_in
 from support.virtual.virtual_run import RECIPE, line_text
 
 LIMITS = "\n[acceptance]\nidle_error_c = 5\nidle_sd_c = 5\n"
@@ -21,10 +20,7 @@ def run_of(home: Path, *faults: tuple[float, int]) -> Path:
     sim = "joints_per_minute = 0\n" + "".join(
         FAULT.format(at_s=at_s, code=code) for at_s, code in faults
     )
-    (home / "line.toml").write_text(line_text(sim, "ports = [1]"), encoding="utf-8")
-    (home / "recipe.toml").write_text(RECIPE + LIMITS, encoding="utf-8")
-    plan = make_plan(RunOptions(home / "line.toml", home / "recipe.toml", duration_s=60.0))
-    return RecordedRun(plan, home / "runs").result.folder
+    return run_in(home, line_text(sim, "ports = [1]"), RECIPE + LIMITS, 60.0)
 
 
 @pytest.mark.parametrize("faults", [[(33.3, 0), (44.0, 2)], [(60.0, 0)]])

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import Metadata, RunOptions, make_plan
+from jbclog.app.run.plan import Metadata
 from jbclog.core.errors import RecordError
 from support.records.report_runs import RECIPE, STATION
-from support.virtual.recorded_run import RecordedRun
+from support.virtual.recorded_run import run_in
 
 MOST_TAGS = {f"t{number}": "v" for number in range(1000)}
 TOO_MUCH = {
@@ -19,12 +19,9 @@ TOO_MUCH = {
 }
 
 
-def recorded(tmp_path: Path, stated: Metadata) -> Path:
-    line, recipe = tmp_path / "line.toml", tmp_path / "tht.toml"
-    line.write_text('[line]\nname = "bench-3"\n' + STATION.format(family="dde", number=1, sim=""))
-    recipe.write_text(RECIPE)
-    plan = make_plan(RunOptions(line, recipe, duration_s=1.0, rate=2.0, metadata=stated))
-    return RecordedRun(plan, tmp_path / "runs").result.folder
+def run_of(tmp_path: Path, stated: Metadata) -> Path:
+    line = '[line]\nname = "bench-3"\n' + STATION.format(family="dde", number=1, sim="")
+    return run_in(tmp_path, line, RECIPE, 1.0, rate=2.0, metadata=stated)
 
 
 @pytest.mark.parametrize("why", TOO_MUCH)
@@ -32,12 +29,10 @@ def test_too_much_for_one_record_is_refused_at_the_start(tmp_path: Path, why: st
     with pytest.raises(
         RecordError, match=f"too much for one record: {why}.*No station was touched"
     ):
-        recorded(tmp_path, TOO_MUCH[why])
+        run_of(tmp_path, TOO_MUCH[why])
 
 
 def test_as_much_as_is_allowed_is_recorded_and_read(tmp_path: Path) -> None:
     from jbclog import open_run
 
-    assert (
-        len(open_run(recorded(tmp_path, Metadata(tags=MOST_TAGS))).manifest.metadata.tags) == 1000
-    )
+    assert len(open_run(run_of(tmp_path, Metadata(tags=MOST_TAGS))).manifest.metadata.tags) == 1000
