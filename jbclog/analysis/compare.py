@@ -229,9 +229,7 @@ def _alarms(first: Run, second: Run) -> pd.DataFrame:
 
 
 def _counted(run: Run) -> pd.DataFrame:
-    """Return the number of episodes by port, side and detector, with typed columns also if there
-    are none.
-    """
+    """Return the episodes by port, side and detector, with typed columns also if there are none."""
     episodes = [one for incident in run.alarm_findings().incidents for one in incident.episodes]
     counts = Counter((one.station, one.port, str(one.side), str(one.detector)) for one in episodes)
     rows = [(*key, count) for key, count in counts.items()]

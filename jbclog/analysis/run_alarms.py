@@ -218,9 +218,7 @@ def alarms_of(run: RunTables) -> Alarms:
 def _acknowledged_us(
     found: Iterable[Incident], given: Mapping[str, Acknowledgement]
 ) -> dict[str, int]:
-    """Return when the incident of each episode was first acknowledged, by the episode's name; UTC
-    microseconds.
-    """
+    """Return when each episode's incident was first acknowledged, by name; UTC microseconds."""
     at: dict[str, int] = {}
     for incident in found:
         times = [given[one.id].time for one in incident.episodes if one.id in given]

@@ -199,9 +199,7 @@ def _as_a_whole(
 
 
 def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[MeasuredPort]:
-    """Measure the ports of stations without a feeder, with no more than a window of each port in
-    memory.
-    """
+    """Measure ports of stations without a feeder; holds at most a window of each port in memory."""
     reader = _reader(run, stations)
     measuring: dict[Key, PortMeasuring] = {}
     every_setting = run.settings()
@@ -347,7 +345,5 @@ def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts]:
 
 
 def _rounded(values: Iterable[float | None]) -> list[float | None]:
-    """Return the values to three decimals, finer than any resolution of a station; None where one
-    is not known.
-    """
+    """Return the values to three decimals, finer than any station resolves; None: not known."""
     return [None if value is None or abs(value) == inf else round(value, 3) for value in values]

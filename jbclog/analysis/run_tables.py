@@ -73,9 +73,7 @@ class Selection:
 
     @property
     def needed(self) -> list[str]:
-        """The columns to read, in the table's order: the selected ones, and those by which rows are
-        selected.
-        """
+        """The columns to read, in the table's order: selected ones, and those that select rows."""
         conditions = {
             "station": self.station,
             "port": self.port,

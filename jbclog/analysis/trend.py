@@ -163,9 +163,7 @@ def _point(run: Found, started: datetime | None, row: MetricRow, *, is_dithered:
 
 
 def _dithered(rows: Iterable[MetricRow]) -> set[tuple[str, int]]:
-    """Return the ports whose idle readings spread over their steps: only their mean resolves less
-    than a step.
-    """
+    """Return the ports whose idle readings spread over steps: only their mean resolves finer."""
     return {
         (row.station, row.port) for row in rows if row.metric == SPREAD and row.value is not None
     }

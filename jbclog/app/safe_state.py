@@ -175,9 +175,7 @@ def _celsius(tool: MadeSafe) -> str:
 
 
 def _look_at_all(stations: Collection[StationMadeSafe], below_c: float, access: PortAccess) -> None:
-    """Read all stations in parallel; a port that hangs does not hold the others, and its tools are
-    not cold.
-    """
+    """Read all stations in parallel; a port that hangs holds no other, and counts as not cold."""
     threads = [Thread(target=_look, args=(made, below_c, access), daemon=True) for made in stations]
     for made, thread in zip(stations, threads, strict=True):
         for tool in made.tools:

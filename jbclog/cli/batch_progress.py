@@ -91,9 +91,7 @@ def intentions(batch: PreparedBatch) -> Iterator[str]:
 
 
 def print_table(batch: PreparedBatch, out: Path) -> None:
-    """Print a row for each attempt at a job, in the order of the jobs file. A terminal gets the
-    columns that fit.
-    """
+    """Print a row for each attempt, in the jobs file's order; a terminal gets columns that fit."""
     columns: Sequence[Column] = END_COLUMNS
     rows: Sequence[Sequence[str]] = [
         row for job in _in_file_order(batch) for row in _rows(batch, job, out)

@@ -58,9 +58,7 @@ class Program(TyperGroup):
 
 
 class Verb(TyperCommand):
-    """A command whose help shows neither Python types nor braces, and whose errors are JSON with
-    --json.
-    """
+    """A command whose help has no Python types or braces, and whose errors are JSON with --json."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse; print a wrong option or value as JSON, too, like any other error of a command."""

@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 
 
 def port_access(ctx: typer.Context) -> PortAccess:
-    """Return the port access that the caller of the program set as the context's `obj`; else the
-    system's.
-    """
+    """Return the port access that the caller set as the context's `obj`; else the system's."""
     from jbclog.app.port_access import SYSTEM, PortAccess
 
     return ctx.find_object(PortAccess) or SYSTEM

@@ -70,9 +70,7 @@ def event_line(event: EventRow, job: str | None = None) -> str:
 
 
 class EventFilter:
-    """Passes the events to show during a run; a safe state only after a report that the tool was
-    not safe.
-    """
+    """Passes the events to show; a safe state only after a report that the tool was not safe."""
 
     def __init__(self) -> None:
         self._unsafe: set[tuple[str | None, int | None]] = set()
@@ -187,9 +185,7 @@ def goal_text(goal: Goal) -> str:
 
 
 def coverage_text(due: int, obtained: int) -> str:
-    """Return the share of the readings due that were obtained: ``99.8 %``. Never rounded up to all
-    of them.
-    """
+    """Return readings obtained of those due: ``99.8 %``. Never rounded up to 100 %."""
     if not due:
         return "unknown"
     return f"{floor(1000 * obtained / due) / 10:.1f} %"
@@ -234,9 +230,7 @@ def _cells(context: SessionContext, joints: Mapping[Key, Joints]) -> Iterator[tu
 
 
 def joints_text(joints: Joints | None) -> str:
-    """Return how many joints a port has so far; a dash before the first count, nothing for a tool
-    that makes none.
-    """
+    """Return a port's joints; a dash before the first count, nothing for a tool that makes none."""
     if joints is None or not joints.is_supported:
         return ""
     if joints.is_awaited:
@@ -245,9 +239,7 @@ def joints_text(joints: Joints | None) -> str:
 
 
 def joints_notes(joints: Mapping[Key, Joints]) -> list[str]:
-    """Return the age of an older count, and why the joints of ports are unknown: one line for each
-    reason.
-    """
+    """Return the age of an older count, and why joints are unknown: a line for each reason."""
     from jbclog.app.watch.words import joints_age
 
     ports: dict[str, list[str]] = {}

@@ -155,9 +155,7 @@ def _print_notes(plan: Plan) -> None:
 
 
 def _print(result: Result, page: Path | None) -> None:
-    """Print a line for each station with findings, and three for the verdict; the report has the
-    rest.
-    """
+    """Print a line for each station with findings, and three for the verdict."""
     for text in _finding_lines(result):
         note(text)
     note(
@@ -249,9 +247,7 @@ def source_of(name: str | None) -> LineSource | None:
 
 @contextmanager
 def without_echo(source: LineSource | None) -> Iterator[None]:
-    """Switch the terminal's echo off, so that the input of a barcode reader does not spoil the live
-    table.
-    """
+    """Switch the terminal's echo off: a barcode reader's input must not spoil the live table."""
     if (
         source is None
         or source.name != "stdin"
@@ -293,9 +289,7 @@ RuleFacts = dict[str, object]
 
 
 def verdict_reasons(rules: Iterable[RuleFacts]) -> list[str]:
-    """Return each failed or missing rule's sentence once, with its places and rule names, most
-    severe first.
-    """
+    """Return each failed or missing rule's sentence once with its places, most severe first."""
     broken = sorted((rule for rule in rules if rule["result"] in MOST_SEVERE_FIRST), key=_severity)
     same: dict[tuple[str, str], list[RuleFacts]] = {}
     for rule in broken:

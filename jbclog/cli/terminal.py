@@ -44,9 +44,7 @@ def _may_color(color: Color) -> bool:
 
 
 class Printer:
-    """Prints lines on stderr, in the colour of their severity where there are colours; wraps them
-    on a terminal.
-    """
+    """Prints lines on stderr, coloured by severity where it can; wraps them on a terminal."""
 
     def __init__(self, color: Color) -> None:
         self._color = color

@@ -172,9 +172,7 @@ def result(written: WriteResult) -> str:
 
 
 def _is_to_cool(written: WriteResult) -> bool:
-    """Return whether a soldering tool was set to extractor: the status shows the order, not that
-    the tool cools.
-    """
+    """Return whether a tool was set to extractor: the status is the order, no proof of cooling."""
     contact, word = _contact(written), written.readback
     is_status = _command(written) is contact.family.command_of("status")
     return (

@@ -135,9 +135,7 @@ def in_turn(turns: Iterable[Turn]) -> list[Turn]:
 
 
 def circle(after: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return jobs that wait for each other in a circle, with the first again at the end; empty if
-    there are none.
-    """
+    """Return jobs that wait for each other in a circle, the first again at the end; else empty."""
     left = dict(after)
     while True:
         free = [name for name, others in left.items() if not any(one in left for one in others)]

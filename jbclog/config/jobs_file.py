@@ -152,9 +152,7 @@ class JobsFile:
         return None if job.units_from is None else str(self.path.absolute().parent / job.units_from)
 
     def asked(self, job: JobTable) -> str:
-        """Return what a job asks for as one line of JSON: it is stored, and compared when the batch
-        is resumed.
-        """
+        """Return a job's request as a line of JSON: stored, and compared when the batch resumes."""
         given = job.model_dump(mode="json", exclude_defaults=True) | {
             "on_failure": self.policy(job).value
         }

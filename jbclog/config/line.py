@@ -351,9 +351,7 @@ def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
 
 
 def _same_port(url: object, path: Path) -> object:
-    """Return a key that is equal for URLs of one port: device links are followed, options of a TCP
-    port ignored.
-    """
+    """Return a key equal for URLs of one port: links are followed, options of TCP ignored."""
     if not isinstance(url, str) or not url:
         return url
     if not is_path(url):

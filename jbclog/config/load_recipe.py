@@ -211,9 +211,7 @@ def _below(
     *,
     equal: bool = False,
 ) -> Iterator[Problem]:
-    """Yield a problem if `low` is not below `high`, at the port's own key of the two, else at the
-    limit's.
-    """
+    """Yield a problem if `low` is not below `high`, at the port's own key, else at the limit's."""
     if (
         low is None
         or high is None

@@ -135,9 +135,7 @@ def _for_port(recipe: Recipe, family: Family, port: int) -> list[tuple[Asked, Se
 
 
 def _place(one: Asked, asked: Mapping[str, Asked]) -> float:
-    """Return the setting's place in the order; a delay that switches an alarm off comes just before
-    its limit.
-    """
+    """Return the setting's order; a delay that switches an alarm off comes before its limit."""
     alarm, _, _ = one.setting.rpartition(".")
     if one.value is OFF and alarm in WHEN_OFF:
         return _PLACE[f"{alarm}.limit_c"] - 0.5

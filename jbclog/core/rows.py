@@ -179,9 +179,7 @@ class NoJournal:
 
 
 def quality_of(reasons: dict[str, str]) -> str:
-    """Return the row's quality: the first of `QUALITIES` among its reasons; ``nak3`` counts as
-    ``nak``.
-    """
+    """Return the first of `QUALITIES` among the row's reasons; ``nak3`` counts as ``nak``."""
     present = {"nak" if reason.startswith("nak") else reason for reason in reasons.values()}
     return next((quality for quality in QUALITIES if quality in present), "ok")
 

@@ -70,9 +70,7 @@ class LineFormat:
         return characters * self.character_s
 
     def read_s(self) -> float:
-        """Duration of one addressed read and its five-digit answer, without response time: 14.06 ms
-        at 19200 8N1.
-        """
+        """Duration of an addressed five-digit read without response time: 14.06 ms at 19200 8N1."""
         return self.seconds(2 * (FRAMING + CODE + ADDRESSES) + DIGITS)
 
 

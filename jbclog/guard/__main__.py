@@ -81,9 +81,7 @@ def _kill(former: int) -> None:
 def _close_lease(
     left: Sequence[StationLease], lease_writer: LeaseWriter, action_log: ActionLog
 ) -> None:
-    """Close the lease except for what is left. If a line of the action log is lost, the whole lease
-    stays open.
-    """
+    """Close the lease but for what is left; if a line of the log is lost, it stays open."""
     if not action_log.is_torn:
         lease_writer.put(left)
     # also of a lease that stays open: a take-over may be faster than the disk

@@ -146,9 +146,7 @@ def _read(folder: Path) -> tuple[list[StationLease], str]:
 
 @contextmanager
 def guard_lock(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
-    """Hold the guard's lock of a run, which ends with its holder. Raises RecordError if another
-    guard keeps it.
-    """
+    """Hold a run's guard lock; it ends with its holder. Raises RecordError if another has it."""
     descriptor = _locked(folder, time.monotonic() + patience_s)
     try:
         yield

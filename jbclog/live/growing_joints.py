@@ -70,9 +70,7 @@ class GrowingJoints:
         return counted
 
     def count(self, through: int) -> Counted:
-        """Count in the rows through a batch, with the models as they were identified. Raises
-        RecordError.
-        """
+        """Count in the rows through a batch, with the models identified. Raises RecordError."""
         began = time.monotonic()
         for _ in range(TRIES):
             try:
@@ -189,9 +187,7 @@ def _found(folder: Path, through: int | None, *, is_last: bool = False) -> _Foun
 
 
 def _age_s(newest_s: float | None, t0_utc: float | None, stepped_s: float) -> float:
-    """Return the age of the newest row that was counted, by the run's clock: without the steps of
-    the wall clock.
-    """
+    """Return the age of the newest counted row, without the steps of the wall clock."""
     if newest_s is None or t0_utc is None:
         return 0.0
     return max(time.time() - t0_utc - stepped_s - newest_s, 0.0)

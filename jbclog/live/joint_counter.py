@@ -103,9 +103,7 @@ class _Counter:
         self._joints.close()
 
     def everything(self, last: int, *, is_last: bool) -> Counted | None:
-        """Count what is committed, as the report does; None where that was done and no more is
-        expected.
-        """
+        """Count what is committed, as the report does; None if done and no more will come."""
         state = read_manifest(self._folder).state
         is_known = self._ended == last and not is_last and state != RunState.SEALED
         self._ended = last

@@ -112,9 +112,7 @@ class JointCounting:
                 self._process.stdin.write(LAST if is_last else NOW)
 
     def last(self, most_s: float) -> Counted | None:
-        """Return the count of a run whose rows are all committed; waits `most_s` at most. None:
-        `why`.
-        """
+        """Count a run whose rows are all committed, waiting `most_s` at most. None: `why`."""
         self.ask(is_last=True)
         end = time.monotonic() + most_s
         while self.why is None and not self._is_final:

@@ -82,9 +82,7 @@ class RunFollower:
             self._joints.close()
 
     def poll(self) -> RunState:
-        """Read what is new and return the run as it is now. Trouble with the record is a phase, not
-        an error.
-        """
+        """Read what is new; return the run as it is. Trouble with the record is a phase."""
         status = commit_status(self.folder)
         self._heartbeat.see(status.since, status.took_s)
         try:
@@ -227,9 +225,7 @@ class RunFollower:
         self._is_begun = True
 
     def _older(self, batches: list[int], parts: list[Path]) -> Iterator[pa.Table]:
-        """Yield older samples: those in the live store, which are sealed within the hour, then the
-        parts.
-        """
+        """Yield older samples: those in the live store (sealed hourly), then the parts."""
         for number in batches:
             table = self._store.table(number)
             if table is not None:

@@ -71,9 +71,7 @@ class Points:
         self._trace = None
 
     def trace(self) -> Trace:
-        """Return the points; the same object until there is a new one, because most looks come
-        between two commits.
-        """
+        """Return the points; the same object until there is a new one, as for most looks."""
         if self._trace is None:
             self._trace = Trace(
                 tuple(self._seconds), tuple(self._temperatures), tuple(self._powers)
@@ -141,9 +139,7 @@ class SampleHistory:
         self.ports: defaultdict[Key, PortHistory] = defaultdict(PortHistory)
 
     def add(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
-        """Add new rows. `periods`: seconds between the ticks of each station, None without a
-        grid.
-        """
+        """Add new rows. `periods`: seconds between each station's ticks, None: no grid."""
         table = _Rows(rows, periods)
         self._add(table)
         columns = (rows[name].to_pylist() for name in ("station", "port", MAIN, POWER))
@@ -232,9 +228,7 @@ class _Rows:
             yield self._key(code), count
 
     def sums(self, stretch_s: float) -> Iterator[tuple[Key, int, tuple[float, ...]]]:
-        """Yield sum and count of temperature and of power for each port and stretch of so many
-        seconds.
-        """
+        """Yield sum and count of temperature and power for each port and stretch."""
         if not len(self.rows):
             return
         ports, of_port = np.unique(self._codes, return_inverse=True)

@@ -61,9 +61,7 @@ class DatabasePages:
         return os.fstat(self._file.fileno()).st_size == 0
 
     def snapshot(self, read: Callable[[DatabasePages], T]) -> T:
-        """Return what `read` returns when it read from one committed state. Raises Malformed,
-        OSError.
-        """
+        """Return what `read` returns of one committed state. Raises Malformed, OSError."""
         for _ in range(TRIES):
             self._refresh()
             try:
@@ -173,9 +171,7 @@ class DatabasePages:
             self._order, self._log_page_size, self._sums = order, size, (first, second)
 
     def _read_frames(self) -> set[int]:
-        """Read the frames after the last commit that was read; return the pages of those committed
-        since.
-        """
+        """Read the frames after the last commit; return the pages committed since."""
         added: set[int] = set()
         if self._order is None or self._log is None:
             return added

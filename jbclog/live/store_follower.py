@@ -106,9 +106,7 @@ class StoreFollower:
         return changed
 
     def table(self, number: int) -> pa.Table | None:
-        """Return the rows of a batch that `refresh` named; None if it is damaged. Raises Sealed,
-        RecordError.
-        """
+        """Return the rows of a batch of `refresh`; None: damaged. Raises Sealed, RecordError."""
         path = self._where[number]
         segment = self._segments.get(path)
         if segment is None:

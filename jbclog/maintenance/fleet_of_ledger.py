@@ -297,9 +297,7 @@ def _meter(trace: Trace, read: Count | None, history: History) -> Meter:
 
 
 def _notes(now: Observation, traces: Traces) -> Iterator[str]:
-    """Yield a sentence for every difference of this audit that is doubtful, not known, a reset or a
-    replacement.
-    """
+    """Yield a sentence for every doubtful or unknown difference, reset or replacement."""
     for _, trace in sorted(traces.now.items()):
         for one in (*trace.aside, *trace.differences[-1:]):
             if one.end == now.time and (one.kind in NOTED or not one.is_known):

@@ -27,9 +27,7 @@ Search = Callable[[Path], Iterable[Found | Unreadable]]
 
 @dataclass(frozen=True, slots=True)
 class Used:
-    """A run that used a tip of the station, with its ports and the tip that it names for each
-    (None: no name).
-    """
+    """A run that used a tip of the station, its ports and the tip named for each (or None)."""
 
     folder: Path
     started: str | None

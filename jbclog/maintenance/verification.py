@@ -258,9 +258,7 @@ def _outcome(
 
 
 def _proposal(own: Own, offset: float, result: Result) -> int | None:
-    """Return the adjustment that would remove the offset; None if it is not known, not possible or
-    not needed.
-    """
+    """Return the adjustment that removes the offset; None: unknown, impossible or not needed."""
     if (
         own.adjust_c is None
         or result is Result.INVALID

@@ -162,9 +162,7 @@ def decode(batch: Batch, crc: int) -> pa.Table:
 
 
 def _expect_whole(table: pa.Table) -> None:
-    """Raise Damaged or NotReadable for values that no part may hold: missing where they must not
-    be, or out of range.
-    """
+    """Raise Damaged or NotReadable for missing or out-of-range values that no part may hold."""
     from jbclog.core.foreign.values import expect_values  # a recorder decodes nothing
 
     for field, column in zip(table.schema, table.columns, strict=True):

@@ -377,9 +377,7 @@ def _unpacked(data: _Bytes) -> Iterator[tuple[bytes, int, int | None]]:
 
 
 def _sound_end(data: _Bytes) -> tuple[int | None, str]:
-    """Return the end of the first member; None if it is damaged, holds no lines of text, or exceeds
-    a limit, and which.
-    """
+    """Return the end of the first member; None if damaged, no text, or too large, and which."""
     end, rest, lines, unpacked = None, b"", 0, 0
     try:
         for piece, taken, end in _unpacked(data):  # noqa: B007  # the last one counts

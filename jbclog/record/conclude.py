@@ -409,9 +409,7 @@ def _lost(found: list[Damage], dropped: int) -> Lost | None:
 
 
 def _keep_damaged(folder: Path) -> None:
-    """Set a damaged store aside instead of removing it; one that only lost its end has nothing more
-    to offer.
-    """
+    """Set a damaged store aside, not removed; one that only lost its end has nothing more."""
     if any(one.seconds is None for one in read_damage(folder)):
         for path in segments(folder):
             beside = companions(path)

@@ -71,9 +71,7 @@ class PendingEvents:
             return self._shown + len(self._waiting)
 
     def show_first(self, count: int) -> None:
-        """Show those of the first `count` events that were not shown yet. An observer's error is
-        not the record's.
-        """
+        """Show those of the first `count` events not shown yet; an observer's error is not ours."""
         with self._lock:
             while self._waiting and self._shown < count:
                 event = self._waiting.popleft()
@@ -200,9 +198,7 @@ class RowBuffer:
         done[table] = 0
 
     def _has_encoded(self, table: str, values: Sequence[object]) -> bool:
-        """Add these rows to the backlog as a batch; return False for several rows with an invalid
-        one among them.
-        """
+        """Add these rows to the backlog as a batch; False for several with an invalid one."""
         number = self.number + 1
         try:
             self.backlog.append(encode(number, table, values))

@@ -122,9 +122,7 @@ class Demand:
         return max((wire_s + turnaround_s for wire_s, _ in self.slow), default=0.0)
 
     def load(self, rate_hz: float, turnaround_s: float) -> float:
-        """Return the share of the link's time in use, with slow readings at their ceilings; 1.0 is
-        all.
-        """
+        """The share of the link's time in use, slow readings at their ceilings; 1.0 is all."""
         return (
             rate_hz * self.tick_s(turnaround_s) + self._slow_share(rate_hz, turnaround_s) / CEILING
         )
@@ -137,9 +135,7 @@ class Demand:
         )
 
     def runs_over(self, rate_hz: float, turnaround_s: float) -> bool:
-        """Whether slow readings must run into the next tick, because too few complete ones fit
-        before it.
-        """
+        """Whether slow readings run into the next tick: too few complete ones fit before it."""
         one_s = self.longest_slow_s(turnaround_s)
         free_s = 1 / rate_hz - self.tick_s(turnaround_s)
         return bool(self.slow) and not self._is_in_time(

@@ -66,9 +66,7 @@ class FaultSchedule:
         return bool(self._outages) and any(begin <= now < end for begin, end in self._outages)
 
     def next_plugging(self, now: float) -> float | None:
-        """Return when the cable is next disconnected or connected; None if never, or before the
-        first request.
-        """
+        """Return when the cable is next unplugged or plugged; None: never, or not asked yet."""
         return min(
             (moment for outage in self._outages for moment in outage if moment > now), default=None
         )

@@ -42,9 +42,7 @@ class Heater:
         self.power_w = 0.0
 
     def step(self, seconds: float, target_c: float | None, stream: float) -> None:
-        """Simulate `seconds` towards `target_c` (None: heater off) in a stream of 0 (pump off) to 1
-        (maximum).
-        """
+        """Simulate `seconds` towards `target_c` (None: off) in a `stream` of 0 to 1 (maximum)."""
         loss = STILL_W_PER_K + STREAM_W_PER_K * stream
         if target_c is None:
             self.power_w = 0.0

@@ -228,9 +228,7 @@ class ReplayedStation:
         return bool(self._left[question]) or self._reach(question, 1)
 
     def _reach(self, question: bytes, count: int, until_s: float = inf) -> bool:
-        """Read on until `count` groups of that request are waiting, or to a time, but not beyond
-        this stretch.
-        """
+        """Read on until `count` groups of that request wait, or to a time, within this stretch."""
         row = self._rows[question]
         while len(row) < count:
             one = self._ahead
@@ -241,9 +239,7 @@ class ReplayedStation:
         return True
 
     def _next(self, question: bytes, now: float) -> Exchange | None:
-        """Return the exchange due for that request; None where it is not due yet, or never again in
-        this stretch.
-        """
+        """Return the exchange due for that request; None: not yet, or never in this stretch."""
         left = self._left[question]
         if left and self._is_at(question, now):
             return left.popleft()

@@ -201,9 +201,7 @@ class LineTiming:
         return self._heard
 
     def sent_at(self, characters: int, after: float) -> float:
-        """Return when the last of `characters` has arrived that the station starts to send at
-        `after`.
-        """
+        """Return when the last of `characters` has arrived, begun at `after`."""
         self._sent_at = (
             max(self._sent_at, after + self._turnaround_s) + characters * self._character_s
         )

@@ -104,9 +104,7 @@ class SampledEpisodes:
                 place = until
 
     def _pass_by(self, rows: Rows, some: slice, quiet: tuple[float, float]) -> int:
-        """Pass by those of these rows that come before the first that may change something, and
-        return its place.
-        """
+        """Pass by the rows before the first that may change something, and return its place."""
         values, read, (low, high) = rows.temperature_c[some], rows.read[some], quiet
         eventful = read & rows.works[some] & ((values < low) | (values > high))
         eventful |= rows.time_us[some] > self._watch.due_us
@@ -216,9 +214,7 @@ def _new(event: EventRow, side: Side) -> Episode:
 
 
 def _end_if_read_off(episode: Episode, reads: Iterable[FlagRead]) -> None:
-    """End an uncertain episode at the first reading after the lost answer that has its flag off, if
-    there is one.
-    """
+    """End an uncertain episode at the first reading after the lost answer with its flag off."""
     since_us = episode.cleared_us
     if not episode.is_lost or since_us is None:
         return

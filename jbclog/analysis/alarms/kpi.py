@@ -35,9 +35,7 @@ LEAST_FOR_MTBA: Final = 2
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One limit of one port, as ``port 1 high``: the number of its alarms, and their share of all
-    in per cent.
-    """
+    """One limit of one port, as ``port 1 high``: the number and share (%) of its alarms."""
 
     name: str
     count: int
@@ -195,9 +193,7 @@ def _floods(
 
 
 def _chattering(episodes: Sequence[Episode]) -> dict[str, int]:
-    """Return each chattering limit, with the highest number of alarms that it raised within a
-    minute.
-    """
+    """Return each chattering limit, with the most alarms that it raised within a minute."""
     most: dict[str, int] = {}
     recent: dict[str, deque[int]] = {}
     for one in sorted(episodes, key=_raised_us):

@@ -58,9 +58,7 @@ class LiveAlarms:
             self._change((row.station, row.port), Change(BEFORE_ALL, row.setting, row.readback))
 
     def event(self, event: EventRow) -> None:
-        """Take a change of a setting or a tool, or a step of the wall clock; ignore other
-        events.
-        """
+        """Take a change of a setting or a tool, or a step of the wall clock; ignore others."""
         if event.kind == "clock.step" and event.value:
             self._step(round(event.value * 1e6))
         elif event.station is not None and event.port is not None:

@@ -132,9 +132,7 @@ class PortWatch:
         self._low, self._high = inf, -inf  # a reading between them changes nothing
 
     def change(self, change: Change) -> None:
-        """Note a change of a setting or the tool, oldest first. Its time is less the steps of the
-        wall clock before it.
-        """
+        """Note a change, oldest first; its time is less the steps of the wall clock before it."""
         self._changes.append(change)
 
     def step(self, size_us: int) -> None:
@@ -179,9 +177,7 @@ class PortWatch:
 
     @property
     def due_us(self) -> float:
-        """The time of the last row to which the next change does not apply; infinite if there is
-        none.
-        """
+        """The time of the last row before the next change applies; infinite if there is none."""
         return self._changes[0].at_us + self._stepped_us if self._changes else inf
 
     def pass_by(self, last: tuple[int, int, float] | None, set_c: float | None) -> None:
@@ -228,9 +224,7 @@ class PortWatch:
         return (time_us - self._us) / 1e6
 
     def _miss(self, tick: int, time_us: int) -> list[Report]:
-        """Note a missing reading; after `stale_s` it is uncertain whether an alarm is still
-        active.
-        """
+        """Note a missing reading; after `stale_s` it is uncertain if an alarm is active."""
         return self._lose() if self._since_last_s(tick, time_us) >= self._rules.stale_s else []
 
     def _lose(self) -> list[Report]:
@@ -277,9 +271,7 @@ class PortWatch:
         return TOOL_CHANGED if self._is_tool_new else NOT_WORKING
 
     def _set_quiet_range(self, *, counts: bool) -> None:
-        """Set the temperatures that change nothing: those within all limits, while no alarm is
-        pending or raised.
-        """
+        """Set the temperatures within all limits, which change nothing while no alarm is on."""
         self._is_raised = any(machine.is_raised for machine in self._machines)
         self._low, self._high = inf, -inf
         if counts and all(machine.phase is Phase.NORMAL for machine in self._machines):

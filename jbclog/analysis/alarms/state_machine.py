@@ -107,9 +107,7 @@ def definition_of(side: Side, settings: dict[str, float | None], rules: Rules) -
 
 
 def number_of(text: str | None) -> float | None:
-    """Return the number of a setting such as ``380`` or ``0.50 s``; None if it is off or not
-    known.
-    """
+    """Return the number of a setting such as ``380`` or ``0.50 s``; None: off or not known."""
     try:
         return float(str(text).split(" ", 1)[0])
     except ValueError:
@@ -197,9 +195,7 @@ class Episode:
             self.peak_c = value
 
     def end(self, earliest_us: int, latest_us: int, known_us: int, reason: str) -> None:
-        """End it between the readings at `earliest_us` and `latest_us`, as became known at
-        `known_us`.
-        """
+        """End it between two readings, as became known at `known_us`."""
         self.end_earliest_us, self.end_us, self.cleared_us, self.end_reason = (
             earliest_us,
             latest_us,

@@ -139,9 +139,7 @@ def _insert(values: Floats, gaps: NDArray[np.int64], times: Floats | None) -> Fl
 
 
 def lone(curve: Envelope) -> Envelope:
-    """Return the points without a neighbour on either side: no line reaches them, so they are drawn
-    as dots.
-    """
+    """Return the points without a neighbour, which no line reaches: they are drawn as dots."""
     absent = np.isnan(curve.mean)
     before, after = np.append(True, absent[:-1]), np.append(absent[1:], True)
     alone = ~absent & before & after

@@ -156,9 +156,7 @@ def _word(word: object, cools: bool | None) -> str | None:
 
 
 def _flow(samples: pd.DataFrame, seconds: Floats, period_s: float) -> list[Span]:
-    """Return where the flow was read; equal readings close to each other are joined, but not across
-    an outage.
-    """
+    """Return where the flow was read; equal readings near each other join, not across an outage."""
     flow = _floats(samples["set_flow_permille"])
     read = ~np.isnan(flow)
     outages = np.cumsum(samples["quality"].astype(object).isin(AWAY).to_numpy(dtype=bool))[read]

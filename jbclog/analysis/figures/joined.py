@@ -92,9 +92,7 @@ class JoinedTrace:
 
 
 def _add_spans(found: list[Span], spans: Sequence[Span], piece: Trace, before_s: float) -> None:
-    """Add the spans of a piece; one that continues from the piece before, whose last row is at
-    `before_s`, is one.
-    """
+    """Add the spans of a piece; one that continues from the piece before `before_s` is one."""
     first_s, period_s = float(piece.seconds[0]), piece.period_s
     continues = (
         found

@@ -301,9 +301,7 @@ def _curve(
     *,
     is_filled: bool = False,
 ) -> None:
-    """Draw the mean as a line in the band from minimum to maximum; a reading without neighbours as
-    a dot or a bar.
-    """
+    """Draw the mean as a line within minimum and maximum; a lone reading as a dot or a bar."""
     colour, band, of = look
     curve = envelope(trace.seconds, values, form.stretches, JOINED_PERIODS * trace.period_s)
     x, alone = trace.dates(curve.seconds), lone(curve)

@@ -76,9 +76,7 @@ def totals_of(series: Series) -> Totals:
 
 
 def energy(port: Totals, joints: Sequence[Joint] | None) -> list[Figure]:
-    """Return power, energy, duty and utilisation; `joints` is None for tools whose joints are not
-    looked for.
-    """
+    """Return power, energy, duty and utilisation; `joints` None: the tool makes none."""
     return [
         _mean(port),
         *_energies(port),

@@ -40,9 +40,7 @@ ORDER_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class HeatUp:
-    """One heat-up: its figures (None: not known), the coverage of its readings, and its gap, if
-    any.
-    """
+    """One heat-up: its figures (None: not known), its readings' coverage, and its gap, if any."""
 
     time_s: float | None
     overshoot_c: float | None
@@ -100,9 +98,7 @@ def _heat_ups(series: Series, view: View) -> Iterator[HeatUp]:
 
 
 def _beginning_s(series: Series, start: int) -> float:
-    """Return when the heat-up began: at the row, or when the tool was ordered to work before the
-    first row.
-    """
+    """Return when the heat-up began: at the row, or when work was ordered before the first row."""
     return (
         series.ordered_s
         if start == 0 and series.ordered_s is not None
@@ -111,9 +107,7 @@ def _beginning_s(series: Series, start: int) -> float:
 
 
 def _heat_up_starts(series: Series, setting: Floats) -> Flags:
-    """Return the rows at which the tool starts to work, or works with a higher setting than in the
-    row before.
-    """
+    """Return the rows at which the tool starts to work, or its setting rises while it works."""
     working, known = series.rows.working, series.known
     begins = np.zeros(len(working), dtype=np.bool_)
     first = series.seconds[0] if len(working) else 0.0

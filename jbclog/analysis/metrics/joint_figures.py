@@ -123,9 +123,7 @@ def _median_figure(
 
 
 def _resting_below(found: FoundJoints) -> Figure:
-    """Return the figure; a tip that was never at rest is the reason, whatever else is not known of
-    a joint.
-    """
+    """Return the figure; a tip that was never at rest is the reason before any other."""
     figure = _median_figure(
         "joint_resting_below_c",
         "°C",

@@ -42,9 +42,7 @@ def asks_for_anything(acceptance: Acceptance | None) -> bool:
 
 
 def asks_for_joints(acceptance: Acceptance | None) -> bool:
-    """Whether a recipe limits joints, which then have to be searched before it can be judged; that
-    takes time.
-    """
+    """Whether a recipe limits joints, which then have to be searched; that takes time."""
     return acceptance is not None and any(
         getattr(acceptance, name) is not None for name in JOINT_LIMITS
     )

@@ -91,9 +91,7 @@ class UnitFeed:
         self._now = self._looked = micros()
 
     def look(self) -> bool:
-        """Process what has come since the last call; return whether there was anything. Never
-        waits.
-        """
+        """Process what has come since; return whether there was anything. Never waits."""
         if self._source is None:
             return False
         self._looked, self._now = self._now, self._micros()

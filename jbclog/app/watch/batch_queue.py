@@ -94,9 +94,7 @@ def queue_of(home: Path) -> BatchQueue:
 
 
 def _read(path: Path) -> tuple[BatchState, dict[str, JobProgress]]:
-    """Return the state of a batch by its journal, and the progress of its attempts. Raises OSError,
-    Malformed.
-    """
+    """Return a batch's state and its attempts' progress. Raises OSError, Malformed."""
     pages = DatabasePages(path)
     try:
         lines, attempts = pages.snapshot(

@@ -87,9 +87,7 @@ Queue = asyncio.Queue[str | None]
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Who may look: `address` is what the server listens on, `token` None where none is
-    required.
-    """
+    """Who may look: the address that the server listens on, and a `token` if one is required."""
 
     address: str
     token: str | None
@@ -230,9 +228,7 @@ class Broadcast:
             queue.put_nowait(None)
 
     def join(self) -> Queue | None:
-        """Add a browser, at once, so that requests that come together are counted; None: there are
-        as many as may be.
-        """
+        """Add a browser at once, so that requests together count; None: there are enough."""
         if len(self.browsers) >= MOST_BROWSERS:
             return None
         queue = Queue()

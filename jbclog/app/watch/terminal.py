@@ -65,9 +65,7 @@ class Tile(Static, can_focus=True):
         self.show(self.port)
 
     def action_move(self, step: int, by_line: bool = False) -> None:
-        """Choose the tile `step` places, or lines of tiles, further on; this one where there is
-        none.
-        """
+        """Choose the tile `step` places or lines further on; this one where there is none."""
         tiles = list(self.screen.query(Tile))
         a_line = sum(tile.region.y == tiles[0].region.y for tile in tiles)
         place = tiles.index(self) + step * (a_line if by_line else 1)
@@ -262,9 +260,7 @@ class WatchApp(App[None]):
         self.screen_stack[0].query_one("#head", Static).update(Content(text))
 
     def on_resize(self, event: Resize) -> None:
-        """Give the tiles the lines that they need: on a low terminal the events and the queue get
-        fewer, or none.
-        """
+        """Give the tiles their lines: on a low terminal events and queue get fewer, or none."""
         lines = event.size.height - LINES_OF_TILES
         for name in ("#events", "#queue"):
             box = self.screen_stack[0].query_one(name, Static)

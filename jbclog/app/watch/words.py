@@ -128,9 +128,7 @@ def port_name(port: PortState) -> str:
 
 
 def port_lines(port: PortState, width: int) -> list[str]:
-    """The lines of a tile below its name: readings, the last minute, age and coverage, what is
-    wrong.
-    """
+    """The lines of a tile: readings, the last minute, age and coverage, what is wrong."""
     lines = [
         f"now {reading_text(port.temperature, '°C')}",
         f"set {reading_text(port.setpoint, '°C')}",
@@ -186,9 +184,7 @@ def worst(run: RunState) -> Condition | None:
 
 
 def title(run: RunState | None) -> str:
-    """The page's title in a word or two: a phase in which nothing on it is known, else the worst
-    condition.
-    """
+    """The page's title: a phase in which nothing is known, else the worst condition."""
     if run is None:
         return NO_RUN.upper()
     return (

@@ -250,9 +250,7 @@ def ratios_of(looks: Iterable[Iterable[Judged]]) -> dict[tuple[int, str], Interv
 
 
 def by_companion(judged: Judged, others: Iterable[Judged], ratios: Ratios) -> Judged:
-    """Return `judged`, or how often the counter rolled over if only one number fits its companion's
-    count.
-    """
+    """Return `judged`, or its roll-overs if only one number fits its companion's count."""
     span = judged.span
     ratio = ratios.get((span.port, span.counter)) if judged.rule in OPEN else None
     beside = _beside(judged, others) if ratio is not None else None
@@ -302,9 +300,7 @@ class Unit(Enum):
 
 
 def unit_of(by_port: Mapping[int, Sequence[Span]], stated: Collection[int]) -> Unit:
-    """Return which unit was read, by the spans of each port; `stated` are the ports with a recorded
-    reset.
-    """
+    """Return which unit was read, by each port's spans; `stated`: ports with a recorded reset."""
     odd = [port for port, group in by_port.items() if not all(map(is_ordinary, group))]
     if any(not all(one.can_be_reset for one in by_port[port]) for port in odd):
         return Unit.OTHER

@@ -77,9 +77,7 @@ class Elapsed:
         return look in self._is_right
 
     def at_most_h(self, begin: int, end: int) -> float:
-        """Return the most hours from one look to a later one; infinite until a look with a right
-        clock follows.
-        """
+        """Return the most hours between two looks; infinite before one with a right clock."""
         right = self._right
         before, after = bisect_right(right, begin) - 1, bisect_left(right, end)
         if before < 0 or after == len(right):

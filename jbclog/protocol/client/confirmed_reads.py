@@ -64,9 +64,7 @@ def read_confirmed(
 def confirmed_value(
     given: Sequence[Value], known: Value | None = None, *, grows: bool = False
 ) -> Value | None:
-    """Return the value confirmed by the last of `given`, oldest first; None where there is none
-    yet.
-    """
+    """Return the value that the last of `given` (oldest first) confirms; None: none yet."""
     *before, last = given
     if last == known or last in before:
         return last
@@ -122,9 +120,7 @@ NOT_DRIVEN: Final = "Nothing was written to it: correct `family`, or the cable"
 
 
 def kind_problem(client: Client, family: Family, port: int) -> Steps[str | None]:
-    """Describe why the station is not of the kind of `family`; None where it is. Raises
-    `LinkError`.
-    """
+    """Describe why the station is not of `family`'s kind; None if it is. Raises `LinkError`."""
     why = yield from unanswered_read(client, family, port, START_TRIES)
     for command in foreign_reads(family) if why is None else ():
         if (yield from _refusal(client, command, port, tries=1)) is None:

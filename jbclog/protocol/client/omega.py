@@ -238,9 +238,7 @@ class OmegaStation:
     def question(
         self, command: Command, port: int | None = None, tool: int | None = None
     ) -> OmegaQuestion:
-        """Prepare the read of `command`, once. OMEGA has one port and no tool; requests contain
-        neither.
-        """
+        """Prepare the read of `command`, once. OMEGA requests have neither port nor tool."""
         code = command.code()
         known = self._questions.get(code)
         if known is None:
@@ -257,9 +255,7 @@ class OmegaStation:
         return OmegaQuestion(command, frame, answer, digits, may_lack, length, wire_s, tries, name)
 
     def _note_length(self, question: OmegaQuestion) -> None:
-        """Adjust the expected duration to an answer without its digit, which is a character
-        shorter.
-        """
+        """Adjust the expected duration to an answer a character shorter, without its digit."""
         if question.may_lack and not self.data and question.letter not in self.without_digit:
             self.without_digit.add(question.letter)
             shorter = question.wire_s - self.line.seconds(question.digits or 0)
@@ -270,9 +266,7 @@ class OmegaStation:
         return self._doubted.get(letter, self.now) > self.now
 
     def _settle(self, letter: str) -> Steps[bool]:
-        """Have a probe answered, so that no answer with `letter` is on its way. False where none is
-        answered.
-        """
+        """Have a probe answered, so that no `letter` is on its way. False: none is answered."""
         probes = [self.question(command) for command in PROBE_COMMANDS]
         others = [
             probe
@@ -301,9 +295,7 @@ class OmegaStation:
         return question.wire_s + min(max(ALLOWED_S, 2 * self.turnaround_s), MOST_S)
 
     def _exchange(self, question: OmegaQuestion) -> Steps[str]:
-        """Send a request and return the text after the letter of its answer. Raises one of
-        `UNCERTAIN`.
-        """
+        """Send a request; return the text after its answer's letter. Raises `UNCERTAIN`."""
         self._expect_no_flood()
         patience_s = self.patience_s(question)
         heard = yield Ask(question.frame, patience_s)
@@ -369,9 +361,7 @@ class OmegaStation:
         return "code" if asked else "unasked"
 
     def _note_answer(self, question: OmegaQuestion, now: float) -> None:
-        """Note an answer: answers come in the order of requests, so none to an earlier request is
-        on its way.
-        """
+        """Note an answer: they come in order, so none to an earlier request is on its way."""
         self.now = self.heard = now
         self._doubted.clear()
         self._last = question.letter

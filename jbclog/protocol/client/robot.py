@@ -156,9 +156,7 @@ class Station(Dialogue):
         return value
 
     def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
-        """Read a value by a prepared read, from its beginning, or from the result of `request`
-        on.
-        """
+        """Read a value by a prepared read, from its start or from the result of `request`."""
         assert isinstance(question, Question)
         return self._ask_short(question) if question.is_short else self._ask(question, heard)
 
@@ -193,9 +191,7 @@ class Station(Dialogue):
                 raise failure
 
     def _note_form(self, question: Question, text: str) -> None:
-        """Count an odd form. A station that has answered under its own letters is not accepted
-        under others.
-        """
+        """Count an odd form. A station that used its own letters is accepted under no others."""
         row = question.odd_row(text)
         if row is not None:
             self._meet(row, question, text)
@@ -254,9 +250,7 @@ class Station(Dialogue):
             self._moving = ()
 
     def _write(self, question: Question, *, again: bool) -> Steps[None]:
-        """Send a write; `again`: repeat it if the station did not understand it, because then it
-        was not executed.
-        """
+        """Send a write; `again`: repeat one not understood, which was not executed."""
         for tries_left in reversed(range(1 + REPEATS if again else 1)):
             try:
                 yield from self._exchange(question)
@@ -301,9 +295,7 @@ class Station(Dialogue):
             self._reader.feed(heard.data)  # dropped with the next request
 
     def _ask_short(self, question: Question) -> Steps[Value]:
-        """Send R-TT bare; if that is refused or times out, and never succeeded, once with a blank
-        (B-10).
-        """
+        """Send R-TT bare; if refused or timed out, and never answered, with a blank (B-10)."""
         if self._padded is not None:
             value = yield from self._ask(self._padded)
             self.anomalies.counts[10] += 1
@@ -372,9 +364,7 @@ class Station(Dialogue):
         raise failure
 
     def _probes(self, doubted: str) -> list[Question]:
-        """Return harmless reads without the code in doubt, each with another code than the one
-        before.
-        """
+        """Return harmless reads without the doubted code, each with another than the last."""
         return [self.question(command) for command in PROBE_COMMANDS if command.letters != doubted][
             :PROBES
         ]

@@ -168,7 +168,5 @@ def omega_answer(data: bytes) -> str | None:
 
 
 def is_binary(data: bytes) -> bool:
-    """Whether this is the binary protocol of a station outside of Robot mode: frames after DLE, or
-    repeated NAK.
-    """
+    """Whether this is the binary protocol, not Robot mode: frames after DLE, or repeated NAK."""
     return DLE + STX in data or (bool(data) and not data.strip(NAK + DLE))

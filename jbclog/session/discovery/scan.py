@@ -306,9 +306,7 @@ class _Scan:
         self._report.station = not_settled(found.line, given)
 
     def _finds_omega(self, trial: Trial) -> Steps[bool]:
-        """Send A more than once: the end of a JBC frame can turn the STX of the first one into a
-        digit of its sum.
-        """
+        """Send A more than once: a JBC frame's end can make the first STX a digit of its sum."""
         for _ in range(OMEGA_ASKED):
             if self._is_over():
                 break

@@ -87,9 +87,7 @@ class NameEntry(NamedTuple):
 
 
 def entries(family: Family, kind: CommandFilter) -> list[NameEntry]:
-    """List everything that can be read from or written to a station of this family, in the order of
-    its tables.
-    """
+    """List everything to read from or write to a station of this family, in its tables' order."""
     return [_entry(command, family, kind) for command in family.commands.values() if kind(command)]
 
 

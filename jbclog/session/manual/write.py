@@ -222,9 +222,7 @@ def _mirror(contact: Contact, command: Command, value: Value, place: Place) -> M
 def _read_before(
     contact: Contact, command: Command, value: Value, written: WriteResult
 ) -> Steps[None]:
-    """Read the value before. A tool's state is ordered even if it cannot be read: the order may
-    stop the tool.
-    """
+    """Read the value before. An unreadable tool state is ordered all the same: it may stop it."""
     mirror = _mirror(contact, command, value, written.place)
     if mirror is None:
         return

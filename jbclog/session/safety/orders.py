@@ -57,9 +57,7 @@ def order(task: SafetyTask, orders: Sequence[tuple[ToolSafety, StatusWord]]) -> 
 def _send(
     task: SafetyTask, tool: ToolSafety, word: StatusWord, *, hurry: bool
 ) -> Steps[LinkError | StationError | None]:
-    """Order a state; return the error instead of an acknowledgement. After a `LinkError` the result
-    is not known.
-    """
+    """Order a state; return the error, if any. After a `LinkError` the result is not known."""
     if not (yield from is_reachable(task)):
         return LinkError("not reached")
     tool.note_order(word)
@@ -144,9 +142,7 @@ def look_at_feeder(task: SafetyTask) -> Steps[None]:
 
 
 def order_blindly(task: SafetyTask) -> Steps[None]:
-    """Stop the feeder and order the state that can always be ordered, without proof; earlier
-    readings are void.
-    """
+    """Stop the feeder, order the state that always can be, unproven; earlier readings are void."""
     if task.is_stranger:
         return
     if task.has_fed:

@@ -113,9 +113,7 @@ def _spare(tool: ToolSafety, found: StatusWord) -> None:
 
 
 def _put(task: SafetyTask, tools: Sequence[ToolSafety], *, is_first: bool) -> Steps[None]:
-    """Try each tool once. If its state is not reached, or the tool does not cool in it, try the
-    fallback states.
-    """
+    """Try each tool once; if its state is not reached or it does not cool, the fallbacks."""
     words = {tool.port: task.words(tool) for tool in tools}
     yield from order(task, [(tool, words[tool.port][0]) for tool in tools])
     yield from order(task, [(tool, words[tool.port][0]) for tool in tools if tool.was_lost])
