@@ -18,6 +18,7 @@ from jbclog.app.batch.state import Entry, EntryKind
 from jbclog.app.batch.store import NAME
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import EventRow, Severity
+from support.faults.altered_files import cut, zeros
 
 NIGHT = 1_790_000_000.0
 JOB = Entry("", EntryKind.JOB, "", "a")
@@ -35,14 +36,6 @@ Alteration = Callable[[bytearray, int], None]
 
 def flip(data: bytearray, place: int) -> None:
     data[place] ^= 1 << place % 8
-
-
-def zeros(data: bytearray, place: int) -> None:
-    data[place : place + 512] = bytes(len(data[place : place + 512]))
-
-
-def cut(data: bytearray, place: int) -> None:
-    del data[place:]
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ from jbclog.core.errors import RecordError
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
+from support.faults.altered_files import cut, zeros
 from support.records import few_rows
 
 ROWS = 30
@@ -24,14 +25,6 @@ Alteration = Callable[[bytearray, int], None]
 
 def flip(data: bytearray, place: int) -> None:
     data[place] ^= 0x20
-
-
-def zeros(data: bytearray, place: int) -> None:
-    data[place : place + 512] = bytes(len(data[place : place + 512]))
-
-
-def cut(data: bytearray, place: int) -> None:
-    del data[place:]
 
 
 ALTERATIONS: list[Alteration] = [flip, zeros, cut]

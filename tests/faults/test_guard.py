@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -39,6 +39,7 @@ from support.faults.guarded import (
     begun,
     ended,
     events,
+    full_pipe,
     guard_of,
     guard_that_is_there,
     only_run,
@@ -368,17 +369,6 @@ def test_neither_a_busy_machine_nor_a_terminal_that_is_held_is_a_reason(
         run.kill()
         run.communicate()
     assert check(only_run(tmp_path)) == []
-
-
-def full_pipe() -> tuple[int, int]:
-    """Both ends of a pipe that takes nothing any more, as a terminal that is held takes nothing."""
-    reading, writing = os.pipe()
-    os.set_blocking(writing, False)
-    with suppress(BlockingIOError):
-        while True:
-            os.write(writing, b"x" * 4096)
-    os.set_blocking(writing, True)
-    return reading, writing
 
 
 @pytest.mark.campaign

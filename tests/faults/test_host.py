@@ -32,6 +32,7 @@ from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.sim.port import WORKING
 from support import program
 from support.command import is_sampling, jbclog, until
+from support.faults.guarded import full_pipe
 from support.oracles.invariants import Ended, violations
 from support.records import few_rows
 from support.virtual.served_line import RECIPE, Order, ServedLine
@@ -467,18 +468,6 @@ def test_signals_while_recovering_a_hundred_times(
 # -- who does not read (docs/reference/faults.md, F-46) --------------------------------------------
 
 
-def stuck_pipe() -> tuple[int, int]:
-    """Both ends of a pipe that takes nothing any more."""
-    reading, writing = os.pipe()
-    os.set_blocking(writing, False)
-    try:
-        while True:
-            os.write(writing, b"x" * 4096)
-    except BlockingIOError:
-        os.set_blocking(writing, True)
-    return reading, writing
-
-
 @dataclass
 class Unread:
     held: Run  # Ctrl-S
@@ -493,7 +482,7 @@ def unread(line: ServedLine, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     """Four runs whose notes nobody reads, each for another reason; all were told to end."""
     starting = Start(line, tmp_path_factory.mktemp("unread"))
     terminal, slave = pty.openpty()
-    reading, writing = stuck_pipe()
+    reading, writing = full_pipe()
     held = starting("dde-1", stdin=slave, stdout=slave, stderr=slave, start_new_session=True)
     stuck = starting("dde-2", stdout=writing, stderr=writing)
     gone = starting("ucr-1", stdout=subprocess.PIPE)
@@ -545,7 +534,7 @@ def test_what_was_not_shown_is_in_the_record_with_the_count(unread: Unread) -> N
 def test_safe_does_not_wait_for_a_reader_either(start: Start) -> None:
     run = start("dde-1", "ale-1")
     assert until(run.samples, SOON_S)
-    reading, writing = stuck_pipe()
+    reading, writing = full_pipe()
     began = time.monotonic()
     command = [*PROGRAM, "safe", "--line", str(run.line.path)]
     safe = subprocess.run(command, stdout=writing, stderr=writing, timeout=SOON_S, check=False)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -37,6 +36,7 @@ from support.faults.guarded import (
     running,
     told_after,
 )
+from support.faults.small_disk import small_disk
 from support.virtual.served_line import ServedLine
 
 HOT_C = 300
@@ -168,17 +168,8 @@ def test_what_was_made_safe_before_the_record_was_recovered_is_in_its_events(
 
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Path]:
-    """A small file system of its own; only root may mount one."""
-    place = tmp_path / "disk"
-    place.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=48m", "jbclog-test", str(place)]
-    if (
-        os.geteuid() != 0
-        or subprocess.run(command, capture_output=True, check=False).returncode != 0
-    ):
-        pytest.skip("needs root, to mount a small file system")
-    yield place
-    subprocess.run(["umount", str(place)], check=True)
+    with small_disk(tmp_path / "disk", "48m") as place:
+        yield place
 
 
 def filled(disk: Path) -> Path:

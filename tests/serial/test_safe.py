@@ -7,10 +7,8 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -25,8 +23,8 @@ from jbclog.record.manifest import read_manifest
 from jbclog.session.safety.secure import ALLOWED_S
 from jbclog.sim.port import HIBERNATION, WORKING
 from jbclog.transport.opening import open_port
-from support.command import jbclog, until
-from support.faults.guarded import begun, only_run
+from support.command import jbclog
+from support.faults.guarded import only_run, running
 from support.readers.unit_file import command
 from support.virtual.served_line import FOUR_TOOLS, Order, ServedLine
 
@@ -117,17 +115,6 @@ def ports_told_to_stand(folder: Path) -> set[int] | None:
     assert orders[-1].at - now < 2 * ALLOWED_S + 2 * start_s
     assert len({order.port for order in orders}) == len(orders)
     return {order.port for order in orders}
-
-
-@contextmanager
-def running(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Popen[str]]:
-    run = begun(line, out, *more)
-    try:
-        assert until(lambda: line.at_work() == TOOLS)
-        yield run
-    finally:
-        run.kill()
-        run.communicate(timeout=200)
 
 
 def test_a_run_that_holds_the_line_is_asked_to_end_and_its_record_is_whole(

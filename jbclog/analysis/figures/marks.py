@@ -98,7 +98,7 @@ def _error(one: Happening, later: Sequence[Happening]) -> Mark:
 
 
 def limits_of(settings: pd.DataFrame, station: str, port: int, t0_utc_us: int) -> list[Limit]:
-    """Return the confirmed limits of one port, from its reading on; none of an alarm that is off."""
+    """Return a port's confirmed limits, each from its reading on; none while the alarm is off."""
     own = settings[
         (settings["station"] == station) & (settings["port"] == port) & settings["readback"].notna()
     ]

@@ -11,14 +11,14 @@ from typing import TypeVar
 
 from jbclog.config.line import parse_line
 from jbclog.core.clock import VirtualClock
-from jbclog.core.io_requests import Reopen, Steps
+from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.sim.setup import virtual_station
-from jbclog.transport.virtual import VirtualDriver
+from support.clients.talk import in_turn
 
 T = TypeVar("T")
 Place = tuple[Command, int | None, int | None]
@@ -46,16 +46,7 @@ class Pair:
 
     def do(self, ask: Callable[[Client], Steps[T]]) -> T:
         """Do it and give what came out; what it raises comes out too."""
-        outcome: list[T] = []
-
-        def steps() -> Steps[None]:
-            self.client.unasked((yield Reopen()))
-            outcome.append((yield from ask(self.client)))
-
-        driver = VirtualDriver(self.clock)
-        driver.add(steps(), self.station)
-        driver.run()
-        return outcome[0]
+        return in_turn(self.client, self.station, self.clock, [ask])[0]
 
     def read(self, command: Command, port: int | None = None, tool: int | None = None) -> Value:
         return self.do(lambda client: client.read(command, port, tool))

@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 from jbclog.core.clock import VirtualClock
-from jbclog.core.io_requests import Reopen, Steps
+from jbclog.core.io_requests import Steps
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.omega import OmegaStation
-from jbclog.transport.virtual import VirtualDriver
+from support.clients.talk import in_turn
 
 T = TypeVar("T")
 Answer = str | bytes | tuple[float, str | bytes]
@@ -73,17 +73,7 @@ class OmegaTalk:
 
     def each(self, *asks: Callable[[OmegaStation], Steps[T]]) -> list[T]:
         """Do one after the other; what one raises comes out."""
-        outcome: list[T] = []
-
-        def steps() -> Steps[None]:
-            self.station.unasked((yield Reopen()))
-            for ask in asks:
-                outcome.append((yield from ask(self.station)))
-
-        driver = VirtualDriver(self.clock)
-        driver.add(steps(), self.end)
         try:
-            driver.run()
+            return in_turn(self.station, self.end, self.clock, asks)
         finally:
             assert self.end.turns == []
-        return outcome

@@ -8,16 +8,18 @@ bytes as they are, or a pair of seconds and either: how long after the question 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
 from jbclog.core.clock import VirtualClock
 from jbclog.core.io_requests import Reopen, Steps
 from jbclog.core.serial_line import LineFormat
+from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.robot import Station
-from jbclog.transport.virtual import VirtualDriver
+from jbclog.transport.virtual import Peer, VirtualDriver
 
 T = TypeVar("T")
+C = TypeVar("C", bound=Client)
 Asking = Callable[[Station], Steps[T]]
 Answer = str | bytes | tuple[float, str | bytes]
 Replies = Callable[[str], Sequence[Answer]]
@@ -65,6 +67,25 @@ class OtherEnd:
         return self._free, said
 
 
+def in_turn(
+    client: C, end: Peer, clock: VirtualClock, asks: Iterable[Callable[[C], Steps[T]]]
+) -> list[T]:
+    """What came out of each of `asks`, done by the client one right after the other; what one
+    raises comes out.
+    """
+    outcome: list[T] = []
+
+    def steps() -> Steps[None]:
+        client.unasked((yield Reopen()))
+        for ask in asks:
+            outcome.append((yield from ask(client)))
+
+    driver = VirtualDriver(clock)
+    driver.add(steps(), end)
+    driver.run()
+    return outcome
+
+
 class Talk:
     """A station client and its other end."""
 
@@ -88,20 +109,10 @@ class Talk:
 
     def each(self, *asks: Asking[T]) -> list[T]:
         """The same with several, one right after the other."""
-        outcome: list[T] = []
-
-        def steps() -> Steps[None]:
-            self.station.unasked((yield Reopen()))
-            for ask in asks:
-                outcome.append((yield from ask(self.station)))
-
-        driver = VirtualDriver(self.clock)
-        driver.add(steps(), self.end)
         try:
-            driver.run()
+            return in_turn(self.station, self.end, self.clock, asks)
         finally:
             assert self.turns == []
-        return outcome
 
     def _next_turn(self, text: str) -> Sequence[Answer]:
         assert self.turns, f"{text} was asked and nothing more was to be"

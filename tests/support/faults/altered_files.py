@@ -81,3 +81,12 @@ class Count:
 
     def told(self) -> str:
         return f"{self.fault}: tried {self.tried}, lost {self.lost}, wrong {self.wrong}"
+
+
+def zeros(data: bytearray, place: int) -> None:
+    """A block of the disk from `place` on that was never written."""
+    data[place : place + 512] = bytes(len(data[place : place + 512]))
+
+
+def cut(data: bytearray, place: int) -> None:
+    del data[place:]

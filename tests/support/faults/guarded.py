@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,6 +41,17 @@ def running(line: ServedLine, out: Path, *more: str) -> Iterator[subprocess.Pope
     finally:
         run.kill()
         run.communicate(timeout=200)
+
+
+def full_pipe() -> tuple[int, int]:
+    """Both ends of a pipe that takes nothing any more, as a terminal that is held takes nothing."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writing, b"x" * 4096)
+    os.set_blocking(writing, True)
+    return reading, writing
 
 
 def ended(run: subprocess.Popen[str]) -> str:
