@@ -477,9 +477,7 @@ def _episodes(run: Run) -> list[Episode]:
 
 
 def _span(run: Run) -> tuple[float, float] | None:
-    """Return the times of the first and last row in s since 1970; None if they are the same, or
-    there is none.
-    """
+    """Return the first and last row's times in s since 1970; None: the same, or no row."""
     begin, end = np.inf, -np.inf
     for piece in run.stream("samples", columns=["time"]):
         micros = piece["time"].astype("int64")

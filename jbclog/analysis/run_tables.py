@@ -59,9 +59,7 @@ MICROSECONDS: Final = struct.Struct("<q")  # a time in the statistics of a Parqu
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Some rows and columns of a table. `start` is included, `stop` is not, both UTC; None selects
-    all.
-    """
+    """Rows and columns of a table: from `start`, before `stop`, both UTC; None selects all."""
 
     table: str
     columns: Sequence[str]
@@ -478,9 +476,7 @@ class RunTables:
 
 
 def stations_of(run: RunTables) -> list[StationFacts]:
-    """Return the facts of the stations; for a run that is not sealed, with those of its live
-    store.
-    """
+    """Return the facts of the stations; of a run not sealed, with those of its live store."""
     manifest = run.manifest
     if manifest.state == "sealed":
         return manifest.stations

@@ -424,9 +424,7 @@ def filter_of(
 
 
 def rate_text(period_s: float | None) -> str:
-    """Return a sampling rate as text: ``5 Hz``; ``max`` for a station that is read without pause
-    (None).
-    """
+    """Return a sampling rate as text: ``5 Hz``; ``max`` for one read without pause (None)."""
     return "max" if period_s is None else f"{1 / period_s:.3g} Hz"
 
 

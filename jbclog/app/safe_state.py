@@ -231,9 +231,7 @@ def _end(
 
 
 def _lets_go(folder: Path, recorder: _Recorder, urls: Collection[str], seconds: float) -> bool:
-    """Return whether the run releases the ports, or ends, within `seconds`; sealing its record may
-    take longer.
-    """
+    """Return whether the run releases its ports or ends within `seconds`; sealing takes longer."""
     end = time.monotonic() + seconds
     while not recorder.is_gone_within(LOOK_S):
         if not holds(folder, urls):

@@ -226,9 +226,7 @@ class RecordError(JbclogError):
 
 
 class StoreError(RecordError):
-    """A plant's store cannot be read or written; that is no fault of the run that is published or
-    read.
-    """
+    """A plant's store cannot be read or written; the run published or read is not at fault."""
 
 
 class Unsafe(JbclogError):

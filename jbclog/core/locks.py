@@ -39,9 +39,7 @@ def try_lock(path: Path) -> int | None:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a process holds the lock at `path`; changes nothing. Raises OSError where the file
-    cannot be opened.
-    """
+    """Whether a process holds the lock at `path`; changes nothing. Raises OSError."""
     try:
         expect_regular(path, Kind.LOCK)
         descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)

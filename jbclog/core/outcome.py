@@ -155,9 +155,7 @@ def status(found: Iterable[RunFinding]) -> Status:
 
 
 def tools_text(stations: Iterable[StationFacts]) -> str:
-    """Summarize the tools' states: ``6 tools are in their safe state, as read back``, or those that
-    are not.
-    """
+    """Summarize the tools: ``6 tools are in their safe state, as read back``, or the others."""
     states = {
         (facts.name, port): facts.safe_state.get(port)
         for facts in stations

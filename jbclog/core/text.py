@@ -77,9 +77,7 @@ def stamp(text: str | None) -> str:
 
 
 def number(value: object, digits: int = 2) -> str:
-    """Format a number with thin spaces between thousands and without trailing zeros; None is a
-    dash, never zero.
-    """
+    """Format with thin spaces between thousands, no trailing zeros; None is a dash, never zero."""
     if value is None:
         return "–"
     if not isinstance(value, int | float) or isinstance(value, bool):

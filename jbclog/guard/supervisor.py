@@ -77,9 +77,7 @@ class RunGuard:
 
 
 def lease_of(facts: StationFacts) -> StationLease:
-    """Return what to make safe on a station if the recorder dies now: while its session runs, every
-    touched tool.
-    """
+    """Return what to make safe if the recorder dies now: every tool touched, in a session."""
     is_over = facts.outcome != StationOutcome.RUNNING
     return StationLease(
         name=facts.name,

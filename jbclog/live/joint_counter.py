@@ -190,9 +190,7 @@ class Schedule:
         return self._models, max(self._models, last - last % self._apart if self._models else 0)
 
     def took(self, models_s: float) -> None:
-        """Note how long the last models took: it has a say only on a machine that is much slower
-        than others.
-        """
+        """Note how long the last models took, which matters only on a much slower machine."""
         self._slower = max(models_s / self.models_s(self._models) / SLOW, 1.0)
 
     def models_s(self, batch: int) -> float:

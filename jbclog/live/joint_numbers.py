@@ -58,9 +58,7 @@ class Counted:
 
     @property
     def found(self) -> int:
-        """How many joints were found on all ports; where those of a port are not known there may be
-        more.
-        """
+        """How many joints were found on all ports; of a port not known there may be more."""
         return sum(port.found for port in self.ports)
 
     @property
@@ -181,9 +179,7 @@ class JointNumbers:
         self._asked_at_end = False
 
     def look(self, *, has_ended: bool) -> Mapping[Key, Joints]:
-        """Return the latest numbers. `has_ended`: the run is finalized, so that a last count can be
-        made.
-        """
+        """Return the latest numbers. `has_ended`: finalized, so a last count can be made."""
         if self._counting.poll():
             self._counted_at = self._clock.monotonic()
         if has_ended and not self._asked_at_end:

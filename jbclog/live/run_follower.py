@@ -158,9 +158,7 @@ class RunFollower:
             ) from error
 
     def _read_manifest(self) -> None:
-        """Read the manifest where its file is another one; it is always replaced as a whole. Raises
-        RecordError.
-        """
+        """Read the manifest if it was replaced, always as a whole. Raises RecordError."""
         try:
             there = (self.folder / MANIFEST).lstat()
         except OSError:

@@ -270,9 +270,7 @@ def _proposal(own: Own, offset: float, result: Result) -> int | None:
 
 
 def needed_adjust_c(one: Verification) -> int | None:
-    """Return the adjustment that would remove the offset, possible or not; None if the present one
-    is not known.
-    """
+    """Return the adjustment that removes the offset; None if the present one is not known."""
     return None if one.adjust_c is None else round(one.adjust_c - one.offset_c)
 
 

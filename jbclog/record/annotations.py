@@ -191,9 +191,7 @@ def _is_complete(said: Annotation) -> bool:
 
 
 def _fit(name: str, text: str) -> str:
-    """Return the text without invisible characters, shortened. Raises RecordError if nothing is
-    left.
-    """
+    """Return the text without invisible characters, shortened. Raises RecordError if empty."""
     shown = "".join(sign if sign.isprintable() else " " for sign in text).strip()
     if not shown:
         raise RecordError(f"an annotation says {name}: nothing was given")

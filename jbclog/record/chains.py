@@ -173,9 +173,7 @@ def _runs_of(out: Path, line: str) -> Iterator[Path]:
 
 
 def broken_links(folder: Path, manifest: Manifest) -> Iterator[str]:
-    """Yield disagreements between this run and its neighbours in the folder of runs; missing ones
-    are skipped.
-    """
+    """Yield disagreements of this run and its neighbours in the folder; skips missing ones."""
     folder = folder.absolute()
     yield from _before(folder, manifest)
     yield from _behind(folder, manifest)

@@ -549,9 +549,7 @@ def _order(rows: pa.Table, ends: dict[tuple[str, int], _Last], stepped: bool) ->
 
 
 def _falls(values: pa.ChunkedArray, before: int, *, strictly: bool) -> tuple[int, int]:
-    """Return how often a value is not above (not `strictly`: is below) its predecessor, and the
-    last value.
-    """
+    """Return how often a value is not above (not `strictly`: below) the last; and the last."""
     numbers = [before, *values.to_pylist()]
     falls = sum(one >= two if strictly else one > two for one, two in pairwise(numbers))
     return falls, numbers[-1]

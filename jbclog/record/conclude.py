@@ -377,9 +377,7 @@ def _overtaken(folder: Path) -> dict[tuple[str, int], int]:
 
 
 def unkept_rows(store: StoreReader) -> int:
-    """Return the number of rows that the disk never took: by the store, or by the lock's witness if
-    that has more.
-    """
+    """Return how many rows the disk never took, by the store or the lock's witness: the more."""
     return max(store.dropped_rows, commit_status(store.folder).unkept)
 
 

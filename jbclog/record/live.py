@@ -163,9 +163,7 @@ class RowBuffer:
                 self.backlog[place] = encode(batch.number, batch.table, ())
 
     def _finish(self) -> None:
-        """Move the rows in work on. Each step ends with one that cannot fail, so that no row is
-        lost or doubled.
-        """
+        """Move the rows on; each step ends with one that cannot fail: none is lost or doubled."""
         rows = self._in_work
         while rows.events:
             self._link(rows.events[0], rows.values["events"])
@@ -383,9 +381,7 @@ class LiveStore:
                     self._fail(cause(error))
 
     def _commit(self, *, closing: bool = False) -> bool:
-        """Store all rows so far, or keep them for the next time; return whether all are stored.
-        Then show their events.
-        """
+        """Store all rows so far, or keep them; return whether all are stored. Then show events."""
         pending = self._pending.count
         self._commit_began = began = time.monotonic()
         try:
@@ -397,9 +393,7 @@ class LiveStore:
             self._pending.show_first(pending)
 
     def _write_witness(self, began: float | None) -> None:
-        """Write into the lock up to which batch all is stored, for `recover`. `began`: start of a
-        successful commit.
-        """
+        """Write into the lock up to which batch all is stored. `began`: start of the commit."""
         now, before = time.monotonic(), self._witness
         waited = now - self._safe_until
         if began is None:

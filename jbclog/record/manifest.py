@@ -399,9 +399,7 @@ def fitting_units(manifest: Manifest, units: list[Unit]) -> list[Unit]:
 
 
 def manifest_sha256(folder: Path) -> str:
-    """Return the fingerprint of a run, by which annotations, reports and other runs cite it. Raises
-    RecordError.
-    """
+    """Return the run's fingerprint, cited by notes, reports and runs. Raises RecordError."""
     try:
         return hashlib.sha256(read_foreign(folder / NAME, Kind.MANIFEST)).hexdigest()
     except OSError as error:

@@ -260,9 +260,7 @@ def groups_of(
 
 @contextmanager
 def _opened(path: Path, *, coded: bool) -> Iterator[ParquetTable]:
-    """Open a part; pages are checked by checksums, the footer by its required content. Raises
-    RecordError.
-    """
+    """Open a part; checks its pages by checksums, its footer by content. Raises RecordError."""
     schema = SCHEMAS[path.parent.name]
     texts = [field.name for field in schema if field.type == TEXT] if coded else ()
     with ExitStack() as opened:

@@ -193,9 +193,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
 
 
 def _not_rebuilt(folder: Path, manifest: Manifest) -> str:
-    """Describe the damaged parts of a sealed run, which nothing is left to rebuild; empty where
-    there are none.
-    """
+    """Describe damaged parts of a sealed run, which nothing can rebuild; empty: none."""
     found = [f"{name} {why}" for name, why in changed_parts(folder, manifest).items()]
     return f" But {'; '.join(found)}. {NOT_REBUILT}" if found else ""
 

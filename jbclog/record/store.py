@@ -152,9 +152,7 @@ class Segment:
         return self._db.expect_tables(COLUMNS)
 
     def add(self, batches: Iterable[Batch], notes: Notes) -> None:
-        """Store everything in one transaction, synced on return. Raises sqlite3.Error, and then
-        stored nothing.
-        """
+        """Store all in one synced transaction. Raises sqlite3.Error, and then stored nothing."""
         with self._transaction():
             self._db.executemany(
                 _ADD_BATCH, ((b.number, b.table, b.rows, b.crc, b.data) for b in batches)
@@ -221,9 +219,7 @@ class Segment:
         return found
 
     def index(self) -> Iterator[tuple[int, str, int]]:
-        """Yield number, table and declared rows of each batch. Raises sqlite3.DatabaseError for
-        damaged pages.
-        """
+        """Yield each batch's number, table and declared rows. Raises sqlite3.DatabaseError."""
         self._db.within()
         rows = self._db.execute(_INDEX)
         for count, (number, name, declared) in enumerate(rows):

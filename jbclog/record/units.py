@@ -44,9 +44,7 @@ def units_in(events: Iterable[pa.Table]) -> list[Unit]:
 
 
 def only_unit(named: Sequence[str], late: Sequence[str]) -> str | None:
-    """Return the unit of a run without serials read: the one that people named, None if none or
-    several.
-    """
+    """Return the unit of a run without serials read: the one named; None if none or several."""
     serials = {*named, *late}
     return serials.pop() if len(serials) == 1 else None
 

@@ -16,9 +16,7 @@ from jbclog.analysis.alarms.state_machine import Detector, Episode, Side
 
 
 class Unknown(NamedTuple):
-    """The answer to the alarm flags was lost at `time_us`; they had been read before at
-    `earliest_us`.
-    """
+    """The answer to the alarm flags was lost at `time_us`; last read before at `earliest_us`."""
 
     earliest_us: int
     time_us: int
@@ -80,9 +78,7 @@ Place = tuple[str, int, Side]
 
 
 def _groups(episodes: Iterable[Episode]) -> Iterable[tuple[Place, list[Episode]]]:
-    """Yield groups of episodes of one port and side whose intervals overlap, directly or through
-    others.
-    """
+    """Yield groups of one port's and side's episodes that overlap, directly or through others."""
     places: dict[Place, list[Episode]] = {}
     for episode in episodes:
         places.setdefault((episode.station, episode.port, episode.side), []).append(episode)

@@ -79,9 +79,7 @@ class Definition:
     dead_band_c: float = 0.0
 
     def condition(self, value: float) -> Condition:
-        """Return the condition for a reading that counts. A reading at the limit is not beyond
-        it.
-        """
+        """Return the condition for a reading that counts; one at the limit is not beyond it."""
         excess = value - self.limit_c if self.side is Side.HIGH else self.limit_c - value
         if excess > 0:
             return Condition.BEYOND
@@ -125,9 +123,7 @@ class Detector(StrEnum):
 
 
 class State(StrEnum):
-    """Whether an episode is active at the end of the record. Acknowledgement is independent of
-    it.
-    """
+    """Whether an episode is active at the record's end; acknowledgement is independent of it."""
 
     ACTIVE = "active"
     CLEARED = "cleared"

@@ -70,9 +70,7 @@ def valued(axes: Axes, values: Sequence[float]) -> None:
 
 
 def labelled(axes: Axes, labels: Sequence[Label], points: float) -> None:
-    """Write texts beside the right edge at the height of their values, moved apart so that none
-    covers another.
-    """
+    """Write texts right of the plot at their values' height, moved apart where they overlap."""
     wide, high = size_pt(axes)
     ordered = sorted(labels)
     wished = [float(y) * high for y in _share_of_height(axes, [value for value, _, _ in ordered])]

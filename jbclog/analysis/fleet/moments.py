@@ -168,9 +168,7 @@ def _add_sums(found: list[Moments], bits: Ints, counts: Ints, groups: Ints) -> N
 
 
 def _summed(limbs: Sequence[Ints], slots: Ints, count: int, places: Sequence[int]) -> list[int]:
-    """Return for each slot the sum of its limbs, each times 2^(18 × its place), as whole
-    numbers.
-    """
+    """Return for each slot the sum of its limbs, each times 2^(18 × its place), as integers."""
     totals = [0] * count
     for limb, place in zip(limbs, places, strict=True):
         sums = np.bincount(slots, weights=limb, minlength=count)  # exact: see `LIMB_BITS`

@@ -169,9 +169,7 @@ class Scheduler:
         return max(LEAST_AHEAD, AHEAD * int(sum(client.nthreads().values())))
 
     def _result(self, client: Client, future: Future[Any]) -> Any:
-        """Return the result of a task. Raises `RecordError` where nobody is left who could compute
-        it.
-        """
+        """Return the result of a task. Raises `RecordError` where nobody is left to compute it."""
         last_seen = time.monotonic()
         while True:
             try:

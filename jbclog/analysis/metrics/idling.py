@@ -118,9 +118,7 @@ def _drift(cells: Sequence[_Cells], coverage: float) -> Figure:
 
 
 def _theil_sen(x: Floats, y: Floats) -> float:
-    """Return the median of the slopes between all pairs, by numpy: scipy.stats needs most of a
-    second to load.
-    """
+    """Return the median slope of all pairs, by numpy: scipy.stats loads for most of a second."""
     one, other = np.triu_indices(len(x), 1)
     return float(np.median((y[other] - y[one]) / (x[other] - x[one])))
 

@@ -153,9 +153,7 @@ def _alternatives(points: Floats, fit: Fit) -> tuple[Fit, ...]:
 def _index_of_fit(
     fit: Fit, n: int, lower: float | None, upper: float | None
 ) -> tuple[Index | None, Index]:
-    """Return Pp (with both limits) and Ppk by the percentiles of a fit, with bounds by
-    bootstrap.
-    """
+    """Return Pp (with both limits) and Ppk by a fit's percentiles, with bounds by bootstrap."""
     low, middle, high = (np.array([fit.at(score)]) for score in (-REACH, 0.0, REACH))
     both, nearer = quantile_indices(low, middle, high, lower, upper)
     drawn_both, drawn_nearer, scale = drawn_indices(fit, n, lower, upper)

@@ -62,9 +62,7 @@ class Family(ABC):
 
     @abstractmethod
     def quantiles(self, fitted: tuple[Floats, ...], scores: Floats) -> Floats:
-        """Return the values at standard normal scores; NaN or infinite where the distribution has
-        none.
-        """
+        """Return the values at standard normal scores; NaN or infinite where there is none."""
 
     def chance(self, fitted: tuple[Floats, ...], values: Floats) -> float:
         """Return the probability of values as far from this family (Anderson-Darling, parameters
@@ -357,9 +355,7 @@ def _fit(family: Family, points: Floats) -> Fit | None:
 
 
 def _but_for_outliers(family: Family, points: Floats) -> Fit | None:
-    """Return the fit of all but the few values furthest from the median, if these are far beyond
-    it.
-    """
+    """Return the fit without the few values furthest from the median, if far beyond it."""
     n = len(points)
     most = min(max(1, int(OUTLIERS * n)), MOST_OUTLIERS)
     order = np.argsort(np.abs(points - np.median(points)))

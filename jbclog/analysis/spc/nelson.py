@@ -129,9 +129,7 @@ FALSE_ALARMS = {
 
 
 def false_alarms(tests: tuple[int, ...], series: int, seed: int) -> FalseAlarms:
-    """Return the false alarms of these tests, by simulation of so many series of 100 stable
-    points.
-    """
+    """Return these tests' false alarms, by simulation of so many series of 100 stable points."""
     generator = np.random.default_rng(seed)
     points = generator.normal(size=100 * series)
     at = np.unique([one.last for one in signals(points, tests)])

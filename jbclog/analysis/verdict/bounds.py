@@ -221,9 +221,7 @@ def _processes(cosines: int) -> _Processes:
 
 
 def _weights(processes: _Processes, fit: Floats, cosines: int) -> Floats:
-    """Return the posterior probability of each process; its scale is integrated out with the prior
-    1/scale.
-    """
+    """Return each process's posterior probability; its scale is integrated out (prior 1/scale)."""
     log_weights = (
         processes.prior - np.log(processes.spectrum).sum(1) / 2 - cosines / 2 * np.log(fit)
     )

@@ -171,9 +171,7 @@ def read_ordered(folder: Path) -> set[tuple[str, int]]:
 
 
 def read_adjustments(folder: Path) -> dict[tuple[str, int], float]:
-    """Return the last adjustment of each station and port in °C, as read back; leaves out ports
-    without one.
-    """
+    """Return each station and port's last adjustment in °C, as read back; without it: left out."""
     found: dict[tuple[str, int], float] = {}
     for row in _rows(folder / "settings", ["station", "port", "setting", "readback"]):
         port, readback = row["port"], row["readback"]

@@ -219,9 +219,7 @@ def setting_in_force(seconds: Floats, setting: Floats) -> Floats:
 
 
 def _stretch_starts(seconds: Floats, setting: Floats, period_s: float) -> Flags:
-    """Return the rows at which a stretch begins: the first row, after a gap, and where the setpoint
-    changes.
-    """
+    """Return the first row of each stretch: after a gap, and where the setpoint changes."""
     starts = np.ones(len(seconds), dtype=np.bool_)
     starts[1:] = (np.diff(seconds) > max(1.0, 3 * period_s)) | (np.diff(setting) != 0)
     return starts
@@ -281,9 +279,7 @@ def _rests(seconds: Floats, drawing: Flags, calm: Flags, starts: Flags) -> _Rest
 
 
 def _recovered_s(rests: _Rests, errors: Floats, rows: Flags, period_s: float) -> Floats:
-    """Return the age from which on each rest counts, in s; infinity where the end of the recovery
-    does not show.
-    """
+    """Return the age in s from which each rest counts; infinity where recovery shows no end."""
     after = int(rests.is_after[np.unique(rests.number[rows])].sum())
     if after < FEW:
         needed = np.where(rests.is_after, AGES_S[-1], 0.0)
@@ -321,9 +317,7 @@ def _moved(rests: _Rests, errors: Floats, rows: Flags, age_s: float, period_s: f
 
 
 def outside_joints(seconds: Floats, power: Floats, calm: Flags) -> Flags:
-    """Return the rows far enough, before and after, from any row with more than holding power
-    (rules 1 and 2).
-    """
+    """Return the rows far enough from any row above holding power (rules 1 and 2)."""
     busy = power > np.quantile(power[calm], HOLDING_QUANTILE) + HEADROOM_PERMILLE
     last = np.maximum.accumulate(np.where(busy, seconds, -np.inf))
     following = np.minimum.accumulate(np.where(busy, seconds, np.inf)[::-1])[::-1]

@@ -155,9 +155,7 @@ class Heat:
         return nominal_period(times)
 
     def _settings(self, rows: Block) -> Floats:
-        """Return the setpoint in each row: the one last read, for at most `SETTING_HOLDS_S`; NaN
-        where it is not known.
-        """
+        """Return each row's setpoint: the last read, for at most `SETTING_HOLDS_S`; else NaN."""
         read = np.flatnonzero(~np.isnan(rows.setting))
         held = np.full(len(rows.seconds), np.nan)
         last = np.searchsorted(read, np.arange(len(held)), side="right") - 1

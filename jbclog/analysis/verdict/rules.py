@@ -296,7 +296,5 @@ def unused_ports(facts: StationFacts, evidence: Evidence) -> Iterator[Rule]:
 
 
 def not_judged(facts: StationFacts, text: str = NO_LIMITS) -> Rule:
-    """Return a rule for a station that is recorded and not judged, because no limit of its recipe
-    applies to it.
-    """
+    """Return a rule for a station not judged, because no limit of its recipe applies to it."""
     return Rule("no_acceptance", facts.name, None, None, None, "", Result.DEVIATION, text)

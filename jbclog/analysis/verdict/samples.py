@@ -296,9 +296,7 @@ def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:
 def _ports(
     batch: pa.RecordBatch, stations: dict[str, StationFacts], signals: dict[str, list[str]]
 ) -> Iterator[tuple[str, int, Block, Counts, Marks]]:
-    """Yield the rows of each known station and port in a batch, with the number of judged readings
-    in each row.
-    """
+    """Yield the rows of each known station and port in a batch, with each row's judged readings."""
     names = coded(batch.column("station"))
     ports = batch.column("port").to_numpy(zero_copy_only=False).astype(np.int64)
     keys = names.indices.to_numpy(zero_copy_only=False).astype(np.int64) * 16 + ports

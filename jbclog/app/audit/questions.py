@@ -68,9 +68,7 @@ class Answer:
 
 @dataclass(slots=True)
 class StationReader:
-    """One station, read until `until` (monotonic seconds). `over` is why it cannot be read any
-    more.
-    """
+    """One station, read until `until` (monotonic seconds); `over`: why it cannot be read."""
 
     contact: Contact
     until: float

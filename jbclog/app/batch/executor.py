@@ -128,9 +128,7 @@ class BatchExecutor:
             self._observer.message(f"{job.name} still runs, and is followed")
 
     def settle(self) -> list[str]:
-        """Write down the results of jobs that have ended since the last executor ended; return
-        those that still run.
-        """
+        """Write down results of jobs ended since the last executor; return those that still run."""
         running = self.state.running()
         for job in running:
             if not self._processes.runs(*_attempt(job)):

@@ -173,9 +173,7 @@ class JobDir:
         return None
 
     def events(self, since: int) -> tuple[list[EventRow], int]:
-        """Return the next events after the one numbered `since`, at most `PAGE`, and the number of
-        the last one.
-        """
+        """Return at most `PAGE` events after number `since`, and the number of the last."""
         try:
             rows = self.store.rows(
                 "SELECT number, line FROM event WHERE attempt = ? AND number > ?"

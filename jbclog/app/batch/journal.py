@@ -163,9 +163,7 @@ def _import(store: BatchStore) -> None:
 
 
 def _expect_all(folder: Path, entries: list[Entry]) -> None:
-    """Raise `RecordError` for a job's folder without an entry: the entry is written first, so it
-    was lost.
-    """
+    """Raise `RecordError` for a job's folder whose entry, written first, was lost."""
     known = {f"{entry.job}-{entry.attempt}" for entry in entries if entry.kind == EntryKind.START}
     unknown = sorted(path.name for path in (folder / JOBS).glob("*") if path.name not in known)
     if unknown:

@@ -177,9 +177,7 @@ class SystemProcesses:
             return AttemptResult(State.HALF, Unsafe.exit_code, text, job_dir.run())
 
     def next_step(self, name: str, attempt: int) -> str:
-        """Describe what `settle` would do with an attempt that the journal has as running; changes
-        nothing.
-        """
+        """Describe what `settle` would do with an attempt in the journal; changes nothing."""
         job_dir = self.job_dir(name, attempt)
         if job_dir.is_running():
             return f"still runs (process {job_dir.process() or 'just starting'}): it is followed"

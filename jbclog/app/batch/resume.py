@@ -90,9 +90,7 @@ def _prepared(plan: BatchPlan, journal: Journal, *, is_new: bool) -> PreparedBat
 
 
 def _begin(plan: BatchPlan, home: Path, timing: Timing, zone: Zone) -> Journal:
-    """Begin a batch: the journal gets the settings of each job and its start time, which stay fixed
-    from then on.
-    """
+    """Begin a batch: the journal gets each job's settings and start time, which stay fixed."""
     file, turns = plan.file, in_turn(plan.turns)
     due = due_times(turns, timing.utc(), zone)
     problems = [

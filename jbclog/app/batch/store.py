@@ -141,9 +141,7 @@ _ADD_ATTEMPT: Final = "INSERT INTO attempt (name, spec, run, result, ended) VALU
 
 
 def import_files(store: BatchStore, lines: list[bytes], attempts: list[Path]) -> None:
-    """Copy the lines of an old journal and the files of its attempts, once, in one transaction.
-    Raises OSError.
-    """
+    """Copy an old journal and its attempts' files, once, in one transaction. Raises OSError."""
     with store.transaction() as db:
         if db.execute("SELECT 1 FROM journal LIMIT 1").fetchone():
             return

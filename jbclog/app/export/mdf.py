@@ -296,9 +296,7 @@ def _signal(field: pa.Field, seconds: Values, values: Values, bits: Bits | None)
 
 
 def _comment(source: Source) -> str:
-    """Return the comment of the file's header in XML, with a property for each fact (MDF 4.1,
-    "HDcomment").
-    """
+    """Return the header's comment in XML, a property for each fact (MDF 4.1, "HDcomment")."""
     facts = "".join(
         f"<e name={quoteattr(name)}>{escape(text)}</e>" for name, text in source.facts.items()
     )

@@ -115,9 +115,7 @@ class Source:
         }
 
     def _said(self) -> dict[str, str]:
-        """Return what people stated. A tag has the word before its name, so that none replaces a
-        fact.
-        """
+        """Return what people stated; a tag has a word before its name, so it replaces no fact."""
         said = self.run.manifest.metadata
         several = {"wire lots": said.wire_lots, "flux lots": said.flux_lots, "tips": said.tips}
         single = {"operator": said.operator, "order": said.order, "product": said.product}

@@ -97,9 +97,7 @@ def _next_sheet(book: Workbook, table: str, names: list[str], filled: dict[str, 
 
 
 def _write_columns(sheet: Worksheet, row: int, part: pa.Table) -> None:
-    """Write the cells of some rows, each by the type of its column; a value that is not known stays
-    an empty cell.
-    """
+    """Write some rows' cells by their column's type; an unknown value is an empty cell."""
     writers = [_writer(sheet, field.type) for field in part.schema]
     columns = [column.to_pylist() for column in part.itercolumns()]
     for number, values in enumerate(zip(*columns, strict=True), row):

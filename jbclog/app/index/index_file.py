@@ -106,9 +106,7 @@ class IndexFile:
         return self._known[place, kind]
 
     def data_of(self, place: bytes, kind: str, run: bytes, stamp: bytes) -> bytes | None:
-        """Return the data of a run if they were made from files with this stamp, by this program,
-        and are whole.
-        """
+        """Return a run's data if made from files with this stamp, by this program, and whole."""
         entry = self.entries(place, kind).get(run)
         if (
             entry is None

@@ -215,9 +215,7 @@ def _look_at_left(run: Path) -> Look:
 
 
 def _look_at_record(run: Path) -> Look | None:
-    """Look at all files on which the metrics of a run can depend; None where that is not
-    possible.
-    """
+    """Look at all files on which a run's metrics can depend; None where that is not possible."""
     from jbclog.analysis.stored_tables import METHODS_TEXT
 
     there = [f"{run}/{name}" for name in LEFT]
@@ -231,9 +229,7 @@ def _look_at_record(run: Path) -> Look | None:
 
 
 def _look(paths: Iterable[str], run: int, by: str = "") -> Look:
-    """Look at these files of a run, whose own path has so many characters. `by`: what reads
-    them.
-    """
+    """Look at a run's files, whose own path has so many characters. `by`: who reads them."""
     now, times, facts = time.time_ns(), list[int](), list[object]([by])
     for path in paths:
         try:

@@ -38,9 +38,7 @@ CONFIGURATION: Final = {PROPERTY: str(SCHEMA)}
 
 
 def create_tables(place: Place) -> None:
-    """Create what is missing of the tables. Raises `StoreError`, also for a store of a newer
-    jbclog.
-    """
+    """Create missing tables. Raises `StoreError`, also for a store of a newer jbclog."""
     for name in TABLES:
         if not place.has_table(name):
             _create(place, name)
@@ -230,9 +228,7 @@ def writer() -> WriterProperties:
 
 
 def committed(place: Place, commit: Callable[[], object]) -> bool:
-    """Whether the commit was made; False, after a pause, if another one came before. Raises
-    `StoreError`.
-    """
+    """Whether the commit was made; False, after a pause, if another came. Raises `StoreError`."""
     from deltalake.exceptions import CommitFailedError
 
     with explained(place.url):

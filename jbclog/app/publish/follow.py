@@ -37,9 +37,7 @@ class Trouble:
 
 
 class Follower:
-    """Publishes what is sealed, or annotated, since it was asked last. Ask again after
-    `pause_s`.
-    """
+    """Publishes what is sealed or annotated since it was asked; ask again after `pause_s`."""
 
     def __init__(self, publisher: Publisher, folder: Path) -> None:
         self._publisher, self._folder = publisher, folder
@@ -70,9 +68,7 @@ class Follower:
             yield from self._back()
 
     def _changed(self) -> Iterator[Outcome | Skipped | Trouble]:
-        """Publish what changed; those for which the store failed come last, so that they block no
-        other.
-        """
+        """Publish what changed; where the store failed last, so that it blocks no other."""
         for path in sorted(self._folder.iterdir(), key=lambda path: (self._failed[path], path)):
             look, before = self._seen.get(path, (_state, ()))
             now = look(path)

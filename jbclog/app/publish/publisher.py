@@ -246,9 +246,7 @@ class _Writing:
         )
 
     def _remove(self, named: frozenset[str]) -> None:
-        """Remove the rows that `runs` does not name. What fails here does not count anyway; it
-        stays `left`.
-        """
+        """Remove rows that `runs` does not name; what fails does not count, and stays `left`."""
         self._begun -= named
         with suppress(StoreError):
             for table in sorted(self._begun):

@@ -67,9 +67,7 @@ def _make(place: Place) -> None:
 
 
 def _expect_exclusive_names(folder: Path, name: str) -> None:
-    """Raise `UsageError` unless a second link to a name is refused, and a rename keeps the
-    content.
-    """
+    """Raise `UsageError` if a name takes a second link, or a rename loses the content."""
     first, second, third = (folder / f"{name}.{end}" for end in ("a", "b", "c"))
     try:
         first.write_bytes(b"1")

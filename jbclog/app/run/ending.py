@@ -24,9 +24,7 @@ __all__ = ["conclude", "judge_run"]
 def judge_run(
     folder: Path, plan: Plan, manifest: Manifest, record: str | None, cut_short: Exit | None
 ) -> None:
-    """Put the verdict on the sealed rows in `folder` into `manifest`. `record` is what the record
-    lacks.
-    """
+    """Put the verdict on sealed rows into `manifest`; `record`: what the record lacks."""
     stations = manifest.stations
     exit_status = status(findings(stations, verdict=None, record=record, cut_short=cut_short))
     acceptance = {one.spec.name: one.recipe.acceptance for one in plan.stations}

@@ -80,9 +80,7 @@ class Goals:
         return [replace(goal, reached=self.count(goal)) for goal in self._goals]
 
     def reached(self) -> list[Goal]:
-        """Return the goals with their results, once the record is sealed. Waits until the joints
-        are counted.
-        """
+        """Return the goals' results, once the record is sealed and the joints are counted."""
         return [
             self._joints_reached(goal) if goal.what == JOINTS else self._units_reached(goal)
             for goal in self._goals

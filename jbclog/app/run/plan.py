@@ -146,9 +146,7 @@ class StationPlan:
 
     @property
     def rate_hz(self) -> float | None:
-        """The resulting rate at the assumed response time; 0.0 if none fits, None without pauses or
-        if unknown.
-        """
+        """The rate at the assumed response time; 0.0: none fits, None: no pauses or unknown."""
         asked = self.asked_rate
         if not isinstance(asked, str):
             return asked
@@ -158,9 +156,7 @@ class StationPlan:
         return taken_rate_hz(asked, self.recipe, self.family, self.demand, assumed)
 
     def writes(self) -> list[Setting]:
-        """Return every setting of the recipe for this station, in order; those already in place
-        will not be written.
-        """
+        """Return every setting for this station, in order; those in place will not be written."""
         if self.family is None:
             return []
         found = station_settings_for(self.recipe, self.family)
@@ -169,9 +165,7 @@ class StationPlan:
         return found
 
     def condition(self) -> ConditionRecord | None:
-        """Return the solder condition of the recipe: read, compared, and written only if
-        allowed.
-        """
+        """Return the recipe's solder condition: read, compared, and written only if allowed."""
         return None if self.family is None else condition_of(self.recipe, self.family)
 
     def skipped(self) -> list[str]:
@@ -216,9 +210,7 @@ class Plan:
         return [*plain, *self._not_printed(), *self._asked_later()]
 
     def _not_printed(self) -> Iterator[str]:
-        """Yield limits and units inferred from another manual, once for each key of a station's
-        recipe.
-        """
+        """Yield limits and units inferred from another manual, once for each key of a recipe."""
         for station in self.stations:
             manual = "" if station.family is None else station.family.manual
             for key, one in {one.key: one for one in station.writes()}.items():
@@ -356,9 +348,7 @@ def _load_line(wanted: RunOptions, problems: list[Problem]) -> Line | None:
 def _load_recipes(
     wanted: RunOptions, line: Line | None, problems: list[Problem]
 ) -> dict[str, Recipe]:
-    """Return each station's recipe by the station's name: its own, or the given one. Reads a file
-    once.
-    """
+    """Return each station's recipe by name: its own, or the given one; reads a file once."""
     read: dict[Path, Recipe | None] = {}
     found: dict[str, Recipe] = {}
 
@@ -409,9 +399,7 @@ def station_plan(
 
 
 def _with_file_names(stations: tuple[StationPlan, ...]) -> tuple[StationPlan, ...]:
-    """Give each recipe its own file name in the run's folder: files of different folders may have
-    the same name.
-    """
+    """Give each recipe its own file name in the run's folder; names in two folders may be equal."""
     names: dict[Path, str] = {}
     for station in stations:
         path, name, number = station.recipe.path, station.recipe.path.name, 2

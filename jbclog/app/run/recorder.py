@@ -155,9 +155,7 @@ class Recorder:
             self._note("guard.weak", OF_A_CONTAINER, Severity.WARNING)
 
     def _start_guard(self) -> None:
-        """Wait for the guard before the record begins and long before anything heats. Raises
-        `StartRefused`.
-        """
+        """Wait for the guard before the record begins and anything heats. Raises `StartRefused`."""
         if self._plan.wanted.guard:
             self._guarding.start(self._run_record.folder, self._note_guard)
 
@@ -282,9 +280,7 @@ class Recorder:
             self._note("clock.step", text, Severity.WARNING, value=step)
 
     def _keep_from_collector(self) -> None:
-        """Exclude the sessions from garbage collection: a full pass would delay 250 stations by 40
-        ms.
-        """
+        """Keep the sessions from the collector: a full pass would delay 250 stations by 40 ms."""
         gc.freeze()
         self._have_all_begun = all(
             context.facts.first_tick is not None or context.facts.outcome != RUNNING

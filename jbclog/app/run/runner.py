@@ -99,9 +99,7 @@ def _conduct(run: Recorder, out: Path, signals: Signals) -> Result:
 
 
 def heard() -> list[signal.Signals]:
-    """Return the signals that end a run in good order. Under `nohup` a run outlives its
-    terminal.
-    """
+    """Return the signals that end a run in good order; under `nohup` it outlives its terminal."""
     has_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return [number for number in CUT_SHORT if not (has_nohup and number is signal.SIGHUP)]
 
@@ -123,9 +121,7 @@ class Job:
     name: str = "run"
 
     def plan(self) -> Plan:
-        """Read and check everything; send nothing. Raises `Problems` or `UsageError` with all
-        mistakes.
-        """
+        """Read and check everything; send nothing. Raises `Problems`, `UsageError` with all."""
         return make_plan(self.wanted)
 
 

@@ -33,9 +33,7 @@ def past_runs(path: Path) -> list[dict[str, object]]:
 
 
 def report_of(path: Path, name: str) -> bytes:
-    """Return the report page of the run `name` beside or below `path`. Raises OSError, also where
-    there is none.
-    """
+    """Return the page of run `name` beside or below `path`. Raises OSError, also if it has none."""
     home = path.absolute().parent if is_run(path) else path
     if not RUN_NAME.fullmatch(name) or (home / name).is_symlink():
         raise FileNotFoundError(name)

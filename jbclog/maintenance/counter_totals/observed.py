@@ -59,9 +59,7 @@ def trait_of(counter: str) -> Trait:
 
 
 def modulus_of(counter: str, shown: Iterable[float]) -> float:
-    """Return the number at which the counter rolls over; for a length, at least the width of what
-    it has shown.
-    """
+    """Return where the counter rolls over; a length: at least the width that it has shown."""
     if counter != "dispensed_mm":
         return FIVE_DIGITS
     modulus, most = LEAST_MODULUS, max(shown, default=0.0)

@@ -116,9 +116,7 @@ class FloodDetector:
 
 
 def expect_quiet(client: Client) -> Steps[None]:
-    """Listen for a while on a link that was flooded and reopened. Raises `LinkFlooded` where it
-    still is.
-    """
+    """Listen on a reopened link that was flooded. Raises `LinkFlooded` where it still is."""
     began = client.now
     heard = yield Wait(began + QUIET_S)
     client.unasked(heard)

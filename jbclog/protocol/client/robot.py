@@ -86,15 +86,11 @@ class Station(Dialogue):
 
     @property
     def garbage_bytes(self) -> int:
-        """Bytes outside of any frame."""
         return self._reader.garbage
 
     def read(
         self, command: Command, port: int | None = None, tool: int | None = None
     ) -> Steps[Value]:
-        """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the
-        station is silent.
-        """
         return self.ask(self.question(command, port, tool))
 
     def request(self, question: PreparedRead) -> Ask | None:

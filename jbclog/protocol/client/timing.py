@@ -132,9 +132,7 @@ def restart(client: Client, command: Command) -> Steps[float]:
 
 
 def settle_restart(client: Client) -> Steps[None]:
-    """Wait until a restarting station answers steadily. Raises `StationSilent` where it does
-    not.
-    """
+    """Wait until a restarting station answers steadily. Raises `StationSilent`."""
     end, steady = client.now + BACK_S, 0
     while steady < STEADY:
         if client.now > end:

@@ -84,9 +84,7 @@ class UseRow:
 
     @property
     def shares(self) -> tuple[float, float, float] | None:
-        """Worked, slept, without a tool, per cent of the time plugged in; None where one of them is
-        not known.
-        """
+        """Worked, slept, without tool, per cent of the time plugged in; None: one is not known."""
         work, sleep, tool = (
             self.value(name) for name in ("use_percent", "sleep_percent", "no_tool_percent")
         )
@@ -139,9 +137,7 @@ class DriftRow:
 
 
 def drift_rows(audit: FleetAudit) -> list[DriftRow]:
-    """Return the drifts, differences from the fleet first; stations with the same drift share a
-    row.
-    """
+    """Return the drifts, those from the fleet first; stations with the same one share a row."""
     found: dict[tuple[bool, str, str], list[str]] = {}
     for station in audit.stations:
         for drift in station.drifts:

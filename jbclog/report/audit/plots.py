@@ -96,9 +96,7 @@ class _Sketch:
 
 
 def _svg(figure: Figure, label: str, look: str) -> Markup:
-    """Return a drawing as an element of the page, with what it shows for those who do not see
-    it.
-    """
+    """Return a drawing as an element, with its description for those who do not see it."""
     figure.patch.set_visible(False)
     width, height = figure.get_size_inches() * 72
     head = f'<svg class="{look}" width="{width:g}" height="{height:g}" role="img" aria-label="'
@@ -224,9 +222,7 @@ def course(weeks: Sequence[Week], most: float, label: str) -> Markup:
 
 
 def _columns(weeks: Sequence[Week], most: float) -> list[tuple[str, list[tuple[int, float]]]]:
-    """Return the hours a day of the weeks that are known, with their number, by colour; `most` at
-    most.
-    """
+    """Return known weeks' hours a day with their number, by colour; `most` at most."""
     known = [
         (at, min(week.per_day.middle, most), week.is_spread)
         for at, week in enumerate(weeks)
@@ -299,9 +295,7 @@ def _doubtful(weeks: Sequence[Week], most: float) -> list[tuple[float, float, fl
 
 
 def _month_begins(weeks: Sequence[Week], wide: bool) -> dict[int, str]:
-    """Return the weeks with which a month begins, and its name; on a narrow page each third
-    month.
-    """
+    """Return the weeks in which a month begins, with its name; narrow: each third month."""
     found = {}
     for at, week in enumerate(weeks):
         month = int(week.begin[5:7])
