@@ -23,7 +23,8 @@ from jbclog.record.capture import Head, read_exchanges, read_to_hole, wire_path,
 from jbclog.record.compare import Compared, Comparison, compare_records
 from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import NAME, Lost, Manifest, read_manifest
-from jbclog.session.run.context import AS_FAST_AS_POSSIBLE, SessionContext
+from jbclog.session.rates import AS_FAST_AS_POSSIBLE
+from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
 from jbclog.sim.recorded_exchanges import RecordedGrid
 from jbclog.sim.replayed_station import ReplayedStation

@@ -24,7 +24,8 @@ from jbclog.cli.terminal import (
     started_live,
 )
 from jbclog.config.durations import span_s
-from jbclog.core.rows import JOINTS, EventRow, Goal
+from jbclog.core.goal import JOINTS, Goal
+from jbclog.core.rows import EventRow
 from jbclog.core.text import count_text
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from jbclog.cli import options
+from jbclog.cli.loading import without_collector
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 
 if TYPE_CHECKING:
@@ -33,7 +34,8 @@ def plan(
     Example:
       jbclog plan profiles/recipes/sn100c-tht.toml --line profiles/lines/bench.toml
     """
-    from jbclog.app.run.plan import make_plan
+    with without_collector():
+        from jbclog.app.run.plan import make_plan
 
     made = make_plan(
         options.wanted(line, recipe, stations, None, rate, allow_omega_write=allow_omega_write)
@@ -55,7 +57,7 @@ def plan(
 
 def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
     from jbclog.core.quantities import text_of
-    from jbclog.session.run.context import AS_AUTO
+    from jbclog.session.rates import AS_AUTO
     from jbclog.session.scheduler import KEPT_BY_AUTO
 
     demand, rate_hz, turnaround = station.demand, station.rate_hz, station.turnaround_s
@@ -231,8 +233,7 @@ def _faster_line(station: StationPlan) -> list[str]:
 
 def _auto_lines(station: StationPlan, demand: Demand, rate_hz: float) -> list[str]:
     """Return the basis of an automatic rate, and up to which response time it stays the same."""
-    from jbclog.session.run.context import AS_AUTO
-    from jbclog.session.run.pace import SOME_RATES
+    from jbclog.session.rates import AS_AUTO, SOME_RATES
     from jbclog.session.scheduler import KEPT_BY_AUTO
 
     if station.asked_rate != AS_AUTO:

@@ -17,7 +17,8 @@ from jbclog.cli.options import Color
 from jbclog.cli.output import is_terminal
 from jbclog.cli.terminal import Column, Printer, fitting_table, moment, span_of, started_live
 from jbclog.core.clock import SystemClock
-from jbclog.core.rows import JOINTS, EventRow, Goal, Severity
+from jbclog.core.goal import JOINTS, Goal
+from jbclog.core.rows import EventRow, Severity
 from jbclog.core.text import units_text
 from jbclog.session.run.context import PortState, SessionContext
 

@@ -16,7 +16,8 @@ from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.app.replay import Again, Held, Recording
-    from jbclog.core.rows import EventRow, Goal
+    from jbclog.core.goal import Goal
+    from jbclog.core.rows import EventRow
     from jbclog.session.run.context import SessionContext
     from jbclog.sim.replayed_station import ReplayedStation
     from jbclog.transport.session_history import Divergence

@@ -12,7 +12,8 @@ from jbclog.core.states import SafetyResult, StationOutcome
 from jbclog.core.text import count_text
 
 if TYPE_CHECKING:  # `--help` loads no rows
-    from jbclog.core.rows import Goal, StationFacts
+    from jbclog.core.goal import Goal
+    from jbclog.core.rows import StationFacts
 
 
 class Exit(IntEnum):

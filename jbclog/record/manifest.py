@@ -25,7 +25,8 @@ from jbclog.core.foreign.json_reader import (
     json_of,
     read_json,
 )
-from jbclog.core.rows import SCHEMA_VERSION, SIGNAL_COLUMNS, Goal, StationFacts, TipCheck
+from jbclog.core.goal import Goal
+from jbclog.core.rows import SCHEMA_VERSION, SIGNAL_COLUMNS, StationFacts, TipCheck
 from jbclog.record.manifest_counts import MOST, expect_counts
 
 NAME: Final = "manifest.json"

@@ -15,7 +15,8 @@ from common import cpu_s, percentile
 from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
-from jbclog.core.rows import EventRow, Goal
+from jbclog.core.goal import Goal
+from jbclog.core.rows import EventRow
 from jbclog.record.capture import read_rows, wire_paths
 from jbclog.record.seal_child import SEAL_S
 from jbclog.session.run.context import SessionContext

@@ -10,8 +10,9 @@ import pytest
 from jbclog.analysis.run import open_run
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
+from jbclog.core.goal import Goal
 from jbclog.core.outcome import Exit
-from jbclog.core.rows import EventRow, Goal
+from jbclog.core.rows import EventRow
 from jbclog.record import capture_recorder
 from jbclog.record.check import check
 from jbclog.session.run.context import SessionContext

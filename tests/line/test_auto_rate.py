@@ -22,8 +22,9 @@ from jbclog.core.errors import StartRefused
 from jbclog.core.rows import NoJournal
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
+from jbclog.session.rates import readings_for
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.pace import choose_pace, readings_for
+from jbclog.session.run.pace import choose_pace
 from jbclog.session.scheduler import AUTO_RATES_HZ, CEILING, KEPT_BY_AUTO, Demand
 from support.command import PROFILES, RECIPE
 from support.virtual.virtual_run import RECIPE as SETTINGS

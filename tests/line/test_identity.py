@@ -8,8 +8,7 @@ import pytest
 
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.identify import IDENTITY_READS
-from jbclog.session.run.pace import readings_for
+from jbclog.session.rates import IDENTITY_READS, readings_for
 from support.virtual.lines import hot_air, plant
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 

@@ -12,7 +12,7 @@ from typing import IO
 import pytest
 
 from jbclog.analysis.run import open_run
-from jbclog.core.rows import Goal
+from jbclog.core.goal import Goal
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.sim.process import SimProcess

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from jbclog.analysis.verdict.reached import Targets
 from jbclog.core.foreign.tables import open_table
-from jbclog.core.rows import Goal, StationFacts, TipCheck
+from jbclog.core.goal import Goal
+from jbclog.core.rows import StationFacts, TipCheck
 
 
 @dataclass(frozen=True, slots=True)

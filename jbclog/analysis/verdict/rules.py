@@ -14,7 +14,8 @@ from jbclog.analysis.verdict.acceptance import (
 from jbclog.analysis.verdict.evidence import Event, Evidence, Outcomes, PortLedger
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.samples import TEMPERATURE, WITHOUT_TIP
-from jbclog.core.rows import Goal, StationFacts
+from jbclog.core.goal import Goal
+from jbclog.core.rows import StationFacts
 from jbclog.core.text import count_text
 
 if TYPE_CHECKING:  # pydantic is not loaded for a verdict

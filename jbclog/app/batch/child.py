@@ -25,8 +25,9 @@ from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import carry_out
 from jbclog.app.run.unit_feed import unit_after
 from jbclog.core.errors import JbclogError
+from jbclog.core.goal import JOINTS, Goal
 from jbclog.core.outcome import Exit, in_order
-from jbclog.core.rows import JOINTS, EventRow, Goal
+from jbclog.core.rows import EventRow
 from jbclog.session.run.context import SessionContext
 from jbclog.transport.typed_lines import open_source
 

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from jbclog.app.run.unit_feed import UnitFeed
-from jbclog.core.rows import JOINTS, NOT_COUNTED, UNITS, Goal, Severity
+from jbclog.core.goal import JOINTS, NOT_COUNTED, UNITS, Goal
+from jbclog.core.rows import Severity
 
 if TYPE_CHECKING:
     from jbclog.live.joint_numbers import Counted, JointCounting

@@ -1,7 +1,7 @@
 """Plans a run from files and options.
 
 `make_plan` reads the line file and the recipes and checks everything that can be checked without
-sending a byte; it reports all mistakes at once. `station_tasks` turns a plan into the tasks of the
+sending a byte; it reports all mistakes at once. `tasks.py` turns a plan into the tasks of the
 sessions.
 """
 
@@ -23,12 +23,18 @@ from jbclog.config.recipe_settings import (
     station_settings_for,
 )
 from jbclog.core.errors import Problem, Problems, UsageError
-from jbclog.core.rows import JOINTS, UNITS, Goal
+from jbclog.core.goal import JOINTS, UNITS, Goal
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.protocol.commands.omega import ConditionRecord
 from jbclog.protocol.commands.ranges import inferred_note, unit_note
-from jbclog.session.run.context import AS_FAST_AS_POSSIBLE, StationTask
-from jbclog.session.run.pace import asked_rate, rate_problem, readings_for, response, taken_rate_hz
+from jbclog.session.rates import (
+    AS_FAST_AS_POSSIBLE,
+    asked_rate,
+    rate_problem,
+    readings_for,
+    response,
+    taken_rate_hz,
+)
 from jbclog.session.scheduler import Demand
 
 WORK = ("working", "on")  # statuses that heat
@@ -306,32 +312,6 @@ def make_plan(wanted: RunOptions) -> Plan:
     if problems:
         raise Problems(problems)
     return Plan(line, _with_file_names(stations), wanted)
-
-
-def station_tasks(plan: Plan, t0: float) -> Iterator[StationTask]:
-    """Yield each session's task; `t0` is the run's zero, monotonic seconds."""
-    for station in plan.stations:
-        spec = station.spec
-        yield StationTask(
-            name=spec.name,
-            url=spec.url,
-            family=station.family,
-            line=spec.line_format,
-            address=spec.address,
-            ports=spec.ports,
-            recipe=station.recipe,
-            recipe_file=station.recipe_file,
-            families=FAMILIES,
-            t0=t0,
-            duration_s=plan.wanted.duration_s,
-            rate=station.rate,
-            is_replay=plan.line.replay is not None,
-            begin=plan.line.replay.begin(spec.name) if plan.line.replay is not None else None,
-            rated_power_w=spec.rated_power_w,
-            allow_omega_write=plan.wanted.allow_omega_write,
-            model=spec.model,
-            may_be_missing=plan.starts_without_missing,
-        )
 
 
 # -- files -----------------------------------------------------------------------------------------

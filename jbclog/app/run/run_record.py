@@ -21,16 +21,17 @@ from typing import Protocol
 from jbclog import __version__
 from jbclog.analysis.alarms.live import LiveAlarms
 from jbclog.analysis.rule_versions import RULES
-from jbclog.app.run.plan import PORTS, Plan, StationPlan, station_tasks
+from jbclog.app.run.plan import PORTS, Plan, StationPlan
 from jbclog.app.run.plan import Metadata as GivenMetadata
+from jbclog.app.run.tasks import station_tasks
 from jbclog.core.clock import Clock, UtcOffset
 from jbclog.core.errors import RecordError, unexpected_error_text
+from jbclog.core.goal import Goal
 from jbclog.core.outcome import Exit, RunFinding, exit_code, findings, status
 from jbclog.core.rows import (
     COLUMN,
     CounterRow,
     EventRow,
-    Goal,
     SampleRow,
     SettingRow,
     Severity,

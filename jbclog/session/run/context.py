@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from jbclog.config.recipe import Recipe
-from jbclog.config.schema import AUTO
 from jbclog.core.clock import UtcOffset
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import Value
@@ -24,9 +23,6 @@ from jbclog.protocol.commands.status import StatusWord
 
 # the steps of a start, named after what is done at their ends (`station_run.py`)
 EXAMINED, PREPARED, HEATED = 1, 2, 3
-AS_AUTO = AUTO
-AS_FIT = "fit"
-AS_FAST_AS_POSSIBLE = "max"
 
 
 @dataclass(frozen=True, slots=True)

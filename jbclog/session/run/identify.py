@@ -35,6 +35,7 @@ from jbclog.protocol.commands.family import (
     other_model_text,
     unknown_model_text,
 )
+from jbclog.session.rates import IDENTITY_READS
 from jbclog.session.run.context import PortState, SessionContext
 
 # A flooded link counts as lost. A flood is reported once until the station is back. If floods
@@ -138,8 +139,6 @@ def _heat(context: SessionContext) -> tuple[Severity, str]:
 # units of one model and software with equal hours cannot be distinguished by anything that the
 # manuals print. OMEGA reports none of these.
 
-# reads of the identity that stay constant during a run
-IDENTITY_READS = ("model", "software_version")
 RESOLUTION_H = 1  # the counters count whole hours
 DRIFT = 0.01  # maximum difference between the station's clock and ours
 ROLLS_OVER_AT = 100_000  # five digits

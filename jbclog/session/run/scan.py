@@ -32,10 +32,10 @@ from jbclog.core.rows import (
 from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.family import NEEDS_A_TOOL
 from jbclog.protocol.commands.signals import UsageCounter
+from jbclog.session.rates import IDENTITY_READS, WATCHED_SETTINGS
 from jbclog.session.run.alarms import AlarmWatch, bears_out
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identify import (
-    IDENTITY_READS,
     expect_identity,
     expect_same,
     expect_still_same,
@@ -54,7 +54,6 @@ from jbclog.session.run.readings import (
 )
 from jbclog.session.run.watch import (
     OBSERVERS,
-    WATCHED_SETTINGS,
     Observe,
     arrives,
     differs_from_last,

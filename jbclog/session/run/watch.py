@@ -26,6 +26,7 @@ from jbclog.protocol.commands.omega import (
 )
 from jbclog.protocol.commands.robot import ErrorTable
 from jbclog.protocol.commands.signals import UsageCounter
+from jbclog.session.rates import WATCHED_SETTINGS
 from jbclog.session.run.context import PortState, SessionContext
 
 # Hour and cycle counters are read at the start and at the end of a run; each needs two equal
@@ -435,16 +436,6 @@ def stop_on(context: SessionContext, changes: list[str]) -> None:
     """Raise `SettingChanged` with all changes where the recipe stops on them."""
     if changes and context.recipe.run.on_difference == "stop":
         raise SettingChanged(f"{context.name}: {'; '.join(changes)}")
-
-
-WATCHED_SETTINGS = (
-    "alarm_high_limit",
-    "alarm_low_limit",
-    "alarm_high_delay",
-    "alarm_low_delay",
-    "selected_external_temperature",
-    "work_mode",
-)
 
 
 def _watched(name: str) -> Observe:

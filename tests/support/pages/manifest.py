@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-from jbclog.core.rows import Goal, StationFacts, TipCheck
+from jbclog.core.goal import Goal
+from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.record.manifest import (
     LineFile,
     Lost,

@@ -10,7 +10,7 @@ from pathlib import Path
 from random import Random
 
 from jbclog.app.replay import Recording, open_recording, plan_of, reproduce, station_of
-from jbclog.app.run.plan import station_tasks
+from jbclog.app.run.tasks import station_tasks
 from jbclog.core.capture_rows import LinkRow, ResultRow
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.io_requests import Steps

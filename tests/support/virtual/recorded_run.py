@@ -14,8 +14,9 @@ from jbclog.app.run import run_record
 from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Result, RunRecord
 from jbclog.core.clock import VirtualClock
+from jbclog.core.goal import Goal
 from jbclog.core.locks import FolderLock
-from jbclog.core.rows import EventRow, Goal
+from jbclog.core.rows import EventRow
 from jbclog.record.seal import seal_rows
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station

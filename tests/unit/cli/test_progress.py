@@ -19,7 +19,8 @@ from jbclog.cli import progress, terminal
 from jbclog.cli.options import Color
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import SystemClock, UtcOffset
-from jbclog.core.rows import JOINTS, UNITS, EventRow, Goal, NoJournal, Severity
+from jbclog.core.goal import JOINTS, UNITS, Goal
+from jbclog.core.rows import EventRow, NoJournal, Severity
 from jbclog.core.serial_line import LineFormat
 from jbclog.live.growing_joints import count
 from jbclog.live.states import NOT_COUNTED, OF_TIPS_ONLY, Joints

@@ -14,7 +14,7 @@ from jbclog.config.recipe import Recipe
 from jbclog.config.recipe_settings import condition_of, settings_for
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.session.run.pace import readings_for
+from jbclog.session.rates import readings_for
 from jbclog.session.scheduler import Demand, readings_of
 
 PROFILES = Path(__file__).parents[3] / "profiles"

@@ -10,7 +10,8 @@ import pytest
 
 from jbclog.core import durable_files
 from jbclog.core.errors import RecordError
-from jbclog.core.rows import SIGNAL_COLUMNS, Goal, StationFacts
+from jbclog.core.goal import Goal
+from jbclog.core.rows import SIGNAL_COLUMNS, StationFacts
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.find_runs import ALL, Unreadable, summary_of
 from jbclog.record.manifest import (

@@ -14,7 +14,7 @@ from jbclog.config.load_recipe import parse_recipe
 from jbclog.config.recipe import Recipe
 from jbclog.core.serial_line import BAUDRATES, LineFormat
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.pace import readings_for, too_fast
+from jbclog.session.rates import readings_for, too_fast
 from jbclog.session.scheduler import CEILING, Demand, Grid, ScheduledRead, SlowReadings, read_wire_s
 from support.virtual.virtual_run import RECIPE
 

@@ -16,8 +16,9 @@ from jbclog.app.run.goals import LAST_COUNT_S, LEAST_PAUSE_S, MOST_PAUSE_S, Goal
 from jbclog.app.run.plan import Metadata, RunOptions, make_plan
 from jbclog.app.run.unit_feed import LOOK_EVERY_S, UnitFeed
 from jbclog.core.errors import Problems
+from jbclog.core.goal import Goal
 from jbclog.core.outcome import Exit, exit_code, findings
-from jbclog.core.rows import Goal, Severity
+from jbclog.core.rows import Severity
 from jbclog.live.joint_numbers import Counted, JointCounting, PortCount
 from jbclog.transport.typed_lines import LineSource
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare

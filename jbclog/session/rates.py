@@ -1,0 +1,156 @@
+"""Which rate a station is asked to be sampled at, and whether it fits the link: known from files
+and a response time, without a session.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from jbclog.config.recipe import Recipe
+from jbclog.config.schema import AUTO
+from jbclog.core.serial_line import LineFormat
+from jbclog.protocol.commands.family import Family
+from jbclog.session.scheduler import (
+    AUTO_RATES_HZ,
+    KEPT_FOR_REPEATS,
+    Demand,
+    ScheduledRead,
+    identity_readings,
+    readings_of,
+    watched_readings,
+)
+
+AS_AUTO = AUTO
+AS_FIT = "fit"
+AS_FAST_AS_POSSIBLE = "max"
+SOME_RATES = ", ".join(f"{rate_hz:g}" for rate_hz in AUTO_RATES_HZ[:6]) + " …"
+
+# reads of the identity that stay constant during a run
+IDENTITY_READS: Final = ("model", "software_version")
+WATCHED_SETTINGS: Final = (
+    "alarm_high_limit",
+    "alarm_low_limit",
+    "alarm_high_delay",
+    "alarm_low_delay",
+    "selected_external_temperature",
+    "work_mode",
+)
+"""Settings without a column, which are read again during a run."""
+
+
+def readings_for(
+    family: Family, ports: Sequence[int], recipe: Recipe, line: LineFormat, addressed: bool
+) -> list[ScheduledRead]:
+    """List everything that a run, or `plan`, reads repeatedly on a station of `family` with
+    `ports`.
+    """
+    sampling = recipe.sampling
+    signals = [(signal, family.commands[signal.command]) for signal in family.signals]
+    counters = [(counter, family.commands[counter.command]) for counter in family.counters]
+    watched = [family.commands[name] for name in WATCHED_SETTINGS if name in family.commands]
+    found = readings_of(
+        signals,
+        counters,
+        ports,
+        line,
+        addressed,
+        sampling.alarms_every_s,
+        sampling.counters_every_s,
+    )
+    identity = [family.commands[name] for name in IDENTITY_READS if name in family.commands]
+    found += identity_readings(identity, ports, line, addressed, sampling.counters_every_s)
+    return found + watched_readings(watched, ports, line, addressed, sampling.counters_every_s)
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseTimes:
+    """Response time of a station in seconds: the usual one, and the longest that a rate must still
+    fit.
+    """
+
+    usual_s: float
+    longest_s: float
+
+
+def response(family: Family, median_s: float, p99_s: float) -> ResponseTimes:
+    """Return the response times for choosing a rate; the longest measured one counts where the
+    manual prints that it varies.
+    """
+    return ResponseTimes(median_s, median_s if family.turnaround_ms is None else p99_s)
+
+
+def asked_rate(rate: float | str | None, recipe: Recipe, family: Family | None) -> float | str:
+    """Return the requested rate: that of `--rate`, else the recipe's."""
+    return recipe.asked_rate(family) if rate is None else rate
+
+
+def taken_rate_hz(
+    asked: float | str, recipe: Recipe, family: Family, demand: Demand, response: ResponseTimes
+) -> float:
+    """Return the rate in Hz for `asked` (not ``max``); 0.0 where none fits. A number is taken as it
+    is.
+
+    ``auto`` must hold for the whole run, so it allows for the longest response time that the manual
+    prints.
+    """
+    if asked == AS_AUTO:
+        printed_s = family.turnaround_ms[1] / 1000 if family.turnaround_ms else 0.0
+        return demand.auto_rate_hz(response.usual_s, max(response.longest_s, printed_s))
+    if asked == AS_FIT:
+        return min(recipe.rate_hz(family), demand.best_rate_hz(response.longest_s))
+    return float(asked)
+
+
+def rate_problem(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str | None:
+    """Describe why a rate cannot be kept with all readings; None where it can. 0 Hz: ``auto`` found
+    none.
+    """
+    if not rate_hz:
+        return nothing_left(name, demand, turnaround_s)
+    if demand.is_too_slow(rate_hz):
+        return (
+            f"{name}: at {rate_hz:g} Hz a tick is too rare for the readings that are due more"
+            f" often; the lowest rate is {demand.slowest_rate_hz:.3g} Hz: raise it, or"
+            " alarms_every_s in the recipe's [sampling]"
+        )
+    return (
+        None
+        if demand.fits(rate_hz, turnaround_s)
+        else too_fast(name, rate_hz, demand, turnaround_s)
+    )
+
+
+def too_fast(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str:
+    """Describe by how much a rate does not fit, and what would."""
+    load, best = demand.load(rate_hz, turnaround_s), demand.best_rate_hz(turnaround_s)
+    most = demand.greatest_turnaround_s(rate_hz) * 1000
+    why = (
+        "95 % is the limit"
+        if load > 1 - KEPT_FOR_REPEATS
+        else "which leaves the slow signals too little to come round in time"
+    )
+    limit = (
+        f"the turnaround may be {most:.2f} ms at most"
+        if most >= 0
+        else "its bytes alone are too many"
+    )
+    return (
+        f"{name}: {rate_hz:g} Hz does not fit its wire: {load:.1%} in use with"
+        f" {turnaround_s * 1000:.2f} ms of turnaround, {why}; at this rate {limit}. The best rate"
+        f" is {best:g} Hz: --rate {best:g}, or --rate fit"
+    )
+
+
+def nothing_left(name: str, demand: Demand, turnaround_s: float) -> str:
+    """Describe that no rate of ``auto`` leaves a fifth of the link's time free."""
+    best = demand.best_rate_hz(turnaround_s)
+    by_hand = "" if demand.is_too_slow(best) else f", or name a rate: {best:g} Hz is the best"
+    return (
+        f'{name}: "auto" finds no rate: none of {SOME_RATES} Hz from {demand.slowest_rate_hz:.3g}'
+        " Hz on, which its slow readings "
+        f"need, leaves a fifth of its link free with {turnaround_s * 1000:.2f} ms of response time;"
+        " raise alarms_every_s in the "
+        f"recipe's [sampling]{by_hand}"
+    )
