@@ -36,6 +36,7 @@ MOST_SMOOTH_S: Final = 0.45
 SMOOTH_PERIODS: Final = 0.7  # a narrower sampled Gaussian has no useful derivative
 STEP_NOISE: Final = 1 / np.sqrt(12)  # of a reading rounded to whole °C
 MOST_NOISE_C: Final = 2.0
+EPSILON: Final = float(np.finfo(np.float64).eps)
 # steps of up to 10 ‰, and a heater that switches whole mains cycles
 POWER_NOISE_PERMILLE: Final = 6.0
 MOST_POWER_NOISE: Final = 200.0
@@ -146,27 +147,55 @@ def flow_of(stretch: Stretch, values: Floats, smooth_s: float) -> Floats:
     """Return the flow into the work in ‰ in each row, by one filter for the power and one for the
     temperature.
     """
-    # here, so that commands that measure nothing do not load it
-    from scipy.ndimage import correlate1d
-
     of_power, of_temperature = _kernels(stretch.period_s, values, smooth_s)
     above_air = stretch.temperature - AIR_C
     margin = len(of_power) // 2
-    into = correlate1d(_extended(stretch.power, margin), of_power) - correlate1d(
+    return _weighted(_extended(stretch.power, margin), of_power) - _weighted(
         _extended(above_air, margin), of_temperature
     )
-    return np.asarray(into[margin : margin + len(stretch)], dtype=np.float64)
 
 
 def smooth(values: Floats, sigma: float, order: int = 0) -> Floats:
     """Return the values smoothed with a Gaussian of `sigma` rows, or a derivative of that per
     row.
     """
-    from scipy.ndimage import gaussian_filter1d
+    weights = _gaussian(sigma, order)
+    return _weighted(_extended(values, len(weights) // 2), weights)
 
-    margin = int(4 * sigma + 1)
-    smoothed = gaussian_filter1d(_extended(values, margin), sigma, order=order)
-    return np.asarray(smoothed[margin : margin + len(values)], dtype=np.float64)
+
+@lru_cache(maxsize=64)
+def _gaussian(sigma: float, order: int) -> Floats:
+    """Return a Gaussian of `sigma` rows, or its first or second derivative, with which rows are
+    weighted: four standard deviations to each side.
+    """
+    away, steep = np.arange(-int(4 * sigma + 0.5), int(4 * sigma + 0.5) + 1), 1 / (sigma * sigma)
+    bell = np.exp(-0.5 / (sigma * sigma) * away**2)
+    polynomial = np.array(((1.0,), (0.0, -steep), (-steep, 0.0, steep * steep))[order])
+    derived = (away[:, None] ** np.arange(order + 1)) @ polynomial * (bell / bell.sum())
+    return np.asarray(derived[::-1], dtype=np.float64)
+
+
+def _weighted(values: Floats, weights: Floats) -> Floats:
+    """Return the sum of each row and its neighbours by their weights; rows without all neighbours
+    are left out.
+
+    This is `scipy.ndimage.correlate1d`, to the last bit: to load that takes longer than to find the
+    joints of a short run.
+    """
+    rows, middle = len(values) - len(weights) + 1, len(weights) // 2
+    left, right = weights[:middle], weights[: -middle - 1 : -1]
+    sign = next((one for one in (1, -1) if np.all(abs(left - one * right) <= EPSILON)), 0)
+    if not sign:
+        total = values[2 * middle :] * weights[-1]
+        for place in range(2 * middle):
+            total += values[place:][:rows] * weights[place]
+        return total
+    paired = np.add if sign > 0 else np.subtract
+    total = values[middle:][:rows] * weights[middle]
+    for place in range(middle):
+        pair = paired(values[place:][:rows], values[2 * middle - place :][:rows])
+        total += pair * weights[place]
+    return total
 
 
 def _extended(values: Floats, rows: int) -> Floats:

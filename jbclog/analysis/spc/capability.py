@@ -19,8 +19,8 @@ from math import sqrt
 from typing import Final
 
 import numpy as np
-from scipy.special import betaincinv, gammaincinv, ndtr, ndtri
 
+from jbclog.analysis.spc import special
 from jbclog.analysis.spc.charts import sigma_of_moving_ranges
 from jbclog.analysis.spc.distribution import REACH, Fit, Floats, widest_fit
 
@@ -94,7 +94,7 @@ def _potential(
         return None
     value, tail = (upper - lower) / (6 * sigma), (1 - CONFIDENCE) / 2
     chi_squares = (
-        2 * gammaincinv(freedom / 2, share) for share in (1 - CONFIDENCE, tail, 1 - tail)
+        2 * special.gammaincinv(freedom / 2, share) for share in (1 - CONFIDENCE, tail, 1 - tail)
     )
     bound, low, high = (value * sqrt(chi_square / freedom) for chi_square in chi_squares)
     return Index(value, float(bound), float(low), float(high))
@@ -115,7 +115,7 @@ def actual_index(value: float, n: int, freedom: float) -> Index:
     8.3.4).
     """
     error = sqrt(1 / (9 * n) + value**2 / (2 * freedom))
-    one, two = float(ndtri(CONFIDENCE)), float(ndtri((1 + CONFIDENCE) / 2))
+    one, two = float(special.ndtri(CONFIDENCE)), float(special.ndtri((1 + CONFIDENCE) / 2))
     return Index(
         value, float(value - one * error), float(value - two * error), float(value + two * error)
     )
@@ -228,7 +228,7 @@ def indices_of_percentiles(points: Floats, lower: float | None, upper: float | N
     """Return the indices of many values that no distribution fits, by their own percentiles."""
     low, middle, high = (
         float(one)
-        for one in np.quantile(points, ndtr([-REACH, 0.0, REACH]), method="median_unbiased")
+        for one in np.quantile(points, special.ndtr([-REACH, 0.0, REACH]), method="median_unbiased")
     )
     both, nearer = quantile_indices(
         np.array([low]), np.array([middle]), np.array([high]), lower, upper
@@ -258,7 +258,11 @@ def _index_of_share(beyond: int, n: int, chance: float | None) -> float:
     `beyond` of `n` allow.
     """
     if chance is None:
-        least = float(betaincinv(beyond, n - beyond + 1, (1 - CONFIDENCE) / 2)) if beyond else 0.0
-        return float(-ndtri(least)) / 3 if least > 0 else float("inf")
-    most = float(betaincinv(beyond + 1, n - beyond, 1 - chance)) if beyond < n else 1.0
-    return float(-ndtri(most)) / 3
+        least = (
+            float(special.betaincinv(beyond, n - beyond + 1, (1 - CONFIDENCE) / 2))
+            if beyond
+            else 0.0
+        )
+        return float(-special.ndtri(least)) / 3 if least > 0 else float("inf")
+    most = float(special.betaincinv(beyond + 1, n - beyond, 1 - chance)) if beyond < n else 1.0
+    return float(-special.ndtri(most)) / 3

@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtr, ndtri
 
+from jbclog.analysis.spc import special
 from jbclog.analysis.spc.distribution import Fit, Floats
 from jbclog.analysis.spc.nelson import DEFAULT_TESTS, Signal, signals
 
@@ -93,7 +93,7 @@ def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
     spans = np.abs(np.diff(_floats(values)))
     if fit is None or fit.name == "normal":
         return _of_ranges("moving ranges", spans, 2, LIMIT_ONLY)
-    grid = fit.family.quantiles(fit.fitted, ndtri((np.arange(GRID) + 0.5) / GRID))
+    grid = fit.family.quantiles(fit.fitted, special.ndtri((np.arange(GRID) + 0.5) / GRID))
     upper = float(np.quantile(np.abs(grid[:, np.newaxis] - grid), 1 - BEYOND_3))
     centre = float(spans.mean())
     lower, top = np.zeros(len(spans)), np.full(len(spans), max(upper, centre))
@@ -355,7 +355,7 @@ def d2(n: int) -> float:
     (1 - F)**n.
     """
     x = np.linspace(-FURTHEST_SIGMA, FURTHEST_SIGMA, STEPS)
-    below = ndtr(x)
+    below = special.ndtr(x)
     return float(np.trapezoid(1 - below**n - (1 - below) ** n, x))
 
 
@@ -363,7 +363,7 @@ def d2(n: int) -> float:
 def d3(n: int) -> float:
     """Return the standard deviation of the range of `n` normal values, in units of sigma."""
     x = np.linspace(-FURTHEST_SIGMA, FURTHEST_SIGMA, STEPS)
-    below = ndtr(x)
+    below = special.ndtr(x)
     square = 2 * float(np.trapezoid(np.concatenate([*_inner_of_d3(n, x, below)]), x))
     return sqrt(square - d2(n) ** 2)
 

@@ -22,7 +22,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import boxcox, expit, inv_boxcox, log_ndtr, ndtr, ndtri_exp
+
+from jbclog.analysis.spc import special
 
 Floats = NDArray[np.float64]
 
@@ -124,15 +125,17 @@ class Weibull(Family):
         hazard = self._hazard(fitted, values)
         with np.errstate(divide="ignore"):
             below = np.log(-np.expm1(-hazard))
-        return np.where(hazard > 0.7, -ndtri_exp(-np.maximum(hazard, 1e-300)), ndtri_exp(below))
+        return np.where(
+            hazard > 0.7, -special.ndtri_exp(-np.maximum(hazard, 1e-300)), special.ndtri_exp(below)
+        )
 
     def quantiles(self, fitted: tuple[Floats, ...], scores: Floats) -> Floats:
         shape, scale = fitted
-        return np.asarray(scale * (-log_ndtr(-np.asarray(scores))) ** (1 / shape))
+        return np.asarray(scale * (-special.log_ndtr(-np.asarray(scores))) ** (1 / shape))
 
     def chance(self, fitted: tuple[Floats, ...], values: Floats) -> float:
         squared = self.distance(fitted, values)
-        return float(expit(0.1 - 1.24 * np.log(squared) - 4.48 * squared))
+        return float(special.expit(0.1 - 1.24 * np.log(squared) - 4.48 * squared))
 
     def distance(self, fitted: tuple[Floats, ...], values: Floats) -> float:
         ordered = np.sort(self._hazard(fitted, values))
@@ -165,17 +168,19 @@ class BoxCox(Normal):
             is_left = _spread_of_power(even, one) < _spread_of_power(even, two)
             low, high = np.where(is_left, low, one), np.where(is_left, two, high)
         power = (low + high) / 2
-        return (*super().fit(boxcox(even, power)), power, middle)
+        return (*super().fit(special.boxcox(even, power)), power, middle)
 
     def scores(self, fitted: tuple[Floats, ...], values: Floats) -> Floats:
-        return super().scores(fitted, boxcox(np.maximum(values, 1e-300) / fitted[3], fitted[2]))
+        return super().scores(
+            fitted, special.boxcox(np.maximum(values, 1e-300) / fitted[3], fitted[2])
+        )
 
     def quantiles(self, fitted: tuple[Floats, ...], scores: Floats) -> Floats:
         powered = super().quantiles(fitted, scores)
         inside = 1 + fitted[2] * powered > 0
         edge = np.where(fitted[2] > 0, 0.0, np.inf)
         return np.where(
-            inside, inv_boxcox(np.where(inside, powered, 0.0), fitted[2]) * fitted[3], edge
+            inside, special.inv_boxcox(np.where(inside, powered, 0.0), fitted[2]) * fitted[3], edge
         )
 
 
@@ -320,7 +325,7 @@ def normal_chance(values: Floats) -> float:
 def _distance_from_normal(values: Floats) -> float:
     n = len(values)
     ordered = np.sort((values - values.mean()) / values.std(ddof=1))
-    return _anderson_darling(log_ndtr(ordered), log_ndtr(-ordered[::-1]), n) * (
+    return _anderson_darling(special.log_ndtr(ordered), special.log_ndtr(-ordered[::-1]), n) * (
         1 + 0.75 / n + 2.25 / n**2
     )
 
@@ -386,12 +391,12 @@ def _scores_at_most(family: Family, fitted: tuple[Floats, ...], furthest: Floats
 
 def _is_far_out(score: float, n: int) -> bool:
     """Whether a score this high is not expected among `n` values."""
-    return bool(2 * n * ndtr(-score) < FAR_OUT)
+    return bool(2 * n * special.ndtr(-score) < FAR_OUT)
 
 
 def _spread_of_power(even: Floats, power: Floats) -> Floats:
     """Return what a greater likelihood makes smaller; the values have the geometric mean 1."""
-    return np.asarray(boxcox(even, power).std(axis=-1, keepdims=True))
+    return np.asarray(special.boxcox(even, power).std(axis=-1, keepdims=True))
 
 
 def _skewness(rows: Floats) -> Floats:

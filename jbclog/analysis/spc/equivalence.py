@@ -21,8 +21,8 @@ from math import hypot, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import stdtr, stdtrit
 
+from jbclog.analysis.spc import special
 from jbclog.analysis.spc.refusal import Refused, too_few
 from jbclog.core.errors import UsageError
 
@@ -55,8 +55,8 @@ def equivalence(
             float(abs(difference) + step >= margin),
         )
     freedom = sum(parts) ** 2 / (parts[0] ** 2 / (len(one) - 1) + parts[1] ** 2 / (len(two) - 1))
-    half = float(stdtrit(freedom, 1 - ALPHA)) * error + step
-    chance = float(stdtr(freedom, -(margin - step - abs(difference)) / error))
+    half = float(special.stdtrit(freedom, 1 - ALPHA)) * error + step
+    chance = float(special.stdtr(freedom, -(margin - step - abs(difference)) / error))
     return Equivalence(difference, difference - half, difference + half, margin, chance)
 
 

@@ -13,8 +13,8 @@ from math import floor, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import fdtrc
 
+from jbclog.analysis.spc import special
 from jbclog.analysis.spc.distribution import Floats
 from jbclog.core.errors import UsageError
 
@@ -124,7 +124,7 @@ def _against(source: Source, other: Source) -> Source:
     if not other.mean_square:
         return source
     f = source.mean_square / other.mean_square
-    chance = float(fdtrc(source.freedom, other.freedom, f))
+    chance = float(special.fdtrc(source.freedom, other.freedom, f))
     return Source(source.name, source.squares, source.freedom, source.mean_square, f, chance)
 
 

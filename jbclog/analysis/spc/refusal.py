@@ -14,8 +14,8 @@ from math import exp, log, sqrt
 from typing import Final
 
 import numpy as np
-from scipy.special import ndtr, ndtri, pdtrc, stdtr
 
+from jbclog.analysis.spc import special
 from jbclog.analysis.spc.charts import BEYOND_3, Chart
 from jbclog.analysis.spc.distribution import LOG_ROOT, Fit, Floats
 from jbclog.analysis.spc.nelson import TESTS, signals
@@ -77,7 +77,7 @@ def lag_1(points: Floats) -> float:
 
 def autocorrelated(points: Floats) -> Refused | None:
     """Refuse values whose neighbours are alike: their limits would be far too narrow."""
-    found, chance = lag_1(points), float(-ndtri(ALIKE)) / sqrt(len(points))
+    found, chance = lag_1(points), float(-special.ndtri(ALIKE)) / sqrt(len(points))
     if found <= max(MOST_LAG_1, chance):
         return None
     text = (
@@ -116,7 +116,7 @@ def unstable(chart: Chart, distances: Floats) -> Refused | None:
     """
     n, zones = len(distances), distances / chart.sigma
     furthest = float(np.abs(zones).max())
-    if ndtr(-furthest) * 2 * n < BY_CHANCE:
+    if special.ndtr(-furthest) * 2 * n < BY_CHANCE:
         text = f"The process is not stable: a point of {n} is {furthest:.1f} sigma from the centre"
         return Refused("unstable", f"{text}; an index would describe no process that exists.")
     sides = zones[zones != 0]
@@ -126,7 +126,7 @@ def unstable(chart: Chart, distances: Floats) -> Refused | None:
 def _too_often(number: int, zones: Floats, rate: float) -> Refused | None:
     """Refuse more signals of one of Nelson's tests than its rate explains."""
     seen = _count_runs([one.last for one in signals(zones, (number,))])
-    if not seen or pdtrc(seen - 1, rate * len(zones)) >= BY_CHANCE:
+    if not seen or special.pdtrc(seen - 1, rate * len(zones)) >= BY_CHANCE:
         return None
     text = (
         f"The process is not stable: {TESTS[number - 1].text}, {count_text(seen, 'time')} in"
@@ -165,7 +165,7 @@ def shifted(points: Floats) -> Refused | None:
     order = np.arange(n) - (n - 1) / 2
     away = ranks - ranks.mean()
     rho = float(order @ away) / sqrt(float(order @ order) * float(away @ away) or 1.0)
-    drift = 2 * float(stdtr(n - 2, -abs(rho) * sqrt((n - 2) / max(1 - rho**2, 1e-12))))
+    drift = 2 * float(special.stdtr(n - 2, -abs(rho) * sqrt((n - 2) / max(1 - rho**2, 1e-12))))
     if min(step, drift) >= SHIFT_BY_CHANCE:
         return None
     what = f"it drifts (rank correlation with the order {rho:+.2f}, p = {drift:.2g})"
@@ -201,7 +201,7 @@ def ranked(points: Floats) -> Floats:
 
 def rank_scores(points: Floats) -> Floats:
     """Return normal scores by rank alone, for values that no distribution fits."""
-    return np.asarray(ndtri((ranked(points) - 0.5) / len(points)))
+    return np.asarray(special.ndtri((ranked(points) - 0.5) / len(points)))
 
 
 def no_distribution(points: Floats) -> Refused | None:

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import ndtri
 
-from jbclog.analysis.spc import charts
+from jbclog.analysis.spc import charts, special
 from jbclog.analysis.spc.capability import (
     Capability,
     indices,
@@ -146,7 +145,9 @@ def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> P
     points = np.sort(_known_values(values))
     if len(points) < 2:
         raise UsageError(f"a probability plot needs at least two values (got {len(points)})")
-    ranks = np.asarray(ndtri((np.arange(1, len(points) + 1) - 0.375) / (len(points) + 0.25)))
+    ranks = np.asarray(
+        special.ndtri((np.arange(1, len(points) + 1) - 0.375) / (len(points) + 0.25))
+    )
     fit = fitting(points, _step(points, resolution))
     line = None if fit is None else fit.family.quantiles(fit.fitted, ranks)
     return ProbabilityPlot(

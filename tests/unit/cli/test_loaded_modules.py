@@ -97,7 +97,7 @@ RUN = PLAN | {
 }
 DRAWN = {
     *("PIL", "contourpy", "cycler", "fontTools", "kiwisolver", "matplotlib", "mpl_toolkits"),
-    *("packaging", "pyparsing", "pandas", "scipy", "jinja2", "markupsafe"),
+    *("packaging", "pyparsing", "pandas", "jinja2", "markupsafe"),
     *("typst", "charset_normalizer", "numexpr", "bottleneck"),
 }
 

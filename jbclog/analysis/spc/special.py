@@ -1,0 +1,49 @@
+"""The functions of `scipy.special` that charts and indexes take, loaded with the first call: most
+reports have too few joints for either.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from scipy.special import (
+        betaincinv,
+        boxcox,
+        expit,
+        fdtrc,
+        gammaincinv,
+        inv_boxcox,
+        log_ndtr,
+        ndtr,
+        ndtri,
+        ndtri_exp,
+        pdtrc,
+        stdtr,
+        stdtrit,
+    )
+
+__all__ = [
+    "betaincinv",
+    "boxcox",
+    "expit",
+    "fdtrc",
+    "gammaincinv",
+    "inv_boxcox",
+    "log_ndtr",
+    "ndtr",
+    "ndtri",
+    "ndtri_exp",
+    "pdtrc",
+    "stdtr",
+    "stdtrit",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(name)
+    import scipy.special
+
+    globals()[name] = found = getattr(scipy.special, name)
+    return found
