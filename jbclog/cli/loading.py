@@ -5,8 +5,9 @@ through it takes a twelfth of the time.
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 
 @contextmanager
@@ -17,3 +18,17 @@ def without_collector() -> Iterator[None]:
         yield
     finally:
         gc.enable()
+
+
+def report_writer() -> Callable[[Path], Path]:
+    """Load what writes a report, and return it.
+
+    Matplotlib writes the list of its properties into the documentation of each kind of artist, a
+    quarter of its loading. Nobody reads that in a command.
+    """
+    with without_collector():
+        from matplotlib.artist import Artist
+
+        Artist._update_set_signature_and_docstring = classmethod(lambda _: None)
+        from jbclog.report.write import write_report
+    return write_report

@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.loading import without_collector
+from jbclog.cli.loading import report_writer
 from jbclog.cli.options import expect_run
 from jbclog.cli.output import echo, echo_json, reports_errors
 
@@ -39,10 +39,7 @@ def report(
     if verify:
         _verify(run, as_json=as_json)
         return
-    with without_collector():
-        from jbclog.report.write import write_report
-
-    page = write_report(run)
+    page = report_writer()(run)
     if as_json:
         echo_json(
             {

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.loading import without_collector
+from jbclog.cli.loading import report_writer, without_collector
 from jbclog.cli.options import Color, check_text
 from jbclog.cli.output import echo, echo_json, is_terminal, note, reports_errors
 from jbclog.cli.streams import never_wait
@@ -134,19 +134,13 @@ def record(
             )
     finally:
         shown.close()
-    page = _report(result) if report else None
+    # only now: a report loads pandas and matplotlib
+    page = report_writer()(result.folder) if report else None
     if as_json:
         echo_json(_facts(result) | ({"report": str(page)} if page else {}))
     else:
         _print(result, page)
     return result.exit_code.value
-
-
-def _report(result: Result) -> Path:
-    with without_collector():
-        from jbclog.report.write import write_report  # only now: it loads pandas and matplotlib
-
-    return write_report(result.folder)
 
 
 def _print_notes(plan: Plan) -> None:

@@ -186,7 +186,7 @@ def _weighted(values: Floats, weights: Floats) -> Floats:
     left, right = weights[:middle], weights[: -middle - 1 : -1]
     sign = next((one for one in (1, -1) if np.all(abs(left - one * right) <= EPSILON)), 0)
     if not sign:
-        total = values[2 * middle :] * weights[-1]
+        total: Floats = values[2 * middle :] * weights[-1]
         for place in range(2 * middle):
             total += values[place:][:rows] * weights[place]
         return total

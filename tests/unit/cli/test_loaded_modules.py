@@ -152,3 +152,16 @@ def test_report(tmp_path: Path) -> None:
     assert {"rich", "serial", "matplotlib.pyplot", "pandas.plotting._matplotlib"} & modules == set()
     forbidden = ("session", "transport", "sim", "live", "app", "guard", "protocol.client")
     assert [name for name in own(modules) if name.startswith(forbidden)] == []
+
+
+def test_a_command_has_matplotlib_without_its_lists_of_properties() -> None:
+    asks = "from matplotlib.lines import Line2D; print(Line2D.set.__doc__)"
+    load = "from jbclog.cli.loading import report_writer; report_writer(); "
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", before + asks], capture_output=True, check=True, text=True
+        ).stdout
+        for before in ("", load)
+    ]
+    assert "linewidth" in said[0]
+    assert said[1] == "None\n"
