@@ -134,6 +134,16 @@ class FrameReader:
         self.held, self._lent = b"", 0
         return forgotten
 
+    def keep(self, chunk: bytes) -> bool:
+        """Keep `chunk` where with it a frame has begun and nothing else came, as `feed` would, and
+        return whether it was kept.
+        """
+        stream = self.held + chunk
+        if _BEGUN.match(stream) is None:
+            return False
+        self.held = stream
+        return True
+
     def feed(self, chunk: bytes) -> list[Frame | CorruptFrame]:
         """Return the frames, correct and corrupt, that `chunk` completes."""
         stream = self.held + chunk

@@ -14,7 +14,7 @@ from jbclog.core.errors import LinkError, cause
 from jbclog.core.io_requests import Ask, Gather, IoResult, Listen, Request, RunEnded, Steps, Wait
 from jbclog.transport.blocking import OpenPort
 from jbclog.transport.event_loop import Handle
-from jbclog.transport.port import MOST_AT_ONCE, MOST_KEPT, REST_S, Budget, Port
+from jbclog.transport.port import MOST_AT_ONCE, MOST_KEPT, MOST_READS, REST_S, Budget, Port
 from jbclog.transport.port_thread import Pump
 
 if TYPE_CHECKING:
@@ -239,11 +239,12 @@ class SessionRunner:
         self._send_result(now, self._take_unasked())
 
     def _on_readable(self) -> None:
-        """Read; if the session listens, resume it, and if it asks again, send that.
+        """Read; if the session listens, resume it, and if it asks again, send that; if it listens
+        for the rest of an answer, nothing else is to be done.
 
         All of a good exchange happens here, in one function, because it is what a recorder does
-        most; what is different goes through the other methods. The first piece of an answer leaves
-        most of the budget, and the next request resets it.
+        most; what is different goes through the other methods. The budget is counted as by
+        `Budget.is_spent`.
         """
         try:
             data = self._read()
@@ -251,10 +252,10 @@ class SessionRunner:
             self._on_broken(error)
             return
         budget = self._budget
-        if not self._listening or budget.reads or not 0 < len(data) < MOST_AT_ONCE:
+        if not self._listening or budget.reads >= MOST_READS or not 0 < len(data) < MOST_AT_ONCE:
             self.on_bytes(data)
             return
-        budget.reads = 1
+        budget.reads += 1
         self._heard = now = self._now()
         self._listening, self._deadline = False, NEVER
         lag, before = self._lag, self._late_s
@@ -268,20 +269,24 @@ class SessionRunner:
         except Exception as broken:
             self._finish(broken)
             return
-        if type(request) is not Ask or not self._is_watched:
+        if type(request) is Ask and self._is_watched:
+            asked, patience_s = request
+            self._sent = sent = self._now()  # as in `_ask`
+            try:
+                self._write(asked)
+            except LinkError as error:
+                self._drop_port()
+                self._fail_soon(error)
+                return
+            budget.reads = 0
+            deadline = sent + patience_s
+        elif type(request) is Listen and self._is_watched and not self._unasked:
+            deadline = request.until  # as in `_await`
+        else:
             self._do(request)
             return
-        asked, patience_s = request
-        self._sent = sent = self._now()  # as in `_ask`
-        try:
-            self._write(asked)
-        except LinkError as error:
-            self._drop_port()
-            self._fail_soon(error)
-            return
         self._listening = True
-        budget.reads = 0
-        self._deadline = deadline = sent + patience_s
+        self._deadline = deadline
         if deadline < self._armed:
             self._arm(deadline)
 

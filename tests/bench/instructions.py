@@ -1,5 +1,5 @@
-"""What `bench_instructions.py` counts: ``python instructions.py PART EXCHANGES`` makes so many
-exchanges and ends at once.
+"""What `bench_instructions.py` counts: ``python instructions.py PART EXCHANGES [PIECES]`` makes so
+many exchanges, whose answers come in so many pieces, and ends at once.
 """
 
 from __future__ import annotations
@@ -43,7 +43,13 @@ class Nobody:
     def facts(self, facts: StationFacts) -> None: ...
 
 
-def session(exchanges: int) -> None:
+def in_pieces(data: bytes, pieces: int) -> list[bytes]:
+    """Split `data` into so many pieces, the longer ones first; one byte is the least."""
+    size = -(-len(data) // pieces)
+    return [data[begin : begin + size] for begin in range(0, len(data), size)]
+
+
+def session(exchanges: int, pieces: int) -> None:
     """A session that samples at 10 Hz, on answers that its virtual station gave before, without any
     driver.
     """
@@ -56,19 +62,23 @@ def session(exchanges: int) -> None:
     (task,) = station_tasks(plan, clock.monotonic())
     context = SessionContext(task, Nobody(), UtcOffset(clock))
     peer = virtual_station(plan.stations[0].spec, now=clock.monotonic())
-    steps, known = run_station(context), dict[bytes, bytes]()
+    steps, known = run_station(context), dict[bytes, list[bytes]]()
     now = clock.monotonic()
     begun, sent, done, heard = float("inf"), now, 0, IoResult(now, b"", now)
-    request = next(steps)
+    request, coming = next(steps), list[bytes]()
     while done < exchanges:
         data = b""
         if isinstance(request, Ask):
             sent, now = now, now + EXCHANGE_S
-            data = known.get(request.data, b"") if sent > begun + KNOWN_S else b""
-            done += bool(data)
-            data = data or b"".join(piece for _, piece in peer.receive(request.data, sent))
-            if sent > begun + LEARNING_S:
-                known.setdefault(request.data, data)
+            if sent > begun + KNOWN_S and request.data in known:
+                data, *coming = known[request.data]
+                done += 1
+            else:
+                data = b"".join(piece for _, piece in peer.receive(request.data, sent))
+                if sent > begun + LEARNING_S:
+                    known.setdefault(request.data, in_pieces(data, pieces))
+        elif coming:
+            data = coming.pop(0)
         elif isinstance(request, Listen | Wait):
             now = max(now, request.until)
         if context.facts.first_tick is not None:
@@ -78,12 +88,13 @@ def session(exchanges: int) -> None:
 
 
 class Pipe:
-    """A port whose other end answers at once."""
+    """A port whose other end answers at once; so many reads take an answer."""
 
     url = "pipe"
 
-    def __init__(self) -> None:
+    def __init__(self, pieces: int) -> None:
         self._out, self._into = os.pipe()
+        self._most = 1024 if pieces == 1 else len(in_pieces(ANSWER, pieces)[0])
 
     def fileno(self) -> int:
         return self._out
@@ -92,7 +103,7 @@ class Pipe:
         os.write(self._into, ANSWER)
 
     def read_now(self) -> bytes:
-        return os.read(self._out, 1024)
+        return os.read(self._out, self._most)
 
     def read(self, timeout_s: float) -> bytes:
         return self.read_now()
@@ -100,17 +111,20 @@ class Pipe:
     def close(self) -> None: ...
 
 
-def drive(exchanges: int) -> None:
-    """The reactor with a session that only asks."""
+def drive(exchanges: int, pieces: int) -> None:
+    """The reactor with a session that only asks, and listens for the rest of an answer."""
 
     def steps() -> Steps[None]:
         yield Reopen()
         for _ in range(exchanges):
-            yield Ask(QUESTION, 0.5)
+            heard = yield Ask(QUESTION, 0.5)
+            size = len(heard.data)
+            while size < len(ANSWER):
+                size += len((yield Listen(heard.sent + 0.5)).data)
         os._exit(0)
 
     reactor = Reactor()
-    reactor.add(steps(), Pipe)
+    reactor.add(steps(), lambda: Pipe(pieces))
     reactor.run()
 
 
@@ -148,7 +162,7 @@ class _Meter:
         return found
 
 
-def yardstick(exchanges: int) -> None:
+def yardstick(exchanges: int, _pieces: int) -> None:
     """What both are compared with: a small program of the same kind. It is not to be changed."""
 
     def ask(meter: _Meter, row: list[int]) -> Generator[bytes, _Answer, None]:
@@ -168,7 +182,7 @@ def yardstick(exchanges: int) -> None:
         steps.send(_Answer(now, ANSWER))
 
 
-PARTS: dict[str, Callable[[int], None]] = {
+PARTS: dict[str, Callable[[int, int], None]] = {
     "session": session,
     "drive": drive,
     "yardstick": yardstick,
@@ -176,5 +190,5 @@ PARTS: dict[str, Callable[[int], None]] = {
 
 if __name__ == "__main__":
     gc.disable()
-    PARTS[sys.argv[1]](int(sys.argv[2]))
+    PARTS[sys.argv[1]](int(sys.argv[2]), int(*sys.argv[3:] or "1"))
     os._exit(0)

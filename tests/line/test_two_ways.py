@@ -1,11 +1,12 @@
-"""A sample is read by `Sampler._take` alone where its answer is as expected, and else by
-`Scanner.settle`: both give the same record.
+"""A sample is read by `Sampler._take` alone where its answer is as expected, whole or in pieces,
+and else by `Scanner.settle`: both give the same record.
 """
 
 from __future__ import annotations
 
+import random
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import pytest
@@ -14,6 +15,7 @@ from jbclog.core.io_requests import IoResult, Steps
 from jbclog.core.quantities import Value
 from jbclog.protocol.client.robot import Station
 from jbclog.session.run.scan import PortScan, Scanner, SignalRead
+from jbclog.transport.virtual import Peer
 from support.oracles.account import assert_account_holds
 from support.virtual.lines import fault, hot_air
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
@@ -44,6 +46,53 @@ LINKS = {
         + fault("restart", at_s=9.0, for_s=1.0)
     ),
 }
+
+
+class InPieces:
+    """A cable at whose end, as from a USB adapter, an answer comes in pieces."""
+
+    def __init__(self, cable: Peer, gap_s: float) -> None:
+        self._cable = cable
+        self._gap_s = gap_s
+        self._random = random.Random(7)
+
+    def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
+        coming = list[tuple[float, bytes]]()
+        for at, answer in self._cable.receive(data, now):
+            size = self._random.choice([1, 5, 8, 15, len(answer)])
+            gap_s = self._gap_s * self._random.choice([0.1, 1.0, 1.0, 5.0])
+            if self._random.random() < 0.01:
+                size, gap_s = len(answer) - 1, 150 * self._gap_s  # too late
+            for piece, begin in enumerate(range(0, len(answer), size)):
+                coming.append((at + piece * gap_s, answer[begin : begin + size]))
+        return coming
+
+    def is_unplugged(self, now: float) -> bool:
+        return self._cable.is_unplugged(now)
+
+
+def in_pieces(link: str, gap_s: float) -> VirtualRun:
+    return prepare(
+        line_text(f"seed = 3\n{LINKS[link]}"),
+        duration_s=12.0,
+        pulled=lambda _order, session, cable: (session, InPieces(cable, gap_s)),
+    )
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_both_ways_record_the_same_of_answers_in_pieces(
+    link: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    short = recorded(in_pieces(link, 0.001))
+    monkeypatch.setattr(Station, "request", lambda station, question: None)
+    assert recorded(in_pieces(link, 0.001)) == short
+    assert short[0]
+
+
+@pytest.mark.parametrize("link", ["good", "flipped", "noisy", "refusing"])
+def test_pieces_are_recorded_as_the_whole(link: str) -> None:
+    """Where all of them come at once."""
+    assert recorded(in_pieces(link, 0.0)) == recorded(made("dde", LINKS[link]))
 
 
 def stopped() -> VirtualRun:
@@ -116,7 +165,8 @@ def test_both_ways_record_the_same_run(name: str, monkeypatch: pytest.MonkeyPatc
     assert recorded(RUNS[name]()) == short
 
 
-def test_a_good_answer_goes_the_short_way(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("pieces", [False, True])
+def test_a_good_answer_goes_the_short_way(pieces: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     settle, settled = Scanner.settle, list[str]()
 
     def counted(
@@ -126,6 +176,6 @@ def test_a_good_answer_goes_the_short_way(monkeypatch: pytest.MonkeyPatch) -> No
         return settle(scanner, probe, scan, *result)  # type: ignore[arg-type]
 
     monkeypatch.setattr(Scanner, "settle", counted)
-    run = prepare(duration_s=60.0).go()
+    run = (in_pieces("good", 0.0005) if pieces else prepare(duration_s=60.0)).go()
     assert run.facts.outcome == "completed", run.facts.reason
     assert len(settled) < len(run.memory.samples) / 10, Counter(settled)

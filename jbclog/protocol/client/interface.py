@@ -11,7 +11,7 @@ from math import inf
 from typing import Final, Protocol
 
 from jbclog.core.errors import LinkFlooded
-from jbclog.core.io_requests import Ask, IoResult, Steps, Wait
+from jbclog.core.io_requests import Ask, IoResult, Listen, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command
 
@@ -244,8 +244,20 @@ class Client(Protocol):
         ``ask(question, heard)`` continues.
         """
 
+    def rest(self, question: PreparedRead, heard: IoResult) -> Listen | None:
+        """Return the request for the rest where `heard` is a piece of an answer, so far without
+        anything else; else None, and ``ask(question, heard)`` continues.
+        """
+
+    def completed(self, question: PreparedRead, heard: IoResult) -> Value | None:
+        """Return the value if `heard`, the result of `rest`, is exactly the rest of the answer;
+        else None, and `rest` or ``ask(question, heard)`` continue.
+        """
+
     def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
-        """Read a value by a prepared read of this client; `heard` is the result of `request`."""
+        """Read a value by a prepared read of this client; `heard` is the last result of `request`
+        or `rest`.
+        """
 
     def write(
         self,

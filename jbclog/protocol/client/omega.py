@@ -148,6 +148,12 @@ class OmegaStation:
     def value(self, question: PreparedRead, heard: IoResult) -> None:
         """Return None; nothing is begun by `request`."""
 
+    def rest(self, question: PreparedRead, heard: IoResult) -> None:
+        """Return None, too."""
+
+    def completed(self, question: PreparedRead, heard: IoResult) -> None:
+        """Return None, too."""
+
     def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
         """Read a value by a prepared read. Raises `Ignored` where only this one is not answered."""
         assert isinstance(question, OmegaQuestion)

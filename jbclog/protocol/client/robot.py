@@ -35,7 +35,7 @@ from jbclog.core.errors import (
     StationError,
     StationSilent,
 )
-from jbclog.core.io_requests import Ask, IoResult, Steps
+from jbclog.core.io_requests import Ask, IoResult, Listen, Steps
 from jbclog.core.quantities import Value
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.dialogue import (
@@ -142,14 +142,36 @@ class Station(Dialogue):
     def _unusual_value(self, question: Question, heard: IoResult) -> Value | None:
         if self._count(question, heard):
             return None
-        answer = question.known.get(heard.data) or question.answer_in(heard.data)
+        return self._answer(question, heard.data, heard.now)
+
+    def _answer(self, question: Question, data: bytes, now: float) -> Value | None:
+        """Return the value if `data`, of which the last byte came at `now`, is exactly the
+        answer.
+        """
+        answer = question.known.get(data) or question.answer_in(data)
         if answer is None:
             return None
-        self._note_time(heard.now, question, question.wire_s)
+        self._note_time(now, question, question.wire_s)
         self.data, value = answer
         if question.odd or question.also:
             self._note_form(question, self.data)
         return value
+
+    def rest(self, question: PreparedRead, heard: IoResult) -> Listen | None:
+        # `_gather`, where a piece completes no frame and nothing is to be dropped
+        if not heard.data or self.flow.found is not None or not self._reader.keep(heard.data):
+            return None
+        self.now = heard.now
+        return Listen(heard.sent + self._request.patience_s)
+
+    def completed(self, question: PreparedRead, heard: IoResult) -> Value | None:
+        assert isinstance(question, Question)
+        if self.flow.came(heard.now, len(heard.data)) or self.flow.found is not None:
+            return None
+        answer = self._answer(question, self._reader.held + heard.data, heard.now)
+        if answer is not None:
+            self._reader.held = b""
+        return answer
 
     def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
         """Read a value by a prepared read, from its start or from the result of `request`."""

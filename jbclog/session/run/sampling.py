@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 
 from jbclog.core.errors import LinkError, RobotModeOff, StartRefused, StationError, StationSilent
-from jbclog.core.io_requests import IoResult, RunEnded, Steps, T, Wait
+from jbclog.core.io_requests import Ask, IoResult, Listen, RunEnded, Steps, T, Wait
 from jbclog.core.quantities import OFF, text_of
 from jbclog.core.rows import SettingOutcome, SettingRow, Severity
 from jbclog.protocol.client.dialogue import LEAST_S
@@ -326,9 +326,9 @@ class Sampler:
 
         A driver ends a run once, and half a row would count as loss.
 
-        An answer as expected, as nearly all are, takes no other generator than this one, which
-        saves a third of an exchange's work; with anything else `Scanner.settle` continues. Both
-        ways record the same (tests/line/test_two_ways.py).
+        An answer as expected, as nearly all are, whole or in pieces, takes no other generator than
+        this one, which saves a third of an exchange's work; with anything else `Scanner.settle`
+        continues. Both ways record the same (tests/line/test_two_ways.py).
         """
         context, scanner, standstill = self.context, self._scanner, self._standstill
         station = context.station
@@ -338,7 +338,7 @@ class Sampler:
             probe.due += 1
             heard: IoResult | BaseException | None = None
             value = None
-            request = station.request(probe.question)
+            request: Ask | Listen | None = station.request(probe.question)
             if request is not None:
                 try:
                     heard = result = yield request
@@ -347,6 +347,13 @@ class Sampler:
                     if result.late_s or now > standstill.due + LEAST_S:  # sooner, nothing is late
                         standstill.note(request, result)
                     standstill.due = now
+                    while value is None and (rest := station.rest(probe.question, result)):
+                        if scan.first_sent is None:
+                            scan.first_sent = result.sent
+                        request = rest
+                        heard = result = yield request
+                        value = station.completed(probe.question, result)
+                        standstill.note(request, result)
                     is_doubtful = (
                         value is None
                         or probe.expect is not None

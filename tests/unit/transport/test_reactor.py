@@ -14,7 +14,8 @@ import pytest
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Listen, Reopen, RunEnded, Steps, Wait
 from jbclog.transport.asyncio_loop import AsyncioLoop
-from jbclog.transport.event_loop import EpollLoop
+from jbclog.transport.event_loop import EpollLoop, Ring
+from jbclog.transport.port import unread
 from jbclog.transport.reactor import Reactor
 from support.links.near_ends import PairPort, ThreadedPort
 
@@ -30,6 +31,17 @@ LONG_S = 30.0  # nobody waits that long
 
 def soon(seconds: float) -> float:
     return time.monotonic() + seconds
+
+
+class ReadInPieces(PairPort):
+    """A port of which each read takes so many bytes."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.most = most
+
+    def read_now(self) -> bytes:
+        return self.near.recv(self.most)
 
 
 def pull(
@@ -108,6 +120,63 @@ def test_pieces_are_given_as_they_come() -> None:
         (0.1, lambda _: port.far.send(b"second")),
     )
     assert heard == [b"first", b"second", b""]
+
+
+def test_what_came_before_a_question_is_not_kept_from_who_listens_for_the_rest() -> None:
+    heard, port = [], PairPort(lambda question: b"first")
+
+    def session() -> Steps[None]:
+        yield Reopen()
+        with contextlib.suppress(RunEnded):
+            yield Wait(soon(LONG_S))
+        heard.append((yield Ask(b"abc", LONG_S)).data)
+        heard.append((yield Listen(soon(LONG_S))).data)
+
+    def end_when_read(reactor: Reactor) -> None:
+        if unread(port.near.fileno()):
+            reactor.loop.call_later(0.01, end_when_read, reactor)
+        else:
+            reactor.end("enough")
+
+    pull(
+        session(),
+        port,
+        (0.05, lambda _: port.far.send(b"early")),
+        (0.06, end_when_read),
+    )
+    assert sorted(heard) == [b"early", b"first"]
+
+
+def test_the_rest_of_an_answer_arms_nothing() -> None:
+    """As many alarms for answers in single bytes as for whole ones."""
+
+    def alarms(piece: int) -> int:
+        port, rung = ReadInPieces(piece), list[float]()
+        reactor = Reactor()
+        wake_at = reactor.loop.wake_at
+
+        def noted(moment: float, ring: Ring) -> None:
+            rung.append(moment)
+            wake_at(moment, ring)
+
+        def session() -> Steps[None]:
+            now = (yield Reopen()).now
+            reactor.loop.wake_at = noted  # type: ignore[method-assign]
+            for _ in range(20):
+                heard, came = (yield Ask(b"0123456789", LONG_S)), b""
+                while heard.data:
+                    came += heard.data
+                    if len(came) == 10:
+                        break
+                    heard = yield Listen(heard.sent + LONG_S)
+                assert came == b"9876543210", now
+
+        reactor.add(session(), lambda: port)
+        begun = soon(0.0)
+        reactor.run()
+        return sum(moment > begun + LONG_S / 2 for moment in rung)
+
+    assert alarms(1) == alarms(10) == 1
 
 
 # -- broken links ----------------------------------------------------------------------------------

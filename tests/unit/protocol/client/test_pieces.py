@@ -1,0 +1,187 @@
+"""Answers in pieces: by `rest` and `completed` a station is read as by `ask`, and split bytes give
+what whole ones do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import pytest
+from hypothesis import assume, example, given, settings
+from hypothesis import strategies as st
+
+from jbclog.core.errors import LinkFlooded, StationError
+from jbclog.core.io_requests import Ask, IoResult, Listen, Request, Steps, Wait
+from jbclog.core.quantities import Value
+from jbclog.core.serial_line import LineFormat
+from jbclog.protocol.client.interface import FloodDetector
+from jbclog.protocol.client.robot import Station
+from jbclog.protocol.commands.family import FAMILIES
+from support.clients.short_way import read_in_short
+from support.clients.talk import framed
+
+TIP, POWER = (FAMILIES["dde"].commands[name] for name in ("tip_temperature", "power"))
+USUAL, OTHER = framed("ATT100183"), framed("APP100017")
+
+Read = Callable[[Station], Steps[Value]]
+Chunk = tuple[float, bytes]  # seconds after the last one
+
+
+@pytest.fixture(autouse=True)
+def way() -> None:
+    """Not `conftest.way`: each test goes both ways itself."""
+
+
+def by_ask(station: Station) -> Steps[Value]:
+    return station.ask(station.question(TIP, 1))
+
+
+def in_short(station: Station) -> Steps[Value]:
+    return read_in_short(station, TIP, 1)
+
+
+class Exchange:
+    """A station that was read twice, said `unasked` bytes, and after `wait_s` was read once in
+    `chunks`, and once more.
+    """
+
+    def __init__(
+        self, read: Read, chunks: Sequence[Chunk], unasked: int = 0, wait_s: float = 0.0
+    ) -> None:
+        self.station, self.now, self.sent = Station(LineFormat(), 1), 100.0, 0.0
+        self.requests: list[Request] = []
+        self.outcomes: list[object] = []
+        self._do(by_ask, [(0.001, USUAL)])
+        self._do(by_ask, [(0.001, USUAL)])
+        self.station.unasked(IoResult(self.now, b"x" * unasked, self.sent))
+        self.now += wait_s
+        self._do(read, list(chunks))
+        self._do(lambda station: station.ask(station.question(POWER, 1)), [(0.001, OTHER)])
+
+    def _do(self, read: Read, coming: list[Chunk]) -> None:
+        steps, result = read(self.station), None
+        try:
+            while True:
+                request = next(steps) if result is None else steps.send(result)
+                self.requests.append(request)
+                result = self._result(request, coming)
+        except StopIteration as end:
+            self.outcomes.append(end.value)
+        except (StationError, LinkFlooded) as error:
+            self.outcomes.append((type(error), str(error)))
+
+    def _result(self, request: Request, coming: list[Chunk]) -> IoResult:
+        assert isinstance(request, Ask | Listen | Wait)
+        if isinstance(request, Ask):
+            self.sent = self.now
+        until = self.now + request.patience_s if isinstance(request, Ask) else request.until
+        if coming and not isinstance(request, Wait) and self.now + coming[0][0] < until:
+            after_s, data = coming.pop(0)
+            self.now += after_s
+            return IoResult(self.now, data, self.sent)
+        self.now = until
+        return IoResult(self.now, b"", self.sent)
+
+    def known(self) -> list[object]:
+        """All that the client knows and has counted."""
+        one = self.station
+        return [
+            self.outcomes,
+            *(one.now, one.sent, one.heard, one.exchanges, one.turnaround_s, one.data),
+            *(one.strays, one.anomalies.counts, one.garbage_bytes),
+            *(one._doubted, one._is_overdue, one._is_clear, one._reader.held),
+            _counted(one.flow),
+        ]
+
+
+def _counted(flow: FloodDetector) -> list[object]:
+    return [
+        *(flow._came + flow.in_order, flow._due + flow.in_order, flow._late, flow._begun),
+        *(flow.is_flooded, str(flow.found)),
+    ]
+
+
+NOISE = st.lists(
+    st.one_of(
+        st.sampled_from([b"\x02", b"\x03", b"\x020100A", b"\x020100ATT1\x03", b"\x00", b"\xff7"]),
+        # the second ends in STX
+        st.sampled_from([framed("ATT200999"), framed("RSMN", 0, 1), USUAL[:-1] + b"\x00"]),
+        st.binary(max_size=3),
+    ),
+    max_size=3,
+).map(b"".join)
+ANSWERS = st.sampled_from([USUAL, framed("ATT1-0020"), framed("ATT100ab9")])
+REFUSED = framed("NTT100004")
+
+
+@st.composite
+def streams(draw: st.DrawFn) -> bytes:
+    """An answer or a refusal, cut off or whole, with noise before it, within it and behind it."""
+    answer = draw(st.one_of(ANSWERS, st.just(REFUSED)))
+    place = draw(st.integers(0, len(answer)))
+    stream = answer[:place] + draw(st.one_of(st.just(b""), NOISE)) + answer[place:]
+    return stream[: draw(st.one_of(st.none(), st.integers(0, len(stream))))] + draw(NOISE)
+
+
+# with their last byte, and not before it, the request is over
+ENDING = st.builds(
+    lambda noise, answer, bits: noise + answer[:11] + bytes([answer[11] ^ bits]) + answer[12:],
+    NOISE,
+    ANSWERS,
+    st.sampled_from([0, 0, 4]),
+)
+
+
+def cut(stream: bytes, cuts: Sequence[int]) -> list[bytes]:
+    places = [0, *sorted({one % (len(stream) + 1) for one in cuts}), len(stream)]
+    pieces = [stream[begin:end] for begin, end in pairwise(places)]
+    return [piece for piece in pieces if piece]
+
+
+CUTS = st.lists(st.integers(0, 60), max_size=30)
+GAPS = st.lists(st.sampled_from([0.0, 0.0003, 0.004, 0.02, 0.07, 0.3, 1.1]), min_size=1)
+
+
+@settings(max_examples=200, deadline=None)
+@given(streams(), CUTS, GAPS, st.sampled_from([0, 20, 500, 700]), st.sampled_from([0.0, 0.9, 0.99]))
+@example(USUAL, [1, 2, 3, 15], [0.0003], 0, 0.0)
+@example(USUAL, [7], [0.3], 0, 0.0)  # the rest too late
+@example(USUAL, [7], [0.0003, 0.02], 700, 0.99)  # found to be a flood between the pieces
+@example(REFUSED, [7], [0.0003], 0, 0.0)
+@example(b"x" * 700 + USUAL, [600, 705], [0.0], 0, 0.0)
+def test_both_ways_ask_and_know_the_same(
+    stream: bytes, cuts: list[int], gaps: list[float], unasked: int, wait_s: float
+) -> None:
+    # with a flood found at its end, `ask` tells of a value that is none, and the other of the flood
+    assume(not unasked or b"ab9" not in stream)
+    chunks = [(gaps[n % len(gaps)], piece) for n, piece in enumerate(cut(stream, cuts))]
+    long, short = (Exchange(way, chunks, unasked, wait_s) for way in (by_ask, in_short))
+    assert short.requests == long.requests
+    assert short.known() == long.known()
+
+
+@settings(max_examples=200, deadline=None)
+@given(ENDING, CUTS)
+@example(USUAL, [*range(1, 16)])
+def test_any_split_gives_what_the_whole_gives(stream: bytes, cuts: list[int]) -> None:
+    """Where all pieces come at the moment of the whole."""
+    first, *more = cut(stream, cuts)
+    split = Exchange(in_short, [(0.001, first), *((0.0, piece) for piece in more)])
+    assert split.known() == Exchange(in_short, [(0.001, stream)]).known()
+
+
+@pytest.mark.parametrize("size", [1, 2, 5, 8, 15])
+def test_pieces_of_an_answer_do_not_go_to_ask(size: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    chunks = [(0.0005, USUAL[at : at + size]) for at in range(0, len(USUAL), size)]
+    asked: list[object] = []
+    ask = Station.ask
+
+    def noted(station: Station, *given: object) -> Steps[Value]:
+        asked.append(given)
+        return ask(station, *given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Station, "ask", noted)
+    done = Exchange(in_short, chunks)
+    assert done.outcomes == [183, 183, 183, 17]
+    assert len(asked) == 3  # all but the third
