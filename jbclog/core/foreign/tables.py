@@ -23,7 +23,13 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_regular, open_foreign
-from jbclog.core.foreign.parquet_footer import ColumnChunk, RowGroup, ThriftReader, groups_in
+from jbclog.core.foreign.parquet_footer import (
+    STRUCT,
+    ColumnChunk,
+    RowGroup,
+    ThriftReader,
+    groups_in,
+)
 from jbclog.core.foreign.values import expect_values
 
 MAGIC: Final = b"PAR1"
@@ -169,17 +175,21 @@ class ParquetTable:
             self._expect_short_texts(index, chunk)
 
     def _expect_short_texts(self, index: int, chunk: ColumnChunk) -> None:
-        """A dictionary stores each text once; written out, the texts may be far longer."""
+        """A text that a page has once may stand in many rows: that of a dictionary, or one of which
+        others are said to have the beginning. Written out, they may be far longer.
+        """
         kind = self.schema.field(chunk.name).type if chunk.name in self.schema.names else None
         if kind is None or not any(fits(kind) for fits in TEXTS):
             return
-        if chunk.unpacked * chunk.values <= self._most_bytes or chunk.dictionary_at is None:
+        if chunk.unpacked * chunk.values <= self._most_bytes:
             return
-        longest = _longest_text(self._data, chunk)
-        if longest * chunk.values <= self._most_bytes:
+        longest, written_once, is_known = _texts_in(self._data, chunk)
+        if longest * chunk.values + written_once <= self._most_bytes:
             return
-        written = sum(
-            _written_out(batch.column(0)) for batch in self._as_dictionary(index, chunk.name)
+        written = (
+            sum(_written_out(batch.column(0)) for batch in self._as_dictionary(index, chunk.name))
+            if is_known
+            else longest * chunk.values
         )
         if written > self._most_bytes:
             most = self._most_bytes // MIB
@@ -244,21 +254,36 @@ def _expect_plausible(metadata: pq.FileMetaData, groups: Sequence[RowGroup], siz
 HEAD_BYTES: Final = 16 << 10
 USUAL_HEAD_BYTES: Final = 256
 KEPT_HEADS: Final = 4096  # cached page headers: those of a week's samples of a few columns
-UNPACKED, PACKED = 2, 3  # fields of a page header
+# fields of a page header: what it is, its sizes, and the encoding in either kind of data page
+PAGE, UNPACKED, PACKED = 1, 2, 3
+# kind of data page -> its struct, and the field in it
+ENCODINGS: Final[dict[int | None, tuple[int, int]]] = {0: (5, 2), 3: (8, 4)}
+ENCODING: Final = -1  # of the data page, among its fields
+PLAIN: Final = 0  # each text in full
+CODES: Final = (2, 8)  # places in the dictionary
+UNKNOWN: Final = -1
 
 
 def _unpacked(data: BinaryIO, chunk: ColumnChunk) -> int:
     """Sum the uncompressed sizes that a column's pages declare. Raises `NotReadable`."""
-    return sum(_pages(data, chunk))
+    return sum(size for size, _ in _pages(data, chunk))
 
 
-def _longest_text(data: BinaryIO, chunk: ColumnChunk) -> int:
-    """Return an upper bound for the length of the column's texts."""
-    return max(_pages(data, chunk), default=0)
+def _texts_in(data: BinaryIO, chunk: ColumnChunk) -> tuple[int, int, bool]:
+    """Return upper bounds for the length of a text that may stand in several rows, and for that of
+    all others together; and whether all of them are in full in the pages.
+    """
+    longest, written_once, is_known = 0, 0, True
+    for size, encoding in _pages(data, chunk):
+        if encoding == PLAIN:
+            written_once += size
+        elif encoding not in CODES:
+            longest, is_known = max(longest, size), is_known and encoding is None
+    return longest, written_once, is_known
 
 
-def _pages(data: BinaryIO, chunk: ColumnChunk) -> Iterator[int]:
-    """Return each page's uncompressed size."""
+def _pages(data: BinaryIO, chunk: ColumnChunk) -> Iterator[tuple[int, int | None]]:
+    """Return each page's uncompressed size, and the encoding of one with data."""
     if not chunk.packed:
         return
     at = min((start for start in (chunk.data_at, chunk.dictionary_at) if start), default=0)
@@ -273,13 +298,14 @@ def _pages(data: BinaryIO, chunk: ColumnChunk) -> Iterator[int]:
         packed, unpacked = fields.get(PACKED), fields.get(UNPACKED)
         if packed is None or unpacked is None or packed < 0 or unpacked < 0:
             raise NotReadable(f"{chunk.name} has a page without a size")
-        yield unpacked
+        yield unpacked, fields.get(ENCODING)
         at += length + packed
     raise NotReadable(f"{chunk.name} has more than {PAGES} pages")
 
 
 def _head(data: bytes) -> tuple[dict[int, int | None], int]:
-    """Parse a page header; return its sizes and its own length in bytes.
+    """Parse a page header; return its sizes, the encoding of a data page, and its own length in
+    bytes.
 
     A run's pages are read several times by whatever looks at it. A header that ends within its
     first bytes is the same whatever follows.
@@ -293,15 +319,35 @@ def _head(data: bytes) -> tuple[dict[int, int | None], int]:
 def _parsed_head(data: bytes) -> tuple[dict[int, int | None], int]:
     reader = ThriftReader(data)
     found: dict[int, int | None] = {}
+    encodings: dict[int, int | None] = {}
+    of_struct = dict(ENCODINGS.values())
     try:
         for number, kind in reader.fields():
-            if number in (UNPACKED, PACKED):
+            if number in (PAGE, UNPACKED, PACKED):
                 found[number] = reader.integer(kind)
+            elif number in of_struct and kind == STRUCT:
+                encodings[number] = _integer_in(reader, of_struct[number])
             else:
                 reader.skip(kind)
     except (IndexError, ValueError):
         raise NotReadable("has an unreadable page header") from None
+    kind_of_page = found.get(PAGE)
+    if kind_of_page in ENCODINGS:
+        place, _ = ENCODINGS[kind_of_page]
+        encoding = encodings.get(place)
+        found[ENCODING] = UNKNOWN if encoding is None else encoding
     return found, reader.at
+
+
+def _integer_in(reader: ThriftReader, wanted: int) -> int | None:
+    """Read a struct; return the whole number in one of its fields."""
+    value = None
+    for number, kind in reader.fields():
+        if number == wanted:
+            value = reader.integer(kind)
+        else:
+            reader.skip(kind)
+    return value
 
 
 _usual_head = lru_cache(maxsize=KEPT_HEADS)(_parsed_head)

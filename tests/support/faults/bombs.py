@@ -90,6 +90,21 @@ def long_words(path: Path) -> None:
     )
 
 
+def long_beginnings(path: Path) -> None:
+    """Texts of which each is said to begin as the one before it: no dictionary, 100 kB in the file,
+    400 MB written out.
+    """
+    table, rows = path.parent.name, 4_000
+    columns = _columns(table, 2)
+    columns["station"] = pa.array([" " * 100_000] * 2)
+    encodings = dict.fromkeys(columns, "PLAIN") | {"station": "DELTA_BYTE_ARRAY"}
+    few = pa.table(columns, schema=SCHEMAS[table])
+    with pq.ParquetWriter(
+        path, SCHEMAS[table], compression="zstd", use_dictionary=False, column_encoding=encodings
+    ) as writer:
+        writer.write_table(pa.concat_tables([few] * (rows // 2)), row_group_size=rows)
+
+
 def lying_footer(path: Path) -> None:
     """A footer that is said to have two gigabytes."""
     path.write_bytes(path.read_bytes()[:-8] + (2**31 - 1).to_bytes(4, "little") + b"PAR1")
@@ -107,6 +122,7 @@ PARTS: Final[dict[str, Bomb]] = {
     "many groups": many_groups,
     "long pages": long_pages,
     "long words": long_words,
+    "long beginnings": long_beginnings,
     "lying footer": lying_footer,
     "noise": other_bytes,
 }

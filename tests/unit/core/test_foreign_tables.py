@@ -26,7 +26,15 @@ from jbclog.core.foreign.parquet_footer import (
     ThriftReader,
     groups_in,
 )
-from jbclog.core.foreign.tables import TAIL, _pages, bounds_of, open_table, read_small
+from jbclog.core.foreign.tables import (
+    PLAIN,
+    TAIL,
+    _pages,
+    _texts_in,
+    bounds_of,
+    open_table,
+    read_small,
+)
 
 ROWS = pa.table(
     {
@@ -82,10 +90,36 @@ def test_a_page_s_header_is_read_whatever_its_length(tmp_path: Path, length: int
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table({"name": texts}), path, use_dictionary=False, write_page_checksum=True)
     (group,) = groups_in(footer_of(path.read_bytes()))
-    (size,) = _pages(io.BytesIO(path.read_bytes()), group.chunks[0])
+    ((size, encoding),) = _pages(io.BytesIO(path.read_bytes()), group.chunks[0])
+    assert encoding == PLAIN
     assert size >= 2 * length
     assert size < 2 * length + 20
     assert read_small(path)["name"].to_pylist() == texts
+
+
+@pytest.mark.parametrize("version", ["1.0", "2.0"])
+@pytest.mark.parametrize("encoding", [None, "PLAIN", "DELTA_BYTE_ARRAY"])
+def test_what_pages_have_of_texts_is_known_from_their_heads(
+    tmp_path: Path, encoding: str | None, version: str
+) -> None:
+    """Places in a dictionary are no texts: else a long row group in which stations take turns had
+    to be decoded before it is read.
+    """
+    path, rows = tmp_path / "a.parquet", 20_000
+    kinds = {} if encoding is None else {"use_dictionary": False, "column_encoding": encoding}
+    pq.write_table(
+        pa.table({"name": ["one", "another"] * rows}), path, data_page_version=version, **kinds
+    )
+    (group,) = groups_in(footer_of(path.read_bytes()))
+    longest, written_once, is_known = _texts_in(io.BytesIO(path.read_bytes()), group.chunks[0])
+    assert is_known is (encoding != "DELTA_BYTE_ARRAY")
+    if encoding is None:
+        assert (longest, written_once) == (len("one") + len("another") + 8, 0)
+    elif encoding == "PLAIN":
+        assert longest == 0
+        assert rows * (len("one") + len("another")) <= written_once <= 2 * rows * 10
+    else:
+        assert longest >= len("another")
 
 
 def child_that_ends(path: Path, all_of_them: Iterator[bytes]) -> int:
