@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from jbclog.analysis.alarms import BEFORE_ALL, WATCHED, Change, FlagRead, Rows, change_of
 from jbclog.analysis.alarms.port_watch import WORKING
 from jbclog.analysis.coded_texts import is_one_of
-from jbclog.analysis.joints.port_rows import by_port
+from jbclog.analysis.port_split import by_port
 from jbclog.analysis.run_tables import RunTables
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 from jbclog.core.rows import EventRow, Severity

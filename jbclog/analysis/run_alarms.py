@@ -31,6 +31,7 @@ from jbclog.analysis.alarms import (
 )
 from jbclog.analysis.alarms.from_record import UNKNOWN as FLAGS_LOST
 from jbclog.analysis.alarms.from_record import earliest_us
+from jbclog.analysis.port_split import gathered
 from jbclog.analysis.run_tables import RunTables, stations_of
 from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read as read_annotations
@@ -249,7 +250,8 @@ def _sampled(
         dict[Place, SampledEpisodes](),
     )
     reads, spans = dict[Place, list[FlagRead]](), dict[str, Span]()
-    for piece in run.groups("samples", COLUMNS, coded=True):
+    ports = sum(len(facts.ports) for facts in known.values())
+    for piece in gathered(run.groups("samples", COLUMNS, coded=True), ports):
         for place, rows, flags in splitter.split(piece):
             if place not in sampled:
                 facts = known.get(place[0])

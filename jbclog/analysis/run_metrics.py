@@ -22,12 +22,13 @@ import pyarrow.compute as pc
 from jbclog.analysis.joints.packed import column_of, dwells_of, kinds_of
 from jbclog.analysis.joints.parameters import JointOptions, options_of
 from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once
-from jbclog.analysis.joints.port_rows import CYCLES, Clock, Key, cycles_of, kind_of
+from jbclog.analysis.joints.port_rows import CYCLES, Clock, cycles_of, kind_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import Wire
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
+from jbclog.analysis.port_split import Key
 from jbclog.analysis.run_tables import RunTables, frame, stations_of
 from jbclog.analysis.stored_tables import (
     JOINTS_SCHEMA,

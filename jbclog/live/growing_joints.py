@@ -25,7 +25,8 @@ from jbclog.analysis.joints.evidence import (
 from jbclog.analysis.joints.growing import GrowingPort
 from jbclog.analysis.joints.parameters import options_of
 from jbclog.analysis.joints.port_reader import raw_series
-from jbclog.analysis.joints.port_rows import COLUMNS, Clock, by_port
+from jbclog.analysis.joints.port_rows import COLUMNS, Clock
+from jbclog.analysis.port_split import by_port
 from jbclog.analysis.verdict.clock_steps import steps_in
 from jbclog.analysis.verdict.evidence import not_read
 from jbclog.analysis.verdict.rules import has_tip

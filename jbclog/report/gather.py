@@ -13,7 +13,7 @@ from jbclog.analysis.figures.marks import happenings
 from jbclog.analysis.figures.style import NARROW, WIDE
 from jbclog.analysis.figures.trace import Grid
 from jbclog.analysis.joints.port_reader import at_once
-from jbclog.analysis.joints.port_rows import by_port
+from jbclog.analysis.port_split import by_port, gathered
 from jbclog.analysis.rejudge import is_cut_off, own_version
 from jbclog.analysis.run import Run
 from jbclog.analysis.verdict.clock_steps import Step, steps_of
@@ -114,9 +114,10 @@ def _by_port(
         for facts in stations
     }
     by_name = {facts.name: facts for facts in stations}
+    ports = sum(len(facts.ports) for facts in run.manifest.stations)
     every = [*dict.fromkeys(name for facts in stations for name in columns_of(facts))]
     read = run.groups("samples", ["station", "port", "late_us", *every], coded=True)
-    for number, group in enumerate(read, 1):
+    for number, group in enumerate(gathered(read, ports), 1):
         if not number % GROUPS_KEPT:
             pa.default_memory_pool().release_unused()
         for (name, port), rows in by_port(group):

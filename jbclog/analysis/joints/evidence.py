@@ -29,11 +29,12 @@ from jbclog.analysis.joints.port_reader import (
     floats,
     micros,
 )
-from jbclog.analysis.joints.port_rows import CYCLES, Key, cycles_of
+from jbclog.analysis.joints.port_rows import CYCLES, cycles_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import counter_span, feeds_counted
 from jbclog.analysis.joints.sweeps import Identified, PortSweeps
+from jbclog.analysis.port_split import Key
 from jbclog.analysis.verdict import Feeds, PortJoints, Recovery
 from jbclog.analysis.verdict.clock_steps import Step, steps_in
 from jbclog.analysis.verdict.idle import Floats

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Final, Protocol, TypeVar
+from typing import Final, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.analysis.coded_texts import is_one_of
-from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock, Key, by_port
+from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.values import Values
 from jbclog.analysis.joints.windows import Windows, joined, placed
+from jbclog.analysis.port_split import Key, by_port, gathered, sorted_by_port
 from jbclog.analysis.verdict.clock_steps import Step, nominal_period
 from jbclog.analysis.verdict.idle import Block, Flags, Floats
 from jbclog.analysis.verdict.rules import has_feeder, has_tip
@@ -194,12 +195,18 @@ class PortReader:
             dict.fromkeys(self._facts, 0),
         )
         kept: list[tuple[Key, Series]] | None = []
-        for group in self._groups(COLUMNS):
-            for key, table in self._split(group):
-                table = table if limits is None else table.slice(0, limits[key] - rows[key])
-                rows[key] += table.num_rows
-                piece = raw_series(self._facts[key], table, clocks[key], self._periods[key])
-                if table.num_rows:
+        for group in gathered(self._groups(COLUMNS), len(self._facts)):
+            found, places = sorted_by_port(group, self._facts)
+            columns = _Columns.of(found, has_feeder=any(map(has_feeder, self._facts.values())))
+            for key, place in places:
+                some = columns.rows(
+                    place
+                    if limits is None
+                    else slice(place.start, min(place.stop, place.start + limits[key] - rows[key]))
+                )
+                rows[key] += len(some.ticks)
+                piece = _series(self._facts[key], some, clocks[key], self._periods[key])
+                if len(some.ticks):
                     self._last_s[key] = float(piece.seconds[-1])
                 if kept is not None:
                     kept.append((key, piece))
@@ -213,6 +220,44 @@ class PortReader:
         return ((key, rows) for key, rows in by_port(group) if key in self._facts)
 
 
+class _Columns(NamedTuple):
+    """The columns of rows that are sorted by port; made for all ports at once, because each step
+    takes as long for few rows.
+    """
+
+    utc_us: Counts
+    ticks: Floats
+    temperature: Floats
+    power: Floats
+    setting: Floats
+    working: Flags
+    tool: Floats
+    port_error: Floats
+    known: Flags
+    feeding: Floats
+
+    @classmethod
+    def of(cls, rows: pa.Table, *, has_feeder: bool) -> _Columns:
+        names = ("tick", "temperature_c", "power_permille", "set_c", "tool", "port_error")
+        ticks, temperature, power, setting, tool, port_error = (floats(rows[one]) for one in names)
+        status, motor = rows["status"], rows["motor"]
+        return cls(
+            micros(rows),
+            ticks,
+            temperature,
+            power,
+            setting,
+            is_one_of(status, WORKING),
+            tool,
+            port_error,
+            _flags(pc.is_valid(status)),
+            floats(pc.equal(motor, PUSHING).cast(pa.int8())) if has_feeder else np.empty(0),
+        )
+
+    def rows(self, place: slice) -> _Columns:
+        return _Columns(*(column[place] for column in self))
+
+
 def raw_series(facts: StationFacts, rows: pa.Table, clock: Clock, period_s: float = 0.0) -> Series:
     """Return rows of a port as a series; whether its tool was in its place needs the rows on both
     sides (`windows.placed`).
@@ -220,25 +265,25 @@ def raw_series(facts: StationFacts, rows: pa.Table, clock: Clock, period_s: floa
     `period_s` is the period of a port without a grid; without it, the median distance of these
     rows.
     """
-    seconds, status = clock.seconds(floats(rows["tick"]), micros(rows)), rows["status"]
+    return _series(facts, _Columns.of(rows, has_feeder=has_feeder(facts)), clock, period_s)
+
+
+def _series(facts: StationFacts, rows: _Columns, clock: Clock, period_s: float) -> Series:
+    seconds = clock.seconds(rows.ticks, rows.utc_us)
     block = Block(
         seconds,
-        floats(rows["temperature_c"]),
-        floats(rows["power_permille"]),
-        floats(rows["set_c"]),
-        is_one_of(status, WORKING),
-        floats(rows["tool"]),
-        floats(rows["port_error"]) if has_tip(facts) else np.full(len(seconds), np.nan),
-    )
-    period = facts.period_s or period_s or nominal_period(seconds)
-    feeding = (
-        floats(pc.equal(rows["motor"], PUSHING).cast(pa.int8())) if has_feeder(facts) else None
+        rows.temperature,
+        rows.power,
+        rows.setting,
+        rows.working,
+        rows.tool,
+        rows.port_error if has_tip(facts) else np.full(len(seconds), np.nan),
     )
     return Series(
         block,
-        _flags(pc.is_valid(status)),
-        period,
-        feeding,
+        rows.known,
+        facts.period_s or period_s or nominal_period(seconds),
+        rows.feeding if has_feeder(facts) else None,
         facts.rated_power_w,
         on_grid=bool(facts.period_s),
     )

@@ -4,14 +4,11 @@ the kind of tool.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import pyarrow as pa
 
-from jbclog.analysis.coded_texts import coded
 from jbclog.analysis.joints.series import Cycles
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 from jbclog.analysis.verdict.idle import Floats
@@ -19,8 +16,6 @@ from jbclog.analysis.verdict.rules import has_tip
 from jbclog.analysis.verdict.samples import Counts
 from jbclog.core.rows import StationFacts
 
-Key = tuple[str, int]
-"""Station and port."""
 COLUMNS: Final = [
     *(
         "time",
@@ -39,30 +34,6 @@ WORKING: Final = ("working", "on")
 PUSHING: Final = "forward"
 CYCLES: Final = "dispensed_cycles"
 STATES_FAMILIES: Final = ("omega",)
-
-
-def by_port(rows: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
-    """Yield the rows of each port of each station in their order; without a copy where there is
-    only one.
-    """
-    if not rows.num_rows:
-        return
-    names, ports = coded(rows["station"]), rows["port"].to_numpy()
-    stations = names.indices.to_numpy()
-    if (stations == stations[0]).all() and (ports == ports[0]).all():
-        yield (names.dictionary[int(stations[0])].as_py(), int(ports[0])), rows
-        return
-    order = np.lexsort((ports, stations))
-    sorted_rows, stations, ports = rows.take(pa.array(order)), stations[order], ports[order]
-    edges = np.flatnonzero((np.diff(stations) != 0) | (np.diff(ports) != 0)) + 1
-    for first, stop in pairwise([0, *edges.tolist(), len(order)]):
-        yield (
-            (
-                names.dictionary[int(stations[first])].as_py(),
-                int(ports[first]),
-            ),
-            sorted_rows.slice(first, stop - first),
-        )
 
 
 class Clock:

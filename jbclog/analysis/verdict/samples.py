@@ -21,7 +21,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from jbclog.analysis.coded_texts import coded, is_one_of
+from jbclog.analysis.coded_texts import is_one_of
+from jbclog.analysis.port_split import gathered, sorted_by_port
 from jbclog.analysis.rule_versions import RULES
 from jbclog.analysis.verdict.clock_steps import (
     Step,
@@ -220,7 +221,10 @@ def measure(
         *COLUMNS,
         *sorted({name for names in signals.values() for name in names} - set(COLUMNS)),
     ]
-    for batch in _batches(folder, columns) if groups is None else _cut(groups("samples", columns)):
+    batches = _batches(folder, columns) if groups is None else _cut(groups("samples", columns))
+    if all(facts.period_s for facts in stations.values()):  # else each batch has a period
+        batches = gathered(batches, sum(len(facts.ports) for facts in stations.values()))
+    for batch in batches:
         for station, port, rows, read, marks in _ports(batch, stations, signals):
             if (station, port) not in measures:
                 measures[station, port] = _new(
@@ -283,37 +287,39 @@ def _steps(folder: Path, groups: Groups | None) -> list[Step]:
     ]
 
 
-def _cut(pieces: Iterable[pa.Table]) -> Iterator[pa.RecordBatch]:
-    return (batch for piece in pieces for batch in piece.to_batches(max_chunksize=BATCH_ROWS))
+def _cut(pieces: Iterable[pa.Table]) -> Iterator[pa.Table]:
+    return (
+        pa.Table.from_batches([batch])
+        for piece in pieces
+        for batch in piece.to_batches(max_chunksize=BATCH_ROWS)
+    )
 
 
-def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:
+def _batches(folder: Path, columns: list[str]) -> Iterator[pa.Table]:
     for part in sorted((folder / "samples").glob("part-*.parquet")):
         with open_table(part, ["station", "quality", "status"]) as table:
-            yield from table.batches(BATCH_ROWS, columns)
+            for batch in table.batches(BATCH_ROWS, columns):
+                yield pa.Table.from_batches([batch])
 
 
 def _ports(
-    batch: pa.RecordBatch, stations: dict[str, StationFacts], signals: dict[str, list[str]]
+    batch: pa.Table, stations: dict[str, StationFacts], signals: dict[str, list[str]]
 ) -> Iterator[tuple[str, int, Block, Counts, Marks]]:
-    """Yield the rows of each known station and port in a batch, with each row's judged readings."""
-    names = coded(batch.column("station"))
-    ports = batch.column("port").to_numpy(zero_copy_only=False).astype(np.int64)
-    keys = names.indices.to_numpy(zero_copy_only=False).astype(np.int64) * 16 + ports
-    order = np.argsort(keys, kind="stable")
-    columns = _columns(batch)
-    for rows in np.split(order, np.flatnonzero(np.diff(keys[order])) + 1):
-        if not len(rows):
-            continue
-        station = names.dictionary[int(keys[rows[0]]) // 16].as_py()
-        if station in stations:
+    """Yield the rows of each known station and port in a batch, with the number of judged readings
+    in each row.
+    """
+    found, places = sorted_by_port(batch)
+    columns = _columns(found) if places else None
+    valid = {name: _valid(found, name) for names in signals.values() for name in names}
+    for (station, port), rows in places:
+        if columns is not None and station in stations:
             read = sum(
-                (_valid(batch, name)[rows] for name in signals[station]),
-                np.zeros(len(rows), dtype=np.int64),
+                (valid[name][rows] for name in signals[station]),
+                np.zeros(rows.stop - rows.start, dtype=np.int64),
             )
             has_tip = stations[station].family not in WITHOUT_TIP
             block = columns.block(rows, stations[station].period_s, has_tip=has_tip)
-            yield station, int(ports[rows[0]]), block, read, columns.marks(rows, has_tip=has_tip)
+            yield station, port, block, read, columns.marks(rows, has_tip=has_tip)
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,26 +345,25 @@ class _Columns:
     status: Flags
     cooling: Flags  # for a tip: in its extractor
 
-    def marks(self, rows: NDArray[np.int64], *, has_tip: bool) -> Marks:
+    def marks(self, rows: slice, *, has_tip: bool) -> Marks:
         in_extractor = self.cooling[rows] & has_tip  # hot air that cools has another status
         return Marks(self.skipped[rows], self.status[rows], self.working[rows] & ~in_extractor)
 
-    def block(self, rows: NDArray[np.int64], period_s: float | None, *, has_tip: bool) -> Block:
+    def block(self, rows: slice, period_s: float | None, *, has_tip: bool) -> Block:
         seconds = self.tick[rows] * period_s if period_s else self.utc_s[rows]
         read = (self.temperature[rows], self.power[rows], self.setting[rows], self.working[rows])
         return Block(
             seconds,
             *read,
             self.tool[rows],
-            self.port_error[rows] if has_tip else np.full(len(rows), np.nan),
+            self.port_error[rows] if has_tip else np.full(len(seconds), np.nan),
         )
 
 
-def _columns(batch: pa.RecordBatch) -> _Columns:
+def _columns(batch: pa.Table) -> _Columns:
     status = batch.column("status")
     return _Columns(
-        batch.column("time").cast(pa.int64()).to_numpy(zero_copy_only=False).astype(np.float64)
-        / 1e6,
+        batch.column("time").cast(pa.int64()).to_numpy().astype(np.float64) / 1e6,
         _floats(batch, "tick"),
         _floats(batch, "temperature_c"),
         _floats(batch, "power_permille"),
@@ -367,18 +372,16 @@ def _columns(batch: pa.RecordBatch) -> _Columns:
         _floats(batch, "tool"),
         _floats(batch, "port_error"),
         is_one_of(batch.column("quality"), (SKIPPED,)),
-        pc.is_valid(status).to_numpy(zero_copy_only=False),
-        pc.fill_null(batch.column("cooling"), False).to_numpy(zero_copy_only=False),
+        pc.is_valid(status).to_numpy(),
+        pc.fill_null(batch.column("cooling"), False).to_numpy(),
     )
 
 
-def _valid(batch: pa.RecordBatch, name: str) -> Counts:
+def _valid(batch: pa.Table, name: str) -> Counts:
     """Return 1 for each row with a value in this column, 0 for a null."""
-    return np.asarray(
-        pc.is_valid(batch.column(name)).to_numpy(zero_copy_only=False), dtype=np.int64
-    )
+    return np.asarray(pc.is_valid(batch.column(name)).to_numpy(), dtype=np.int64)
 
 
-def _floats(batch: pa.RecordBatch, name: str) -> Floats:
+def _floats(batch: pa.Table, name: str) -> Floats:
     """Return a column as floats, NaN for a null."""
-    return np.asarray(batch.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False))
+    return np.asarray(batch.column(name).cast(pa.float64()).to_numpy())
