@@ -8,10 +8,9 @@ feeder is measured as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, astuple, replace
 from itertools import groupby
-from math import inf
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.analysis.joints.packed import column_of, dwells_of, kinds_of
+from jbclog.analysis.joints.packed import column_of, floats_of, kinds_of
 from jbclog.analysis.joints.parameters import JointOptions, options_of
 from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once
 from jbclog.analysis.joints.port_rows import CYCLES, Clock, cycles_of, kind_of
@@ -45,10 +44,13 @@ from jbclog.core.errors import RecordError
 from jbclog.core.rows import StationFacts
 from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import manifest_sha256
+from jbclog.record.schema import FLOAT
 
 AS_THEY_ARE: Final = ("fed", "why", "recovered")
 FIELDS: Final = {"peak_permille": "peak", "heat_permille_s": "heat", "energy_permille_s": "energy"}
 """Column of the table -> field of a joint or its draw, where they differ; floats are rounded."""
+DECIMALS: Final = 3
+UNSURE: Final = 1e-3
 # status words of W-PS (manuals 000, 001, 002)
 ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}
 
@@ -65,7 +67,7 @@ class MeasuredPort(NamedTuple):
         """Return a row for each joint."""
         return pa.table(
             [
-                pa.array(column, field.type)
+                column if isinstance(column, pa.Array) else pa.array(column, field.type)
                 for field, column in zip(JOINTS_SCHEMA, _columns(self), strict=True)
             ],
             schema=JOINTS_SCHEMA,
@@ -247,7 +249,7 @@ def clock_steps(run: RunTables) -> list[Step]:
 
 def _edges(joints: Sequence[Joint]) -> Floats:
     """Return start and end of each joint in s, one after the other."""
-    edges = [column_of(joints, name) for name in ("start_s", "end_s")]
+    edges = [floats_of(joints, name) for name in ("start_s", "end_s")]
     return np.array(edges, dtype=np.float64).ravel(order="F")
 
 
@@ -316,24 +318,33 @@ def _concatenated(joints: Sequence[pa.Table]) -> pa.Table:
     return pa.concat_tables([JOINTS_SCHEMA.empty_table(), *joints]).combine_chunks()
 
 
-def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts]:
+def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts | pa.Array]:
     """Yield the columns of a port's joints one after the other, as they are in the table."""
     joints, rated_w = one.measured.joints, one.facts.rated_power_w
-    others: dict[str, Callable[[], Sequence[object] | Counts]] = {
+
+    def floats(name: str, decimals: int = DECIMALS) -> pa.Array:
+        return _rounded(floats_of(joints, name), decimals)
+
+    def dwells() -> pa.Array:
+        seconds = floats_of(joints, "dwell_s")
+        return _rounded(np.where(np.isnan(floats_of(joints, "heat")), np.nan, seconds))
+
+    def joules() -> pa.Array:
+        watts = np.nan if rated_w is None else rated_w
+        return _rounded(floats_of(joints, "energy") * watts / 1000)
+
+    others: dict[str, Callable[[], Sequence[object] | Counts | pa.Array]] = {
         "station": lambda: [one.facts.name] * len(joints),
         "port": lambda: [one.port] * len(joints),
         "joint": lambda: range(1, len(joints) + 1),
         "start": lambda: one.edges_us[::2],
         "end": lambda: one.edges_us[1::2],
-        "start_s": lambda: [round(moment, 6) for moment in column_of(joints, "start_s")],
-        "end_s": lambda: [round(moment, 6) for moment in column_of(joints, "end_s")],
+        "start_s": lambda: floats("start_s", 6),
+        "end_s": lambda: floats("end_s", 6),
         "touches": lambda: column_of(joints, "contacts"),
-        "dwell_s": lambda: _rounded(dwells_of(joints)),
-        "energy_j": lambda: _rounded(
-            None if energy is None or rated_w is None else energy * rated_w / 1000
-            for energy in column_of(joints, "energy")
-        ),
-        "confidence": lambda: column_of(joints, "confidence"),
+        "dwell_s": dwells,
+        "energy_j": joules,
+        "confidence": lambda: _known(floats_of(joints, "confidence")),
         "kind": lambda: kinds_of(joints),
     }
     for name in JOINTS_SCHEMA.names:
@@ -342,9 +353,27 @@ def _columns(one: MeasuredPort) -> Iterator[Sequence[object] | Counts]:
         elif name in AS_THEY_ARE:
             yield column_of(joints, name)
         else:
-            yield _rounded(column_of(joints, FIELDS.get(name, name)))
+            yield floats(FIELDS.get(name, name))
 
 
-def _rounded(values: Iterable[float | None]) -> list[float | None]:
-    """Return the values to three decimals, finer than any station resolves; None: not known."""
-    return [None if value is None or abs(value) == inf else round(value, 3) for value in values]
+def _rounded(values: Floats, decimals: int = DECIMALS) -> pa.Array:
+    """Return the values to three decimals, finer than any resolution of a station; null where one
+    is not known.
+    """
+    return _known(rounded(np.where(np.isinf(values), np.nan, values), decimals))
+
+
+def _known(values: Floats) -> pa.Array:
+    return pa.array(values, FLOAT, mask=np.isnan(values))
+
+
+def rounded(values: Floats, decimals: int) -> Floats:
+    """Return the values as `round` rounds each: to the decimal number that is nearest to the exact
+    value.
+    """
+    scaled = values * 10**decimals
+    found = np.rint(scaled) / 10**decimals
+    # the product may be on the other side of a half, by less than this where it is below 10^12
+    unsure = (np.abs(np.abs(scaled - np.rint(scaled)) - 0.5) < UNSURE) | (np.abs(scaled) > 1e12)
+    found[unsure] = [round(value, decimals) for value in values[unsure].tolist()]
+    return found

@@ -8,7 +8,7 @@ import json
 import math
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
@@ -159,20 +159,3 @@ def csv_text(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> st
     writer.writerow([csv_cell(column) for column in columns])
     writer.writerows([csv_cell(row.get(column)) for column in columns] for row in rows)
     return BOM + out.getvalue()
-
-
-def csv_bytes(
-    columns: Sequence[str], pieces: Iterable[Mapping[str, Sequence[object]]]
-) -> Iterator[bytes]:
-    """Yield the same, encoded, of a long table in pieces, each the columns of some rows."""
-    yield csv_text(columns, ()).encode()
-    for piece in pieces:
-        out = io.StringIO()
-        csv.writer(out).writerows(zip(*(_cells(piece[name]) for name in columns), strict=True))
-        yield out.getvalue().encode()
-
-
-def _cells(column: Sequence[object]) -> Sequence[object]:
-    """Return the cells of a column; each distinct text is looked at once."""
-    texts = {one: csv_cell(one) for one in {one for one in column if isinstance(one, str)}}
-    return [texts[one] if isinstance(one, str) else one for one in column] if texts else column

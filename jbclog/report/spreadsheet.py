@@ -7,10 +7,9 @@ formula has an apostrophe before it; numbers stay numbers (`jbclog.core.text`).
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from io import BytesIO
 from typing import Final
 
-from jbclog.core.text import csv_bytes, csv_text
+from jbclog.core.text import csv_text
 from jbclog.report.alarms import COLUMNS as ALARMS
 from jbclog.report.joints import COLUMNS as JOINTS
 from jbclog.report.joints import Joints
@@ -101,19 +100,12 @@ def csv_tables(document: Mapping[str, object], joints: Joints) -> dict[str, byte
     ]
     return {
         name: (
-            _together(csv_bytes(columns, joints.columns()))
+            joints.csv()
             if name == "joints"
             else csv_text([*columns, *(reasons if name == "ledger" else [])], rows[name]).encode()
         )
         for name, columns in TABLES.items()
     }
-
-
-def _together(pieces: Iterable[bytes]) -> bytes:
-    """Join bytes without having them twice."""
-    out = BytesIO()
-    out.writelines(pieces)
-    return out.getvalue()
 
 
 def _rule(row: RowView) -> RowView:

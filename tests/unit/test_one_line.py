@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 from jbclog.cli import output
 from jbclog.cli.app import NO_FILES as NO_FILES_TEXT
 from jbclog.cli.app import app
-from jbclog.core.text import clean, csv_bytes, csv_text, json_line
+from jbclog.core.text import clean, csv_text, json_line
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.report.write import write_report
@@ -71,17 +71,6 @@ def test_a_cell_of_csv_is_one_line(text: str) -> None:
     written = csv_text(["a", "b"], [{"a": text, "b": 1}]).removeprefix("\ufeff")
     assert len(written.splitlines()) == 2
     assert [row[1] for row in csv.reader(io.StringIO(written, newline=""))] == ["b", "1"]
-
-
-@given(st.lists(st.tuples(st.one_of(HOSTILE, st.none()), st.floats()), max_size=9))
-def test_a_table_in_pieces_is_the_same_table(rows: list[tuple[str | None, float]]) -> None:
-    pieces = [
-        {"b": [number for _, number in some], "a": [text for text, _ in some]}
-        for some in (rows[:3], rows[3:])
-        if some
-    ]
-    expected = csv_text(["a", "b"], [{"a": text, "b": number} for text, number in rows])
-    assert b"".join(csv_bytes(["a", "b"], pieces)) == expected.encode()
 
 
 @pytest.fixture(scope="module")

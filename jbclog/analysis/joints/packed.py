@@ -10,8 +10,11 @@ from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final, NamedTuple, TypeVar, get_args, get_type_hints, overload
 
+import numpy as np
+
 from jbclog.analysis.joints.draws import kind_of_draw
 from jbclog.analysis.joints.recovery import Joint
+from jbclog.analysis.verdict.idle import Floats
 
 R = TypeVar("R", bound=NamedTuple)
 ROWS_AT_ONCE: Final = 1024
@@ -25,7 +28,11 @@ class _Floats:
         self.values = array("d")
 
     def extend(self, values: Iterable[Any]) -> None:
-        self.values.extend(NAN if value is None else value for value in values)
+        some = [*values]
+        try:
+            self.values.extend(array("d", some))
+        except TypeError:  # None among them
+            self.values.extend(NAN if value is None else value for value in some)
 
     def some(self, rows: slice) -> list[Any]:
         return [value if value == value else None for value in self.values[rows]]  # NaN
@@ -40,7 +47,11 @@ class _Codes:
         self._values: list[Any] = []
 
     def extend(self, values: Iterable[Any]) -> None:
-        self._codes.extend(map(self._code, values))
+        some = [*values]
+        if some and some.count(some[0]) == len(some):  # the usual case
+            self._codes.extend(array("i", [self._code(some[0])]) * len(some))
+        else:
+            self._codes.extend(map(self._code, some))
 
     def some(self, rows: slice) -> list[Any]:
         return [self._values[code] for code in self._codes[rows]]
@@ -81,6 +92,13 @@ class Packed(Sequence[R]):
         (inner,) = (one for one in self._columns.values() if isinstance(one, Packed))
         return inner.column(name)
 
+    def floats(self, name: str) -> Floats:
+        """Return such a field of floats, NaN for None."""
+        if name in self._columns:
+            return np.array(self._columns[name].values)
+        (inner,) = (one for one in self._columns.values() if isinstance(one, Packed))
+        return inner.floats(name)
+
     def place(self, name: str, least: float) -> int:
         """Return the place of the first row whose number in this field is at least that; they
         ascend.
@@ -120,6 +138,13 @@ def column_of(joints: Sequence[Joint], name: str) -> list[Any]:
     if name in Joint._fields:
         return [getattr(joint, name) for joint in joints]
     return [getattr(joint.draw, name) for joint in joints]
+
+
+def floats_of(joints: Sequence[Joint], name: str) -> Floats:
+    """Return a field of each joint, or of its draw, that has floats; NaN for None."""
+    if isinstance(joints, Packed):
+        return joints.floats(name)
+    return np.array(column_of(joints, name), dtype=np.float64)
 
 
 def kinds_of(joints: Sequence[Joint]) -> list[str]:

@@ -19,7 +19,7 @@ because counts and pushes far apart explain each other.
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
@@ -323,7 +323,8 @@ class PortSweeps:
         """Measure the joints that begin in this window; return since when it must be seen again."""
         own = _between(self._joint_draws, view.begin_s, view.end_s)
         again_s = _seen_again_from(view, own, MOST_RECOVERY_S + self._period_s)
-        own = _between(self._joint_draws, view.begin_s, min(view.end_s, _or_never(again_s)))
+        if again_s is not None:
+            own = own[: bisect_left(own, again_s, key=lambda draw: draw.start_s)]
         near = _between(self._draws, view.begin_s, view.last_s)
         within_c = self._settings.recovered_within_c
         self._joints.extend(joints_of(view.series, own, near, self._resting_levels, within_c))
