@@ -204,7 +204,11 @@ def _extended(values: Floats, rows: int) -> Floats:
     """
     if len(values) < 2:
         return np.pad(values, rows, mode="edge")
-    return np.pad(values, rows, mode="reflect", reflect_type="odd")
+    if len(values) <= rows or not rows:
+        return np.pad(values, rows, mode="reflect", reflect_type="odd")
+    # the same, without what `np.pad` takes to begin: a tip is identified in thousands of pieces
+    before, behind = values[rows:0:-1], values[-2 : -rows - 2 : -1]
+    return np.concatenate([2 * values[0] - before, values, 2 * values[-1] - behind])
 
 
 def rate(flow: Floats, period_s: float) -> Floats:

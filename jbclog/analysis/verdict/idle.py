@@ -37,8 +37,8 @@ one; runs that these judged are compared by them again.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, field
-from itertools import pairwise
 from math import sqrt
 
 import numpy as np
@@ -108,14 +108,20 @@ class Block:
 
 def by_block(seconds: Floats) -> list[tuple[int, Flags | slice]]:
     """Return the blocks of `BLOCK_S` that have any of these moments, and the rows of each."""
-    numbers = np.floor_divide(seconds + 1e-6, BLOCK_S).astype(np.int64)
-    steps = np.diff(numbers)
-    if (steps < 0).any():  # a clock that was set back
+    if (np.diff(seconds) < 0).any():  # a clock that was set back
+        numbers = np.floor_divide(seconds + 1e-6, BLOCK_S).astype(np.int64)
         return [(number, numbers == number) for number in np.unique(numbers).tolist()]
-    edges = [0, *(np.flatnonzero(steps) + 1).tolist(), len(numbers)]
-    return [
-        (int(numbers[first]), slice(first, stop)) for first, stop in pairwise(edges) if stop > first
-    ]
+    found, first = list[tuple[int, Flags | slice]](), 0
+    while first < len(seconds):
+        number = _block_of(seconds[first])
+        stop = bisect_right(seconds, number, lo=first, key=_block_of)
+        found.append((number, slice(first, stop)))
+        first = stop
+    return found
+
+
+def _block_of(second: np.float64) -> int:
+    return int(np.floor_divide(second + 1e-6, BLOCK_S))
 
 
 @dataclass(slots=True)
@@ -280,7 +286,9 @@ def _rests(seconds: Floats, drawing: Flags, calm: Flags, starts: Flags) -> _Rest
 
 def _recovered_s(rests: _Rests, errors: Floats, rows: Flags, period_s: float) -> Floats:
     """Return the age in s from which each rest counts; infinity where recovery shows no end."""
-    after = int(rests.is_after[np.unique(rests.number[rows])].sum())
+    seen = np.zeros(len(rests.is_after), dtype=np.bool_)
+    seen[rests.number[rows]] = True
+    after = int((rests.is_after & seen).sum())
     if after < FEW:
         needed = np.where(rests.is_after, AGES_S[-1], 0.0)
         for age in AGES_S[::-1]:
@@ -335,12 +343,16 @@ def in_place(tool: Floats, port_error: Floats) -> Flags:
     hot air has other codes, none of which is considered). If there is a reading on one side only,
     that one decides; without any reading the row counts.
     """
-    if _is_never_changed(tool) and np.isin(port_error[~np.isnan(port_error)], WORKS).all():
+    if _is_never_changed(tool) and _works(port_error[~np.isnan(port_error)]).all():
         return np.ones(len(tool), dtype=np.bool_)  # the usual case, ten times as fast
     before, after = _neighbours(tool)
     is_same = np.isnan(before) | np.isnan(after) | (before == after)
-    works = _is_good(tool, tool > 0) & _is_good(port_error, np.isin(port_error, WORKS))
+    works = _is_good(tool, tool > 0) & _is_good(port_error, _works(port_error))
     return np.asarray(is_same & works, dtype=np.bool_)
+
+
+def _works(port_error: Floats) -> Flags:
+    return np.logical_or.reduce([port_error == code for code in WORKS])  # `isin` sorts
 
 
 def _is_never_changed(tool: Floats) -> bool:
