@@ -210,11 +210,6 @@ def _blocks(path: Path) -> Iterator[Block | Gap]:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
 
 
-def read_rows(path: Path) -> Iterator[CaptureRow]:
-    """Yield the intact rows; `holes` lists what is missing between them."""
-    return (row for row in rows_and_holes(path) if not isinstance(row, Hole))
-
-
 def read_to_hole(path: Path, first: int = 0) -> Iterator[CaptureRow]:
     """Yield the rows from number `first` to the first hole: no session is replayed beyond it."""
     return islice(_to_hole(path), first, None)

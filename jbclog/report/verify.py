@@ -49,14 +49,6 @@ class Verified:
         return None if self.not_compared else True
 
 
-def verify_report(folder: Path | str) -> list[str]:
-    """Return what `verified` finds to differ or cannot compare, a sentence each; empty: all is
-    compared and agrees.
-    """
-    found = verified(folder)
-    return [*found.differing, *found.not_compared]
-
-
 def verified(folder: Path | str) -> Verified:
     """Make the report and the verdict again and compare them; recipes, line file and annotations
     with manifest and chain.

@@ -17,9 +17,10 @@ from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.goal import Goal
 from jbclog.core.rows import EventRow
-from jbclog.record.capture import read_rows, wire_paths
+from jbclog.record.capture import wire_paths
 from jbclog.record.seal_child import SEAL_S
 from jbclog.session.run.context import SessionContext
+from support.readers.run_files import read_rows
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,6 @@ from jbclog.record.capture import (
     mend,
     read_exchanges,
     read_head,
-    read_rows,
     read_to_hole,
     rows_and_holes,
     wire_path,
@@ -52,6 +51,7 @@ from support.faults.altered_files import (
     sectors_zeroed,
 )
 from support.links.small_wire import BLOCKS, HEAD, ROWS, answer, write_wire
+from support.readers.run_files import read_rows
 from support.virtual.captured_run import recorded, relived
 from support.virtual.virtual_run import line_text
 

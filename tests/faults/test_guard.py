@@ -48,6 +48,7 @@ from support.faults.guarded import (
 )
 from support.virtual.served_line import EXTRACTING, FOUR_TOOLS, ServedLine
 
+pytestmark = pytest.mark.usefixtures("own_state")
 BLOWS = 200
 BUSY_S = 60.0
 # after the first question: settings are being written, tools put to work, the first samples taken
@@ -65,12 +66,6 @@ def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
     """
     with ServedLine(tmp_path_factory.mktemp("line")) as served:
         yield served
-
-
-@pytest.fixture(autouse=True)
-def _own_state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What one test left open is no other's."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
 
 
 def recovered(folder: Path) -> Manifest:

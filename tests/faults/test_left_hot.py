@@ -39,13 +39,8 @@ from support.faults.guarded import (
 from support.faults.small_disk import small_disk
 from support.virtual.served_line import ServedLine
 
+pytestmark = pytest.mark.usefixtures("own_state")
 HOT_C = 300
-
-
-@pytest.fixture(autouse=True)
-def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What one test left open is no other's."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
 @pytest.fixture

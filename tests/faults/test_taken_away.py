@@ -21,6 +21,7 @@ from support.command import until
 from support.faults.guarded import TOOLS, begun, ended, guard_of, guard_that_is_there, only_run
 from support.virtual.served_line import ServedLine
 
+pytestmark = pytest.mark.usefixtures("own_state")
 AT_WORK_S = 2.0
 
 
@@ -28,11 +29,6 @@ AT_WORK_S = 2.0
 def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
     with ServedLine(tmp_path_factory.mktemp("line")) as served:
         yield served
-
-
-@pytest.fixture(autouse=True)
-def _own_state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
 
 
 def take(run: subprocess.Popen[str], what: int, most: int) -> None:

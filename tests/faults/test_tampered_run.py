@@ -42,8 +42,9 @@ from jbclog.record.manifest import (
     write_manifest,
 )
 from jbclog.record.parts import part_paths
-from jbclog.report.verify import verified, verify_report
+from jbclog.report.verify import verified
 from jbclog.report.write import write_report
+from support.readers.run_files import verify_report
 from support.records.small_run import make_run
 
 STRIDE = 2999

@@ -10,7 +10,8 @@ import pytest
 
 from jbclog.config.line import load_line
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.record.capture import is_done, mend, read_rows, wire_paths
+from jbclog.record.capture import is_done, mend, wire_paths
+from support.readers.run_files import read_rows
 from support.records.demonstration import RUNS, TABLES, profiles, tables_of
 from support.virtual.captured_run import relived
 

@@ -11,8 +11,9 @@ import pytest
 
 from jbclog.core.rows import COLUMN
 from jbclog.protocol.client import timing
-from jbclog.record.capture import read_rows, wire_path
+from jbclog.record.capture import wire_path
 from jbclog.session.run.context import StationTask
+from support.readers.run_files import read_rows
 from support.virtual.captured_run import RECIPE_FILE, recorded, relived
 from support.virtual.virtual_run import RECIPE, Memory, line_text
 

@@ -19,11 +19,12 @@ from typer.testing import CliRunner
 
 from jbclog.analysis.run import Run, open_run
 from jbclog.cli.app import app
-from jbclog.record.capture import read_rows, wire_path
+from jbclog.record.capture import wire_path
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.sim.process import SimProcess
 from support.command import RECIPE, is_sampling, jbclog, started, until
+from support.readers.run_files import read_rows
 
 LINE = """
 [line]

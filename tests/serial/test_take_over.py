@@ -31,6 +31,8 @@ from jbclog.transport.opening import open_port
 from support.command import until
 from support.virtual.served_line import ServedLine
 
+pytestmark = pytest.mark.usefixtures("own_state")
+
 BUSY_S = 0.7
 
 
@@ -38,12 +40,6 @@ BUSY_S = 0.7
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
     with ServedLine(tmp_path_factory.mktemp("line")) as line:
         yield line
-
-
-@pytest.fixture(autouse=True)
-def _own_state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What one test left open is no other's."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
 
 
 @pytest.fixture
@@ -269,7 +265,6 @@ import os, signal, subprocess, sys, time
 from pathlib import Path
 from jbclog.guard.lease import StationLease
 from jbclog.guard.supervisor import GuardSupervisor
-
 guards = GuardSupervisor(Path(sys.argv[1]), lambda *_: None)
 guards.lease(StationLease.from_json(sys.stdin.readline()))
 started = subprocess.Popen.__init__

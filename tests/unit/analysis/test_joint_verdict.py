@@ -23,8 +23,8 @@ from jbclog.analysis.verdict import Feeds
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
 from jbclog.report import write
-from jbclog.report.verify import verify_report
 from jbclog.report.write import write_report
+from support.readers.run_files import verify_report
 from support.records import made_series
 from support.records.made_series import joints_at
 from support.virtual.recorded_run import run_in

@@ -25,7 +25,6 @@ from jbclog.record.capture import (
     is_done,
     mend,
     read_head,
-    read_rows,
     read_to_hole,
     wire_path,
     wire_paths,
@@ -35,6 +34,7 @@ from jbclog.record.capture_recorder import WireRecorder
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.recover import recover
+from support.readers.run_files import read_rows
 from support.records.few_rows import abandoned
 from support.records.small_run import make_run
 

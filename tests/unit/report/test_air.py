@@ -22,9 +22,9 @@ from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.ledger import ledger_of
 from jbclog.report.agreement import compare_report
-from jbclog.report.verify import verify_report
 from jbclog.report.write import write_report
 from support.readers.drawn import artists, corners, panel, texts
+from support.readers.run_files import verify_report
 from support.records.sealed_run import RECIPE, lose, micros, samples, seal, station, table
 
 HEAD = [

@@ -23,9 +23,9 @@ from jbclog.record.manifest import Metadata, read_manifest, write_manifest
 from jbclog.report.joint_chart import draw_chart, recovery_chart
 from jbclog.report.repeated_events import merge_repeated
 from jbclog.report.safety import short, verification_facts
-from jbclog.report.verify import verify_report
 from jbclog.report.write import write_report
 from support.readers.drawn import boxes, parts, texts
+from support.readers.run_files import verify_report
 from support.records.sealed_run import alarm, limit, lose, micros, samples, seal, station, table
 
 LIMITS = [limit("high", "380"), limit("low", "300")]

@@ -26,9 +26,9 @@ from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, writ
 from jbclog.report.agreement import compare_report
 from jbclog.report.page import SCRIPTS
 from jbclog.report.verdict import without_urls
-from jbclog.report.verify import verify_report
 from jbclog.report.write import write_report
 from support import once
+from support.readers.run_files import verify_report
 from support.records.sealed_run import (
     RECIPE,
     alarm,
