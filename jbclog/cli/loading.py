@@ -29,6 +29,6 @@ def report_writer() -> Callable[[Path], Path]:
     with without_collector():
         from matplotlib.artist import Artist
 
-        Artist._update_set_signature_and_docstring = classmethod(lambda _: None)
+        Artist._update_set_signature_and_docstring = classmethod(lambda _: None)  # type: ignore[attr-defined]  # private
         from jbclog.report.write import write_report
     return write_report
