@@ -166,9 +166,12 @@ class Station(Dialogue):
 
     def completed(self, question: PreparedRead, heard: IoResult) -> Value | None:
         assert isinstance(question, Question)
+        data = self._reader.held + heard.data
         if self.flow.came(heard.now, len(heard.data)) or self.flow.found is not None:
             return None
-        answer = self._answer(question, self._reader.held + heard.data, heard.now)
+        if len(data) < question.answer_length:
+            return None
+        answer = self._answer(question, data, heard.now)
         if answer is not None:
             self._reader.held = b""
         return answer

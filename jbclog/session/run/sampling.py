@@ -353,7 +353,9 @@ class Sampler:
                         request = rest
                         heard = result = yield request
                         value = station.completed(probe.question, result)
-                        standstill.note(request, result)
+                        if result.late_s or result.now > rest.until:
+                            standstill.note(request, result)
+                        standstill.due = result.now
                     is_doubtful = (
                         value is None
                         or probe.expect is not None
