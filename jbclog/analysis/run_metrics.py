@@ -372,7 +372,7 @@ def rounded(values: Floats, decimals: int) -> Floats:
     value.
     """
     scaled = values * 10**decimals
-    found = np.rint(scaled) / 10**decimals
+    found: Floats = np.rint(scaled) / 10**decimals
     # the product may be on the other side of a half, by less than this where it is below 10^12
     unsure = (np.abs(np.abs(scaled - np.rint(scaled)) - 0.5) < UNSURE) | (np.abs(scaled) > 1e12)
     found[unsure] = [round(value, decimals) for value in values[unsure].tolist()]

@@ -9,7 +9,7 @@ and hold thinned curves only.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -302,7 +302,7 @@ def _far(trace: Trace, away: Readings) -> list[Span]:
     """Return where the tip was outside the strip for long, each with its temperatures as text."""
     words = coded(np.where(np.abs(away) > REACH_C, 0, -1).astype(np.int8), ["far"])
     spans = [span for span in runs(trace.seconds, words, trace.period_s) if span.seconds >= FAR_S]
-    return [replace(span, word=_celsius(trace, span)) for span in spans]
+    return [span._replace(word=_celsius(trace, span)) for span in spans]
 
 
 def _celsius(trace: Trace, span: Span) -> str:

@@ -7,9 +7,9 @@ divided into stretches of equal time; the curve keeps the minimum, the maximum a
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, Final, cast
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 import pandas as pd
@@ -146,8 +146,7 @@ def lone(curve: Envelope) -> Envelope:
     return Envelope(curve.seconds[alone], curve.low[alone], curve.high[alone], curve.mean[alone])
 
 
-@dataclass(frozen=True, slots=True)
-class Span:
+class Span(NamedTuple):  # a week has a hundred thousand
     """A time from `start` to `end` in seconds of the run, with the word for its state."""
 
     start: float
@@ -208,7 +207,7 @@ def merged(spans: Iterable[Span], nearer_than_s: float) -> list[Span]:
             firsts.append(span)
             ends.append(span.end)
     return [
-        one if end == one.end else replace(one, end=end)
+        one if end == one.end else one._replace(end=end)
         for one, end in zip(firsts, ends, strict=True)
     ]
 
@@ -216,11 +215,11 @@ def merged(spans: Iterable[Span], nearer_than_s: float) -> list[Span]:
 def widened(span: Span, least_s: float) -> Span:
     """Return the span, at least wide enough to be visible."""
     lacking = max(0.0, least_s - span.seconds) / 2
-    return replace(span, start=span.start - lacking, end=span.end + lacking)
+    return span._replace(start=span.start - lacking, end=span.end + lacking)
 
 
 def within(spans: Iterable[Span], start: float, end: float) -> list[Span]:
     """Return the parts of spans between `start` and `end`."""
     some = (span for span in spans if span.end > start and span.start < end)
-    cut = [replace(span, start=max(span.start, start), end=min(span.end, end)) for span in some]
+    cut = [span._replace(start=max(span.start, start), end=min(span.end, end)) for span in some]
     return [span for span in cut if span.seconds > 0]

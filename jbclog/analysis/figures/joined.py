@@ -103,5 +103,5 @@ def _add_spans(found: list[Span], spans: Sequence[Span], piece: Trace, before_s:
         and first_s - before_s <= JOINED_PERIODS * period_s
     )
     if continues:
-        found[-1] = replace(found[-1], end=spans[0].end)
+        found[-1] = found[-1]._replace(end=spans[0].end)
     found += spans[1:] if continues else spans

@@ -18,11 +18,12 @@ import numpy as np
 
 from jbclog.analysis.joints.contacts import Flow
 from jbclog.analysis.joints.draws import Draw
-from jbclog.analysis.verdict.idle import Flags
+from jbclog.analysis.verdict.idle import Flags, Floats
 
 CALM_S, CALM_K = 2.0, 2.0
 LEAST_S: Final = 1.0
 DECIMALS: Final = 3
+MOST_STEPS: Final = 10**6  # of a temperature: 1000 °C
 
 
 class Levels:
@@ -38,9 +39,8 @@ class Levels:
         stretch = part.stretch
         rest = rest & ~np.isnan(stretch.setting)
         for setpoint in np.unique(stretch.setting[rest]).tolist():
-            here = stretch.temperature[rest & (stretch.setting == setpoint)].round(DECIMALS)
-            values, counts = np.unique(here, return_counts=True)
-            self._counts[setpoint].update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
+            here = stretch.temperature[rest & (stretch.setting == setpoint)]
+            self._counts[setpoint].update(_counted(here))
 
     def levels(self, period_s: float) -> dict[float, float]:
         """Return the level in °C for each setpoint at which the tip was at rest."""
@@ -49,6 +49,19 @@ class Levels:
             for setpoint, some in sorted(self._counts.items())
             if some.total() * period_s >= LEAST_S
         }
+
+
+def _counted(temperatures: Floats) -> dict[float, int]:
+    """Return how often each temperature occurs, rounded."""
+    steps = np.rint(temperatures * 10**DECIMALS)
+    if np.ptp(steps) > MOST_STEPS:
+        distinct, counts = np.unique(steps, return_counts=True)
+    else:  # without sorting
+        least = steps.min()
+        every = np.bincount((steps - least).astype(np.int64))
+        places = np.flatnonzero(every)
+        distinct, counts = places + least, every[places]
+    return dict(zip((distinct / 10**DECIMALS).tolist(), counts.tolist(), strict=True))
 
 
 def _median(counts: Counter[float]) -> float:

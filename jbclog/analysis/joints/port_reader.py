@@ -255,7 +255,7 @@ class _Columns(NamedTuple):
         )
 
     def rows(self, place: slice) -> _Columns:
-        return _Columns(*(column[place] for column in self))
+        return _Columns._make(column[place] for column in self)
 
 
 def raw_series(facts: StationFacts, rows: pa.Table, clock: Clock, period_s: float = 0.0) -> Series:

@@ -352,7 +352,8 @@ def in_place(tool: Floats, port_error: Floats) -> Flags:
 
 
 def _works(port_error: Floats) -> Flags:
-    return np.logical_or.reduce([port_error == code for code in WORKS])  # `isin` sorts
+    works, warns = WORKS
+    return np.asarray((port_error == works) | (port_error == warns), dtype=np.bool_)
 
 
 def _is_never_changed(tool: Floats) -> bool:
