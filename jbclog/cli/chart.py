@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.loading import drawing, without_collector
 from jbclog.cli.options import NO_FOLDER, expect_chart_place, expect_run, is_runs
 from jbclog.cli.output import echo, echo_json, note, note_unreadable, reports_errors, save_figure
 from jbclog.core.errors import UsageError
@@ -103,7 +104,8 @@ def chart(
         cited = None if read is None else read[1]
     _print(found, source, metric, cited, as_json=as_json)
     if plot is not None:
-        from jbclog.analysis.plots import chart_figure
+        with drawing():
+            from jbclog.analysis.plots import chart_figure
 
         save_figure(chart_figure(found), plot)
 
@@ -136,10 +138,11 @@ def _measured(
     *,
     all_tests: bool,
 ) -> list[Charted]:
-    from jbclog.analysis.charts import OF_VALUES, charted, series_of_run, series_of_runs
-    from jbclog.analysis.opening import open_run, open_runs
-    from jbclog.analysis.spc import ALL_TESTS, DEFAULT_TESTS
-    from jbclog.analysis.trend import expect_limits
+    with without_collector():
+        from jbclog.analysis.charts import OF_VALUES, charted, series_of_run, series_of_runs
+        from jbclog.analysis.opening import open_run, open_runs
+        from jbclog.analysis.spc import ALL_TESTS, DEFAULT_TESTS
+        from jbclog.analysis.trend import expect_limits
 
     if kind not in OF_VALUES:
         raise UsageError(f"--kind {kind}: {metric} has the charts {', '.join(OF_VALUES)}")
@@ -159,9 +162,10 @@ def _measured(
 
 
 def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted | Ranked:
-    from jbclog.analysis import charts
-    from jbclog.analysis.opening import open_run, open_runs
-    from jbclog.config.durations import EXAMPLES, span_s
+    with without_collector():
+        from jbclog.analysis import charts
+        from jbclog.analysis.opening import open_run, open_runs
+        from jbclog.config.durations import EXAMPLES, span_s
 
     possible = charts.COUNTED[metric]
     if kind not in (None, *possible):

@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.loading import drawing, without_collector
 from jbclog.cli.options import expect_chart_place, expect_run
 from jbclog.cli.output import echo, echo_json, reports_errors, save_figure
 from jbclog.core.text import exact_figures
@@ -40,9 +41,10 @@ def compare(
         if not is_in_store(run):
             expect_run(run)
     expect_chart_place(plot)
-    from jbclog.analysis.compare import compare as compared
-    from jbclog.analysis.compare_words import facts, lines
-    from jbclog.analysis.opening import open_run
+    with without_collector():
+        from jbclog.analysis.compare import compare as compared
+        from jbclog.analysis.compare_words import facts, lines
+        from jbclog.analysis.opening import open_run
 
     found = compared(open_run(first), open_run(second), margin)
     if as_json:
@@ -50,6 +52,7 @@ def compare(
     else:
         echo(*lines(found))
     if plot is not None:
-        from jbclog.analysis.plots import overlay
+        with drawing():
+            from jbclog.analysis.plots import overlay
 
         save_figure(overlay(found), plot)

@@ -5,9 +5,8 @@ through it takes a twelfth of the time.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 
 @contextmanager
@@ -20,8 +19,9 @@ def without_collector() -> Iterator[None]:
         gc.enable()
 
 
-def report_writer() -> Callable[[Path], Path]:
-    """Load what writes a report, and return it.
+@contextmanager
+def drawing() -> Iterator[None]:
+    """Load what draws, without the collector.
 
     Matplotlib writes the list of its properties into the documentation of each kind of artist, a
     quarter of its loading. Nobody reads that in a command.
@@ -30,5 +30,4 @@ def report_writer() -> Callable[[Path], Path]:
         from matplotlib.artist import Artist
 
         Artist._update_set_signature_and_docstring = classmethod(lambda _: None)  # type: ignore[attr-defined]  # private
-        from jbclog.report.write import write_report
-    return write_report
+        yield

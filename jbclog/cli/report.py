@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.loading import report_writer
+from jbclog.cli.loading import drawing
 from jbclog.cli.options import expect_run
 from jbclog.cli.output import echo, echo_json, reports_errors
 
@@ -39,7 +39,10 @@ def report(
     if verify:
         _verify(run, as_json=as_json)
         return
-    page = report_writer()(run)
+    with drawing():
+        from jbclog.report.write import write_report
+
+    page = write_report(run)
     if as_json:
         echo_json(
             {

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.loading import drawing, without_collector
 from jbclog.cli.options import NO_FOLDER, expect_chart_place, expect_file_place, is_runs
 from jbclog.cli.output import echo, echo_json, echo_table, note, note_unreadable, reports_errors
 from jbclog.core.errors import RecordError, UsageError
@@ -61,9 +62,10 @@ def trend(
         return
     expect_chart_place(plot)
     expect_file_place("--html", html)
-    from jbclog.analysis.runs import Records
-    from jbclog.analysis.trend import trends
-    from jbclog.app.index.run_index import run_index
+    with without_collector():
+        from jbclog.analysis.runs import Records
+        from jbclog.analysis.trend import trends
+        from jbclog.app.index.run_index import run_index
 
     with nullcontext(Records(stored=False)) if no_cache else run_index() as source:
         runs = _runs(folder, line, recipe, product, order, since, until).through(source)
@@ -84,8 +86,9 @@ def _runs(
     since: str | None,
     until: str | None,
 ) -> Runs:
-    from jbclog.analysis.opening import open_runs
-    from jbclog.cli.runs import moment
+    with without_collector():
+        from jbclog.analysis.opening import open_runs
+        from jbclog.cli.runs import moment
 
     if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
@@ -137,8 +140,9 @@ def _draw(
     plot: Path | None,
     html: Path | None,
 ) -> None:
-    from jbclog.analysis.plots import trend_figure
-    from jbclog.analysis.trend_words import page
+    with drawing():
+        from jbclog.analysis.plots import trend_figure
+        from jbclog.analysis.trend_words import page
 
     figure = trend_figure(found, lower, upper)
     try:
