@@ -11,8 +11,10 @@ import sys
 
 import bare
 from common import (
+    READ_S,
     Claim,
     at_least,
+    at_most,
     bytes_allow,
     in_own_process,
     is_short,
@@ -23,7 +25,10 @@ from common import (
 from recorder import Recorded, record
 from wire_log import Use, slack_s, use_of
 
-COLUMNS = ("", "exchanges", "a second", "% of the wire", "CPU µs")
+COLUMNS = (
+    *("", "exchanges", "a second", "% of the wire", "idle µs an exchange: 10 %", "50 %"),
+    "CPU µs",
+)
 
 
 def main() -> int:
@@ -44,7 +49,7 @@ def main() -> int:
 
 
 def _row(name: str, use: Use, cpu_us: float) -> list[object]:
-    return [name, use.exchanges, use.a_second, use.percent, cpu_us]
+    return [name, use.exchanges, use.a_second, use.percent, *use.idle_us, cpu_us]
 
 
 def _claims(bare_use: Use, our_use: Use, ours: Recorded) -> list[Claim]:
@@ -53,6 +58,12 @@ def _claims(bare_use: Use, our_use: Use, ours: Recorded) -> list[Claim]:
             f"of the wire in use, where the bare loop has {bare_use.percent:.1f} %",
             our_use.percent,
             _wanted(bare_use),
+            " %",
+        ),
+        at_most(
+            "idle in an exchange beyond the bare loop's, medians, of what the bytes take",
+            (our_use.idle_us[1] - bare_use.idle_us[1]) / (READ_S * 1e4),
+            0.5,
             " %",
         ),
         *(

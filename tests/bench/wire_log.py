@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
-from common import LINE
+from common import LINE, percentile
 
 
 class Exchange(NamedTuple):
@@ -27,6 +28,7 @@ class Use:
     seconds: float
     bytes_s: float  # what the bytes of all exchanges take
     shortest: Exchange
+    idle_us: tuple[float, float]  # of the wire in an exchange: the least of a tenth, the median
 
     @property
     def percent(self) -> float:
@@ -42,7 +44,17 @@ def use_of(log: Path, began: float, seconds: float) -> Use:
     """The exchanges of the one station in `log` that were asked within `seconds` of `began`."""
     found = [one for one in exchanges(log) if began <= one.asked < began + seconds]
     taken = sum(LINE.seconds(one.characters) for one in found)
-    return Use(len(found), seconds, taken, min(found, key=slack_s))
+    idle_us = [
+        (after.asked - one.asked - LINE.seconds(one.characters)) * 1e6
+        for one, after in pairwise(found)
+    ]
+    return Use(
+        len(found),
+        seconds,
+        taken,
+        min(found, key=slack_s),
+        (percentile(idle_us, 10), percentile(idle_us, 50)),
+    )
 
 
 def slack_s(exchange: Exchange) -> float:
