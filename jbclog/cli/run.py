@@ -12,11 +12,7 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
-<<<<<<< HEAD
-from jbclog.cli.loading import report_writer, without_collector
-=======
 from jbclog.cli.loading import drawing, without_collector
->>>>>>> 151a94f0 (Start: commands load matplotlib without its lists of properties, and what they need without the collector)
 from jbclog.cli.options import Color, check_text
 from jbclog.cli.output import echo, echo_json, is_terminal, note, reports_errors
 from jbclog.cli.streams import never_wait
@@ -138,8 +134,7 @@ def record(
             )
     finally:
         shown.close()
-    # only now: a report loads pandas and matplotlib
-    page = report_writer()(result.folder) if report else None
+    page = _report(result) if report else None
     if as_json:
         echo_json(_facts(result) | ({"report": str(page)} if page else {}))
     else:
@@ -147,8 +142,6 @@ def record(
     return result.exit_code.value
 
 
-<<<<<<< HEAD
-=======
 def _report(result: Result) -> Path:
     with drawing():
         from jbclog.report.write import write_report  # only now: it loads pandas and matplotlib
@@ -156,7 +149,6 @@ def _report(result: Result) -> Path:
     return write_report(result.folder)
 
 
->>>>>>> 151a94f0 (Start: commands load matplotlib without its lists of properties, and what they need without the collector)
 def _print_notes(plan: Plan) -> None:
     for text in plan.notes:
         note(f"note: {text}")
