@@ -156,11 +156,7 @@ def test_report(tmp_path: Path) -> None:
 
 def test_a_command_has_matplotlib_without_its_lists_of_properties() -> None:
     asks = "from matplotlib.lines import Line2D; print(Line2D.set.__doc__)"
-<<<<<<< HEAD
-    load = "from jbclog.cli.loading import report_writer; report_writer(); "
-=======
     load = "from jbclog.cli.loading import drawing\nwith drawing(): import matplotlib.lines\n"
->>>>>>> 151a94f0 (Start: commands load matplotlib without its lists of properties, and what they need without the collector)
     said = [
         subprocess.run(
             [sys.executable, "-c", before + asks], capture_output=True, check=True, text=True
