@@ -16,6 +16,7 @@ import pyarrow.compute as pc
 
 from jbclog.analysis.coded_texts import coded
 from jbclog.core.text import csv_cell
+from jbclog.report.text import iso_times
 
 LEAST, MOST = 1e-4, 1e9
 """Between these, Arrow writes a number as Python does, but for the ``.0`` of a whole one."""
@@ -44,7 +45,9 @@ def _cells(column: pa.Array) -> pa.StringArray:
         return pc.if_else(column, "True", "False")
     if pa.types.is_integer(kind):
         return column.cast(pa.string())
-    texts = coded(column)
+    if pa.types.is_timestamp(kind):
+        return iso_times(column)
+    texts = coded(column)  # few are distinct
     cells = pa.array([_cell(text) for text in texts.dictionary.to_pylist()], pa.string())
     return cells.take(texts.indices)
 

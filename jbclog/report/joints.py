@@ -29,7 +29,7 @@ from jbclog.report.column_csv import csv_lines
 from jbclog.report.facts import FigureFacts, JointFacts
 from jbclog.report.joint_chart import RecoveryChart, draw_chart, recovery_chart
 from jbclog.report.joint_words import never_back
-from jbclog.report.text import Row, clean, iso_times
+from jbclog.report.text import Row, clean
 
 __all__ = ["COLUMNS", "JOINTS", "Joints", "joint_facts", "joints_of", "unit_rows"]
 
@@ -94,9 +94,6 @@ class Joints:
         out.seek(0, SEEK_END)
         for first in range(0, len(self.table), ROWS_AT_ONCE):
             rows = self.table.slice(first, ROWS_AT_ONCE)
-            for name in ("start", "end"):
-                place = rows.schema.get_field_index(name)
-                rows = rows.set_column(place, name, iso_times(rows[name]))
             units = [
                 None if unit is None else clean(unit)
                 for unit in self.units[first : first + ROWS_AT_ONCE]

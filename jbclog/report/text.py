@@ -33,7 +33,7 @@ RowView = Mapping[str, object]
 """A row that is only read."""
 
 
-def iso_times(times: pa.ChunkedArray) -> pa.ChunkedArray:
+def iso_times(times: pa.Array) -> pa.StringArray:
     """Return a column of UTC times as `utc_text` writes them."""
     return pc.strftime(times.cast(pa.int64()).cast(pa.timestamp("us")), "%Y-%m-%dT%H:%M:%SZ")
 

@@ -227,10 +227,8 @@ def _contacts(signals: _Signals, first: Places, last: Places) -> list[Contact]:
     )
     end, end_s = _ends(signals, start, last, np.append(first[1:], len(signals.flow)))
     starts_s = _refined_moments(signals.part, signals.rises, start)
-    return [
-        Contact(*one)
-        for one in zip(starts_s.tolist(), end_s.tolist(), start.tolist(), end.tolist(), strict=True)
-    ]
+    columns = (starts_s.tolist(), end_s.tolist(), start.tolist(), end.tolist())
+    return [*map(Contact._make, zip(*columns, strict=True))]
 
 
 def _ends(

@@ -120,7 +120,11 @@ def _as_draws(part: Flow, model: ThermalModel, groups: Sequence[Sequence[Contact
         start_s, end_s = group[0].start_s, group[-1].end_s
         few = (end_s - start_s) / period + 1 < FEW_READINGS
         cut = ENDS if group[-1].last >= len(flow) - 2 else BEGINS if group[0].first <= 1 else None
-        dwell = sum(contact.end_s - contact.start_s for contact in group)
+        dwell = (
+            end_s - start_s
+            if len(group) == 1
+            else sum(contact.end_s - contact.start_s for contact in group)
+        )
         confidence = round(confidence * (0.5 if few else 1.0), 3)
         found.append(
             Draw(
