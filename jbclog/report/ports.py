@@ -100,8 +100,7 @@ def port_facts(
             clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent, _cold(drawn, measure)
         )
     has_tip = not drawn.states and drawn.air is None
-    figures = _figures(file, f"{facts.name}, port {port}", drawn, context) if seen.number else []
-    return PortFacts(
+    found = PortFacts(
         recorded=recorded,
         tip=_tip(drawn, measure),
         power=_power(drawn, context.joints.metrics_of(facts.name, port)),
@@ -109,17 +108,20 @@ def port_facts(
         air=None if drawn.air is None else _air_facts(drawn.air),
         alarms=sum(mark.kind is MarkKind.ALARM for mark in drawn.marks),
         doubtful_alarms=sum(mark.kind is MarkKind.UNCONFIRMED for mark in drawn.marks),
-        figures=figures,
-        joints=(
-            joint_facts(context.joints, facts.name, port, file, crowded=context.crowded)
-            if has_tip
-            else None
+        figures=(
+            _figures(file, f"{facts.name}, port {port}", drawn, context) if seen.number else []
         ),
+        joints=None,
         verification=verification(
             facts, port, context.checks.get((facts.name, port)), context.rules
         ),
         **of_port(facts, port, seen, cut_off=context.cut_off),
     )
+    del drawn  # before the chart of the joints: both are large
+    pa.default_memory_pool().release_unused()
+    if has_tip:
+        found.joints = joint_facts(context.joints, facts.name, port, file, crowded=context.crowded)
+    return found
 
 
 def _cold(drawn: Trace, measure: PortMeasure | None) -> str | None:
