@@ -101,18 +101,27 @@ def write_page(points: Sequence[Point], parts: Iterable[str], docs: Path) -> lis
     pictures, page = docs / "pictures", docs / "reference" / "growth.md"
     for folder in (pictures, page.parent):
         folder.mkdir(parents=True, exist_ok=True)
-    written, sections = [page], list[str]()
-    for name in parts:
-        series = sorted(
-            (point for point in points if point.part == name), key=lambda point: point.size
-        )
-        if series:
-            picture = pictures / f"growth-{name}.svg"
-            picture.write_text(drawing(name, series))
-            written.append(picture)
-            sections.append(section(name, series))
-    page.write_text(HEAD + "\n" + "\n".join(sections))
+    written, by_part = [page], series_of(points, parts)
+    for name, series in by_part.items():
+        picture = pictures / f"growth-{name}.svg"
+        picture.write_text(drawing(name, series))
+        written.append(picture)
+    page.write_text(text_of(by_part))
     return written
+
+
+def series_of(points: Sequence[Point], parts: Iterable[str]) -> dict[str, list[Point]]:
+    """The points of each part that has some, by size."""
+    by_part = {
+        name: sorted((one for one in points if one.part == name), key=lambda one: one.size)
+        for name in parts
+    }
+    return {name: series for name, series in by_part.items() if series}
+
+
+def text_of(by_part: Mapping[str, Sequence[Point]]) -> str:
+    """The page."""
+    return HEAD + "\n" + "\n".join(section(name, series) for name, series in by_part.items())
 
 
 def section(name: str, series: Sequence[Point]) -> str:

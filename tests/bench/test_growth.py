@@ -48,9 +48,9 @@ def test_the_page_has_a_table_a_picture_and_what_is_not_explained(tmp_path: Path
     assert written[1].read_text().startswith("<svg")
 
 
-def test_the_page_is_that_of_the_points_and_explains_each_line(tmp_path: Path) -> None:
+def test_the_page_is_that_of_the_points_and_explains_each_line() -> None:
     points = bench_growth.measured(bench_growth.HOME / "growth.jsonl")
-    page = growth_page.write_page(points, bench_growth.PARTS, tmp_path)[0].read_text()
+    page = growth_page.text_of(growth_page.series_of(points, bench_growth.PARTS))
     assert page == (ROOT / "docs" / "reference" / "growth.md").read_text()
     assert growth_page.why("folders", "something new") not in page
 
