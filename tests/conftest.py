@@ -111,9 +111,9 @@ def _send(send: Callable[..., None], report: pytest.TestReport) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> None:
-    """Fast tests wait for nothing, and a worker computes for seconds before its first one."""
+    """Fast tests wait for nothing: a worker for each processor, which imports for seconds."""
     if config.option.markexpr == "fast" and config.pluginmanager.hasplugin("xdist"):
-        config.option.maxprocesses = config.option.maxprocesses or 3
+        config.option.maxprocesses = config.option.maxprocesses or max(2, os.cpu_count() or 2)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -148,6 +148,7 @@ NOT_FAST = {
         "test_every_command.py",
         "test_reader_properties.py",
         "test_scan.py",
+        "test_loaded_modules.py",
         "test_export.py",
         "test_mdf.py",
         "test_qdas.py",
