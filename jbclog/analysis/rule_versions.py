@@ -64,6 +64,13 @@ VERSIONS: Final = (
         frozenset(OF_JOINTS),
         gone=frozenset(OF_JOINTS),
     ),
+    Version(
+        6,
+        "without a heat-up, contacts are not taken for the rest of a heavier tip; joints are also"
+        " placed by the lag that the heat balance shows",
+        frozenset(OF_JOINTS),
+        gone=frozenset(OF_JOINTS),
+    ),
 )
 RULES: Final = VERSIONS[-1].number
 """The version that judges new runs."""

@@ -32,7 +32,7 @@ from typing import Final
 import numpy as np
 
 from jbclog.analysis.joints.contacts import Flow, find_contacts
-from jbclog.analysis.joints.delay import delay_of
+from jbclog.analysis.joints.delay import SLOWEST_S, delay_of
 from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.mixture import (
     FLAT_PERMILLE,
@@ -46,6 +46,7 @@ from jbclog.analysis.joints.rest_fit import BalancedStretch, Fit, balanced_stret
 from jbclog.analysis.joints.thermal import (
     COARSE_S,
     QUIET_PERMILLE,
+    Delay,
     Noise,
     ThermalModel,
     least_smoothed_noise,
@@ -61,6 +62,7 @@ from jbclog.analysis.verdict.idle import Flags, Floats
 NEVER_READ: Final = "Temperature and power of a working tool were never read together."
 ROUNDS, FINALISTS = 3, 2
 MARGIN_S: Final = 0.2
+CERTAIN: Final = 2.0  # standard uncertainties of the lag: beyond, joints are moved by it
 MOST_UNSURE: Final = 0.3  # of the capacity: beyond, the record does not show it
 CAPACITY_RANGE, LOSS_RANGE = (2.0, 80.0), (0.02, 3.0)
 USUAL_CAPACITIES: Final = (5.0, 10.0, 20.0)  # ‰·s/K
@@ -70,7 +72,7 @@ MOST_S, WINDOW_S = 1200.0, 60.0
 LEAST_REST_S, LEAST_REST_ROWS = 3.0, 30
 BACKWARD_NOISES, MOST_BACKWARD = 5.0, 0.15
 BACKWARD_COST: Final = 10.0  # rows at rest that outweigh one in which heat comes back
-CAPACITY_SPREAD, LOSS_SPREAD, PRIOR_SHARE = 0.6, 0.6, 0.04  # of logarithms; of all rows
+CAPACITY_SPREAD, LOSS_SPREAD, PRIOR_SHARE = 0.6, 0.6, 0.12  # of logarithms; of all rows
 MEDIAN_TO_SD: Final = 1.4826
 MOST_NOISE_FACTOR: Final = 6.0  # times the noise of readings: more is not noise
 
@@ -113,7 +115,25 @@ def identify(parts: Sequence[ReadyStretch]) -> Identification:
     ]
     best = max(candidates, key=lambda one: one.score)
     found = _plausible_model(balanced, best.rest, best.fit, best.noise, reading)
-    return found if found.model is None else replace(found, model=replace(found.model, delay=delay))
+    if found.model is None:
+        return found
+    if known.any():
+        # without a heat-up, the lag is also what contacts that were not found make of it
+        delay = _moved_by_fit(delay, found.model, stretches[0].period_s)
+    return replace(found, model=replace(found.model, delay=delay))
+
+
+def _moved_by_fit(delay: Delay, model: ThermalModel, period_s: float) -> Delay:
+    """Return the delay with joints moved earlier by what the fit shows of it as well.
+
+    A lag below zero says that the power that belongs to a temperature was shown earlier than it, so
+    the flow is that of the earlier moment. A lag above zero says that the power is shown late; the
+    flow is then that of the temperature's moment, and nothing is moved.
+    """
+    late_s = -model.lag_s
+    if period_s > SLOWEST_S or late_s <= CERTAIN * model.uncertainties[3]:
+        return delay
+    return replace(delay, moved_s=delay.moved_s + late_s)
 
 
 def identify_each(

@@ -31,8 +31,9 @@ REWEIGHTED: Final = 6
 # usual values; `second` divided by the capacity
 LATE_SPREAD_S, SECOND_S, SECOND_SPREAD_S = 0.15, 0.03, 0.06
 LAG_RANGE_S, SECOND_RANGE_S = (-0.15, 0.4), (0.0, 0.06)  # `second` divided by the capacity
-# of 1 / capacity; so many rows share their errors
-INVERSE_SPREAD, INVERSE_RANGE, ALIKE_ROWS = 0.7, (1 / 60, 1 / 2), 20.0
+INVERSE_RANGE: Final = (1 / 60, 1 / 2)  # of 1 / capacity
+# of the usual capacity; so many rows share their errors
+CAPACITY_SPREAD, ALIKE_ROWS = 0.8, 100.0
 LEAVES_NOISES: Final = 1.5  # of the slope of a piece: a steeper one is contact that was not found
 KNOWN_COST: Final = 3.0  # rows at rest that outweigh one of a heat-up that the fit does not explain
 # of 1 / capacity, lag / capacity and second / capacity
@@ -72,15 +73,6 @@ def fit_rest(
     terms, temperature, piece, known_rest = _rest_pieces(parts, rest, known)
     capacity = values[0]
     usual = np.array([1 / USUAL_CAPACITY, USUAL_LOSS / capacity, 0.0, SECOND_S])
-    spread = np.array(
-        [
-            INVERSE_SPREAD / USUAL_CAPACITY,
-            USUAL_LOSS / capacity,
-            LATE_SPREAD_S / capacity,
-            SECOND_SPREAD_S,
-        ]
-    )
-    stiffness = np.diag(np.square(noise_c / spread) * [ALIKE_ROWS, 1.0, 1.0, 1.0])
     fitted, weight = (
         np.array([1.0, values[1], values[3], values[2]]) / capacity,
         np.ones(len(temperature)),
@@ -93,6 +85,7 @@ def fit_rest(
             _centred(temperature, piece, weight),
         )
         weighted = centred_terms * weight[:, None]
+        stiffness = _stiffness(capacity, fitted[0], noise_c)
         fitted = bounded_solution(
             weighted.T @ centred_terms + stiffness,
             weighted.T @ centred_temperature + stiffness @ usual,
@@ -108,6 +101,25 @@ def fit_rest(
         known_rest, 1 - KNOWN_COST * (np.abs(residuals) > 3 * noise_c), weight
     )
     return _as_balance(fitted, bread @ meat @ bread, float(rows_explained.sum()))
+
+
+def _stiffness(capacity: float, inverse: float, noise_c: float) -> Floats:
+    """Return how strongly the fit is drawn to usual values, where 1 / capacity is `inverse` now.
+
+    The usual capacity has a normal distribution. In a record without a heat-up everything that
+    misleads the fit makes the capacity too large: contacts taken for rest, as work takes up heat
+    as a heavier tip would, and a power that switches between two readings. So it is drawn to the
+    usual one the more, the larger it is.
+    """
+    spread = np.array(
+        [
+            CAPACITY_SPREAD * inverse,
+            USUAL_LOSS / capacity,
+            LATE_SPREAD_S / capacity,
+            SECOND_SPREAD_S,
+        ]
+    )
+    return np.diag(np.square(noise_c / spread) * [ALIKE_ROWS, 1.0, 1.0, 1.0])
 
 
 def _weights(

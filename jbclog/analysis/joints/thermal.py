@@ -72,8 +72,8 @@ class Delay:
     or why it is not known.
 
     `rows` is by how many rows the power is moved so that both belong together; the model's `lag_s`
-    is the rest. `moved_s` is how much earlier than the temperature shows them joints are. Both are
-    0 unless a delay is certain.
+    is the rest. `moved_s` is how much earlier than the temperature shows them joints are, by the
+    lag as well. Both are 0 unless a delay is certain.
     """
 
     seconds: float | None = None

@@ -28,7 +28,7 @@ from jbclog.analysis.verdict.idle import Block, Flags, Floats
 WINDOW_S, BESIDE_S = 1200.0, 90.0
 MOST_WINDOWS: Final = 6
 SAME_S: Final = 1e-4  # closer moments are the same: an edge lies so far before a row, never on it
-EARLIER_S: Final = 1.0  # a draw may begin before the first row if the temperature is shown late
+EARLIER_S: Final = 1.2  # a draw may begin before the first row if the temperature is shown late
 COLUMNS: Final = ("seconds", "temperature", "power", "setting", "working")
 CODES: Final = ("tool", "port_error")
 

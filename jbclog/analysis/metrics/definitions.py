@@ -27,7 +27,7 @@ class Definition:
     of: tuple[str, ...] = ("tip", "air")
 
 
-METHODS: Final = 1
+METHODS: Final = 2
 """The version of the metrics. Raise it whenever a record gives another figure or reason: no cache
 of an older one is used then.
 """
@@ -177,7 +177,8 @@ DEFINITIONS: Final = (
         "s",
         "By how much the station shows the temperature later than the power (negative: earlier)."
         f" Joints come earlier by it where it is at least {LEAST_DELAY_S:g} s and twice its"
-        " standard uncertainty, which is the resolution.",
+        " standard uncertainty, which is the resolution; and by what the heat balance of a record"
+        " with a heat-up shows beyond it.",
         TIP,
     ),
     Definition("power_mean_permille", "‰", "Mean of the power readings while the tool works."),

@@ -14,6 +14,7 @@ from jbclog.analysis.joints.heat_up_end import ready_stretches
 from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.series import Series, stretches
 from jbclog.analysis.joints.thermal import Delay
+from jbclog.analysis.joints.windows import rows_of
 from jbclog.analysis.metrics.measures import measure_port
 from support.plants.scripted_tip import shown_late, soldered
 
@@ -95,3 +96,20 @@ def test_the_delay_is_a_figure_of_the_run(in_time: Series) -> None:
     assert 0 < late.resolution < 0.1
     assert slow.value is None
     assert slow.why
+
+
+def test_a_delay_that_only_the_heat_balance_shows_moves_joints_as_well(in_time: Series) -> None:
+    """Of 0.1 s the regulator, which hesitates, shows 0.055 s: too little to count."""
+    before, late = find_joints(in_time), find_joints(shown_late(in_time, 1))
+    assert before.model is not None
+    assert late.model is not None
+    assert late.model.delay.rows == 0
+    assert late.model.delay.moved_s > 2 * late.model.uncertainties[3]
+    assert edges(late) == pytest.approx(edges(before), abs=0.05)
+
+
+def test_without_a_heat_up_the_heat_balance_moves_nothing(in_time: Series) -> None:
+    hot = find_joints(rows_of(shown_late(in_time, 1), slice(140, None)))
+    assert hot.model is not None
+    assert hot.model.lag_s < -2 * hot.model.uncertainties[3]
+    assert hot.model.delay.moved_s == 0.0
