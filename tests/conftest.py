@@ -24,7 +24,7 @@ import pytest
 import typer.testing
 from hypothesis import settings
 
-from support import by_file, once
+from support import once
 
 settings.register_profile("unhurried", deadline=None)  # a busy machine must not fail a property
 settings.load_profile("unhurried")
@@ -100,7 +100,6 @@ def pytest_configure(config: pytest.Config) -> None:
     for hook in config.hook.pytest_runtest_logreport.get_hookimpls():
         if type(hook.plugin).__name__ == "WorkerInteractor":
             hook.function = functools.partial(_send, hook.function)
-    by_file.register(config)
 
 
 def _send(send: Callable[..., None], report: pytest.TestReport) -> None:
@@ -119,11 +118,32 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
     """Leave out the collector of cycles while ten thousand tests are made that all stay."""
+    _begin_elsewhere(session.config)
     gc.disable()
     try:
         return (yield)
     finally:
         gc.enable()
+
+
+def _begin_elsewhere(config: pytest.Config) -> None:
+    """Have each worker begin with other files: in a new clone it then finds compiled what the
+    others began with.
+    """
+    folders = [config.rootpath / each for each in config.getini("testpaths")]
+    if hasattr(config, "workerinput") and [Path(each).resolve() for each in config.args] == folders:
+        files = sorted(
+            path
+            for folder in folders
+            for path in folder.rglob("test_*.py")
+            if not pytest_ignore_collect(path, config)
+        )
+        first = (
+            len(files)
+            * int(config.workerinput["workerid"].removeprefix("gw"))
+            // config.workerinput["workercount"]
+        )
+        config.args = [*map(str, files[first:]), *map(str, files[:first])]
 
 
 def pytest_collection_finish() -> None:

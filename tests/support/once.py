@@ -4,12 +4,11 @@ the bytes of the input.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 import pickle
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 ONCE_EACH = {
@@ -25,7 +24,6 @@ ONCE_EACH = {
 and by `test_paper.py` in other processes)."""
 
 _known: list[dict[bytes, Any]] = []
-_installed: dict[tuple[str, str], Callable[..., Any]] = {}
 
 
 def install() -> None:
@@ -33,26 +31,7 @@ def install() -> None:
     for module, names in ONCE_EACH.items():
         if module in sys.modules:  # or no test of this session needs it
             for name in names:
-                _install(module, name)
-
-
-def _install(module: str, name: str) -> None:
-    pure = getattr(sys.modules[module], name)
-    if (module, name) not in _installed:
-        _installed[module, name] = once_each(pure)
-    if pure is not _installed[module, name]:
-        setattr(sys.modules[module], name, _installed[module, name])
-
-
-@contextlib.contextmanager
-def set_aside() -> Iterator[None]:
-    """What is imported meanwhile finds the functions as they are written."""
-    for (module, name), found in _installed.items():
-        setattr(sys.modules[module], name, found.__wrapped__)  # type: ignore[attr-defined]
-    try:
-        yield
-    finally:
-        install()
+                setattr(sys.modules[module], name, once_each(getattr(sys.modules[module], name)))
 
 
 def once_each(pure: Callable[..., Any]) -> Callable[..., Any]:
