@@ -371,9 +371,11 @@ def rounded(values: Floats, decimals: int) -> Floats:
     """Return the values as `round` rounds each: to the decimal number that is nearest to the exact
     value.
     """
-    scaled = values * 10**decimals
-    found: Floats = np.rint(scaled) / 10**decimals
-    # the product may be on the other side of a half, by less than this where it is below 10^12
-    unsure = (np.abs(np.abs(scaled - np.rint(scaled)) - 0.5) < UNSURE) | (np.abs(scaled) > 1e12)
+    with np.errstate(over="ignore", invalid="ignore"):  # beyond 10^12 `round` does it
+        scaled = values * 10**decimals
+        found: Floats = np.rint(scaled) / 10**decimals
+        # the product may be on the other side of a half, by less than this where it is below 10^12
+        is_half = np.abs(np.abs(scaled - np.rint(scaled)) - 0.5) < UNSURE
+    unsure = is_half | (np.abs(scaled) > 1e12)
     found[unsure] = [round(value, decimals) for value in values[unsure].tolist()]
     return found

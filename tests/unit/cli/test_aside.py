@@ -5,7 +5,6 @@ not by failing.
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import pytest
 from jbclog.cli import progress
 from jbclog.cli.progress import BackgroundObserver, Lines
 from jbclog.core.rows import EventRow, Severity
+from support.command import until
 
 EVENT = EventRow(0, "station.error", Severity.ERROR, "text", "dde-1")
 
@@ -79,8 +79,7 @@ def test_nobody_waits_for_a_stderr_that_takes_nothing(
     shown = BackgroundObserver(noted)
     for _ in range(2 * progress.WAITING_MOST):
         shown.happened(EVENT)
-    time.sleep(0.05)
-    assert shown.missed() == 2 * progress.WAITING_MOST
+    assert until(lambda: shown.missed() == 2 * progress.WAITING_MOST)
     shown.close()  # or it would wait for ever
     assert noted.told == []
 
