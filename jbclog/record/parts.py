@@ -148,7 +148,7 @@ def part_through(path: Path) -> int:
         last = (metadata_of(path).metadata or {}).get(THROUGH, b"")
     except (pa.ArrowException, OSError) as error:
         raise RecordError(f"{path} is no readable part: {error}") from error
-    if not re.fullmatch(rb"[0-9]{1,18}", last):
+    if not re.fullmatch(rb"[0-9]{1,19}", last):
         problem = f"is {last!r:.40}, no number" if last else "is missing"
         raise RecordError(
             f"{path} was not written by jbclog, or by other software since: its metadata"
