@@ -55,7 +55,7 @@ SOON_S, SHORTEST_S = 1e-3, 0.05
 # after the last recorded request, in which the last answers still count for a client that runs a
 # little longer
 OVER_S = 5.0
-AGAIN = 3  # repetitions of the last answer while the end of the capture is not known
+AGAIN = 3  # repetitions of the last answer where the capture may be over
 
 
 class ReplayedStation:
@@ -312,7 +312,7 @@ class ReplayedStation:
         """Return the answer at this place of the capture."""
         self.repeated[question] += 1
         self._again[question] += 1
-        is_over = (
+        is_over = self._is_in_last_stretch() and (
             not self._is_in_time
             or not self._offsets
             or self._time(now) > self._contents.last_s + OVER_S
@@ -323,6 +323,12 @@ class ReplayedStation:
             if is_over and self._again[question] > AGAIN
             else self._still_said(question, silence)
         )
+
+    def _is_in_last_stretch(self) -> bool:
+        """Whether no recorded write or first tick is still to come: before it the capture cannot be
+        over, however often a client with a busy host asks again.
+        """
+        return self._stretch + 1 >= len(self._contents.firsts)
 
     def _still_said(self, question: bytes, silence: Exchange) -> Exchange:
         """Return the accepted answer; for flags that reading clears, the next one if cleared."""

@@ -262,6 +262,12 @@ def said(one: ReplayedStation, *questions: bytes) -> list[bytes]:
     ]
 
 
+def test_asked_however_often_it_answers_while_a_write_is_to_come() -> None:
+    one = station(ORDERED)
+    assert said(one, *[STATE] * 12) == [b"working"] * 12
+    assert len(said(one, SLEEP, *[STATE] * 9)) == 1 + 1 + 3  # after the last write it may be over
+
+
 def test_nothing_from_behind_a_recorded_write_comes_before_that_write() -> None:
     one = station(ORDERED)
     assert said(one, STATE, STATE, STATE) == [b"working"] * 3
