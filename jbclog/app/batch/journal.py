@@ -120,10 +120,11 @@ def entries_in(store: BatchStore) -> list[Entry]:
     """Return a batch's entries. Raises `RecordError` if they cannot be read or were changed."""
     path, folder = store.path, store.path.parent
     try:
-        lines = [bytes(line) for (line,) in store.rows("SELECT line FROM journal ORDER BY number")]
+        rows = store.rows("SELECT line FROM journal ORDER BY number")
+        lines = [line if isinstance(line, bytes) else b"" for (line,) in rows]
         if not lines and (folder / OLD_JOURNAL).exists():
             path, lines = folder / OLD_JOURNAL, _old_lines(folder)
-    except (OSError, TypeError) as error:
+    except OSError as error:
         why = getattr(error, "strerror", None) or error
         raise RecordError(
             f"{path} cannot be read: {why}; nothing was started. {WAY_OUT.format(folder)}"

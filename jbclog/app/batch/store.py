@@ -25,7 +25,7 @@ from typing import Any, Final
 
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.foreign.database import Database, open_database
-from jbclog.core.foreign.files import Kind, NotReadable, expect_regular, read_foreign
+from jbclog.core.foreign.files import LIMITS, Kind, expect_regular, read_foreign
 
 NAME: Final = "batch.sqlite"
 BUSY_S: Final = 5.0
@@ -67,10 +67,8 @@ class BatchStore:
                 return []
             db = self._opened()
             db.within()
-            found = db.execute(sql, values).fetchmany(MOST_ROWS + 1)
-        if len(found) > MOST_ROWS:
-            raise NotReadable(f"more than {MOST_ROWS} rows; a batch has at most as many")
-        return found
+            most_bytes = LIMITS[Kind.JOURNAL]
+            return db.rows(sql, values, most_rows=MOST_ROWS, most_bytes=most_bytes)
 
     @contextmanager
     def transaction(self, *, synced: bool = True) -> Iterator[Database]:

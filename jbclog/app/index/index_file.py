@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 
 from jbclog import __version__
 from jbclog.core.foreign.database import ENDINGS, Database, open_database
-from jbclog.core.foreign.files import LIMITS, Kind, NotReadable, expect_regular
+from jbclog.core.foreign.files import LIMITS, MIB, Kind, NotReadable, expect_regular
 
 NAME: Final = "runs-1.sqlite"  # the number: of this table
 COLUMNS: Final = {"entries": ("place", "kind", "run", "stamp", "data", "sum")}
@@ -34,6 +34,8 @@ BY: Final = f"jbclog {__version__}".encode()  # another version may read a run o
 BUSY_S: Final = 2.0  # for another program that writes; then this one does without
 STATEMENT_S: Final = 20.0
 MOST_WAITING, MOST_WAIT_S = 20_000, 5.0  # entries, and the time after which they are written
+MOST_ROWS, MOST_BYTES = 1_000_000, 192 * MIB  # of a kind in a folder; 10 000 runs take 10 MB
+MOST_OF_A_RUN: Final = 32 * MIB  # a manifest has half of that
 PAGE: Final = 4096
 SPARE_PAGES: Final = 1000
 UNUSABLE: Final = (
@@ -178,7 +180,9 @@ class IndexFile:
         try:
             self._database.within(STATEMENT_S)
             asked = "SELECT run, stamp, data, sum FROM entries WHERE place = ? AND kind = ?"
-            rows = self._database.execute(asked, (place, kind)).fetchall()
+            rows = self._database.rows(
+                asked, (place, kind), most_rows=MOST_ROWS, most_bytes=MOST_BYTES
+            )
         except sqlite3.Error as error:
             self._give_up(error)
             return {}
@@ -228,6 +232,7 @@ def _open(path: Path) -> Database:
         expect_regular(path, Kind.INDEX)
     database = open_database(path, only_reads=False, busy_s=BUSY_S)
     try:
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_OF_A_RUN)
         database.execute("PRAGMA synchronous = OFF")
         database.execute(f"PRAGMA max_page_count = {LIMITS[Kind.INDEX] // PAGE - SPARE_PAGES}")
         if not database.expect_tables(COLUMNS):

@@ -88,6 +88,21 @@ class Database(sqlite3.Connection):
         except UnicodeDecodeError as error:
             raise NotAStore("malformed: SQLite's message quotes bytes that are not text") from error
 
+    def rows(
+        self, sql: str, parameters: Any = (), *, most_rows: int, most_bytes: int
+    ) -> list[tuple[Any, ...]]:
+        """Return the rows of a query. Raises `NotAStore` for more rows, or more bytes in their
+        texts: pages of a forged file count as often as rows name them.
+        """
+        found: list[tuple[Any, ...]] = []
+        taken = 0
+        for row in self.execute(sql, parameters):
+            taken += sum(len(one) for one in row if isinstance(one, bytes | str))
+            if len(found) == most_rows or taken > most_bytes:
+                raise NotAStore(f"more than {most_rows} rows, or {most_bytes} bytes in them")
+            found.append(row)
+        return found
+
     def within(self, seconds: float = STATEMENT_S) -> None:
         """Limit the time of the statements from now on."""
         until = time.monotonic() + seconds

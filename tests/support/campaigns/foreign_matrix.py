@@ -103,7 +103,9 @@ class Pairs:
     def __init__(self) -> None:
         home = tempfile.mkdtemp(prefix="jbclog-matrix-")
         self._home = home
-        environment = {**os.environ, "XDG_STATE_HOME": home, "NO_COLOR": "1"}
+        environment = {**os.environ, "NO_COLOR": "1"}
+        environment |= {"XDG_STATE_HOME": home, "XDG_CACHE_HOME": home}
+        self.index = Path(home) / "jbclog" / "runs-1.sqlite"
         environment.pop("JBCLOG_TRACEBACK", None)
         self._child = subprocess.Popen(
             program("campaigns.foreign_matrix"),
@@ -258,8 +260,9 @@ def _run(words: list[str], said: int, *, limited: bool) -> None:
 
 
 def _verb(words: list[str]) -> int:
-    if words[0] == "@start":
-        return _start(Path(words[1]))
+    own = {"@start": _start, "@journal": _journal, "@queue": _queue}.get(words[0])
+    if own is not None:
+        return own(Path(words[1]))
     from jbclog.cli.app import main
 
     sys.argv = ["jbclog", *words]
@@ -273,6 +276,27 @@ def _start(out: Path) -> int:
     from jbclog.record.chains import previous_run
 
     print(previous_run(out, "bench"), [*unclosed(out, ["/dev/none"])])
+    return 0
+
+
+def _journal(home: Path) -> int:
+    """What `jbclog batch` reads of the batches of a jobs file, before it starts anything."""
+    from jbclog.app.batch.journal import newest
+    from jbclog.core.errors import RecordError
+
+    try:
+        print(newest(home, time.time))
+    except RecordError as error:
+        print(error)
+        return 4
+    return 0
+
+
+def _queue(home: Path) -> int:
+    """What `watch` shows of them."""
+    from jbclog.app.watch.batch_queue import queue_of
+
+    print(queue_of(home).text)
     return 0
 
 

@@ -323,3 +323,95 @@ BOMBS: Final[dict[str, dict[str, Bomb]]] = {
     "recipes/sn100c-tht.toml": LINES,
 }
 """File of a run -> what is put in its place, by name."""
+
+_LINE = "CREATE TABLE journal (number INTEGER PRIMARY KEY, line BLOB NOT NULL);"
+_REST = (
+    "CREATE TABLE attempt (name TEXT PRIMARY KEY, spec BLOB, run TEXT, progress TEXT, result TEXT,"
+    " ended REAL);CREATE TABLE event (number INTEGER PRIMARY KEY, attempt TEXT NOT NULL, line TEXT"
+    " NOT NULL);"
+)
+
+
+def _journal(lines: str) -> Bomb:
+    return _database(f"{_LINE}{_REST}{lines}")
+
+
+BATCHES: Final[dict[str, Bomb]] = {
+    "endless views": _database(
+        f"CREATE VIEW journal AS {_ENDLESS} SELECT i AS number, x'7b7d' AS line FROM n;{_REST}"
+    ),
+    "a trigger": _journal(
+        "CREATE TRIGGER t AFTER INSERT ON journal"
+        f" BEGIN INSERT INTO event {_ENDLESS} SELECT i, 'a', 'x' FROM n; END;"
+    ),
+    "computed columns": _database(
+        "CREATE TABLE journal (number INTEGER PRIMARY KEY, line BLOB AS (zeroblob(900000000)));"
+        f"{_REST}INSERT INTO journal (number) VALUES (1);"
+    ),
+    "a number for a line": _journal("INSERT INTO journal VALUES (1, 4000000000);"),
+    "a large number for a line": _journal("INSERT INTO journal VALUES (1, 9223372036854775807);"),
+    "texts, nulls and infinite numbers": _journal(
+        "INSERT INTO journal VALUES (1, 'x');INSERT INTO journal VALUES (2, 1e999);"
+        "INSERT INTO attempt VALUES (x'00', 1e999, 1, 1e999, 1e999, 'x');"
+        "INSERT INTO event VALUES (-9223372036854775808, 'a', 1e999);"
+    ),
+    "deep JSON": _journal(
+        "INSERT INTO journal VALUES (1, CAST(replace(hex(zeroblob(500000)), '0', '[') AS BLOB));"
+        "INSERT INTO attempt VALUES ('a-1', NULL, NULL, replace(hex(zeroblob(500000)), '0', '['),"
+        " NULL, NULL);"
+    ),
+    "60 MB of blanks": _journal("INSERT INTO journal VALUES (1, zeroblob(60000000));"),
+    "1 000 000 lines": _journal(
+        f"INSERT INTO journal {_ENDLESS} SELECT i, x'7b7d' FROM n LIMIT 1000000;"
+    ),
+    "1 000 000 attempts": _journal(
+        f"INSERT INTO attempt (name) {_ENDLESS} SELECT i FROM n LIMIT 1000000;"
+    ),
+    "numbers of JSON": _journal(
+        'INSERT INTO journal VALUES (1, CAST(\'{"seq": 1e308, "time": NaN, "job": \''
+        " || '1' || '}' AS BLOB));"
+    ),
+    "noise": STORES["noise"],
+}
+"""What is put in the place of a batch's store."""
+
+_ENTRIES = (
+    "CREATE TABLE entries (place, kind, run, stamp, data, sum, PRIMARY KEY (place, kind, run))"
+    " WITHOUT ROWID;"
+)
+
+
+def _index(script: str) -> Callable[[Path, bytes], None]:
+    """An index with this in it; `place` stands for the folder of runs."""
+    return lambda path, place: _database(script.replace("place!", f"x'{place.hex()}'"))(path)
+
+
+INDEXES: Final[dict[str, Callable[[Path, bytes], None]]] = {
+    "endless view": _index(
+        f"CREATE VIEW entries AS {_ENDLESS} SELECT place! AS place, 'run' AS kind, i AS run, x'00'"
+        " AS stamp, x'00' AS data, x'00' AS sum FROM n;"
+    ),
+    "a trigger": _index(
+        f"{_ENTRIES}CREATE TRIGGER t AFTER INSERT ON entries"
+        f" BEGIN DELETE FROM entries WHERE run IN ({_ENDLESS} SELECT i FROM n); END;"
+    ),
+    "a cell of 97 MiB": _index(
+        f"{_ENTRIES}INSERT INTO entries VALUES (place!, 'run', x'00', x'00',"
+        " zeroblob(97 << 20), x'00');"
+    ),
+    "4 cells of 80 MB": _index(
+        f"{_ENTRIES}INSERT INTO entries {_ENDLESS} SELECT place!, 'run', CAST(i AS BLOB), x'00',"
+        " zeroblob(80000000), x'00' FROM n LIMIT 4;"
+    ),
+    "1 200 000 rows": _index(
+        f"{_ENTRIES}INSERT INTO entries {_ENDLESS} SELECT place!, 'run', CAST(i AS BLOB), x'00',"
+        " x'00', x'00' FROM n LIMIT 1200000;"
+    ),
+    "wrong types": _index(
+        f"{_ENTRIES}INSERT INTO entries VALUES (place!, 'run', 1e999, NULL, 'x', 1);"
+        "INSERT INTO entries VALUES (1e999, 1, 1, 1, 1, 1);"
+        "INSERT INTO entries VALUES (place!, x'00', x'00', x'00', x'00', x'00');"
+    ),
+    "noise": lambda path, _: STORES["noise"](path),
+}
+"""What is put in the place of the index of runs."""
