@@ -5,9 +5,9 @@ groups of a large one.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 from urllib.parse import unquote
 
 import pyarrow as pa
@@ -16,7 +16,8 @@ import pyarrow.dataset as ds
 import pyarrow.fs as pf
 
 from jbclog.analysis.store.place import Place, explained
-from jbclog.analysis.store.reader import Published, Store, actions_of, chosen_rows, expect_rows
+from jbclog.analysis.store.reader import Published, Store, actions_of, expect_rows
+from jbclog.analysis.store.rows import chosen_rows
 from jbclog.analysis.store.schema import schema_of
 
 PART_ROWS: Final = 2_000_000
@@ -128,17 +129,26 @@ def _files(store: Store, table: str, runs: Iterable[Published]) -> Iterator[tupl
             for fragment in store.dataset(table).get_fragments()
         }
         files = actions_of(store.table(table)).to_pylist()
-    for file in sorted(files, key=lambda file: str(file["path"])):
-        first, last = file.get("min.publication") or "", file.get("max.publication")
-        of_partition = wanted.get((file.get("partition.line"), file.get("partition.month")), ())
-        mine = frozenset(
-            name for name in of_partition if first <= name and (last is None or name <= last)
-        )
-        rows = file.get("num_records") or 1
+    chosen = [(file, mine) for file in files if (mine := _publications(file, wanted))]
+    with explained(store.place.url):  # then the numbers of rows that the log has are true
+        store.data_files(table).expect_bounded(paths[unquote(one["path"])] for one, _ in chosen)
+    for file, mine in sorted(chosen, key=lambda one: str(one[0]["path"])):
+        rows = file["num_records"] or 1
         shares = -(-rows // PART_ROWS)
         path = paths[unquote(file["path"])]
-        for share in range(shares if mine else 0):
+        for share in range(shares):
             yield FilePart(store.place, table, path, share, shares, mine), -(-rows // shares)
+
+
+def _publications(
+    file: Mapping[str, Any], wanted: Mapping[tuple[str | None, str | None], Collection[str]]
+) -> frozenset[str]:
+    """Return the publications of which a file can have rows, by its partition and statistics."""
+    first, last = file.get("min.publication") or "", file.get("max.publication")
+    of_partition = wanted.get((file.get("partition.line"), file.get("partition.month")), ())
+    return frozenset(
+        name for name in of_partition if first <= name and (last is None or name <= last)
+    )
 
 
 @dataclass(frozen=True, slots=True)

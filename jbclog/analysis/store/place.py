@@ -19,6 +19,7 @@ from pathlib import Path, PosixPath, PurePosixPath
 from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote
 
+from jbclog.analysis.store.checkpoints import expect_bounded
 from jbclog.core.errors import StoreError, UsageError
 from jbclog.core.foreign.files import (
     Kind,
@@ -135,11 +136,13 @@ class Place:
         if self.is_remote:
             return
         with explained(self.url):
-            for path in self._plain_files(f"{name}/{LOG}"):
+            paths = [*self._plain_files(f"{name}/{LOG}")]
+            for path in paths:
                 with suppress(FileNotFoundError):  # a draft of a commit, which has its name now
                     expect_regular(
                         path, Kind.CHECKPOINT_HINT if path.name == HINT else Kind.STORE_LOG
                     )
+            expect_bounded(paths)
 
     def expect_plain(self, name: str) -> None:
         """Raise `StoreError` if there is anything but files and folders below a table."""

@@ -12,28 +12,26 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.dataset as ds
 import pyarrow.fs as pf
 
+from jbclog.analysis.store.data_files import FILES, DataFiles
 from jbclog.analysis.store.identity import Identity
 from jbclog.analysis.store.place import Place, expect_library, explained, one_line
+from jbclog.analysis.store.rows import kept_files, rows_in_order, span_of
 from jbclog.analysis.store.schema import DATA, OWN, PARTITIONS, PROPERTY, RECORD, RUNS, SCHEMA
 from jbclog.core.errors import RecordError, StoreError
+from jbclog.core.foreign.values import expect_values
 from jbclog.record.find_runs import ALL, SEALED, Filter, Found
 
 if TYPE_CHECKING:
     from deltalake import DeltaTable
 
-BATCH_ROWS: Final = 32_768  # as in a run's own row groups
-NO_ROW: Final = 2**63 - 1
-FILES: Final = "files"
 SHOWN: Final = (
     "operator",
     "order",
@@ -73,6 +71,7 @@ class Store:
         self.place = place
         self._tables: dict[str, DeltaTable] = {} if runs is None else {RUNS: runs}
         self._datasets: dict[str, ds.Dataset] = {}
+        self._checks: dict[str, DataFiles] = {}
 
     def table(self, name: str) -> DeltaTable:
         """Return a table at the version that is read. Raises `RecordError` for one of a newer
@@ -100,6 +99,20 @@ class Store:
             self.place.expect_plain(name)
             self._datasets[name] = found
         return self._datasets[name]
+
+    def bounded(self, name: str, fragments: Iterable[ds.Fragment]) -> list[ds.Fragment]:
+        """Return these files of a table. Raises `StoreError` as `data_files` does."""
+        found = list(fragments)
+        self.data_files(name).expect_bounded(one.path for one in found)
+        return found
+
+    def data_files(self, name: str) -> DataFiles:
+        """Return what looks at the files of a table before they are read."""
+        if name not in self._checks:
+            files = actions_of(self.table(name)).select(["path", "num_records"]).to_pydict()
+            declared = dict(zip(map(unquote, files["path"]), files["num_records"], strict=True))
+            self._checks[name] = DataFiles(self.place, name, declared)
+        return self._checks[name]
 
     def runs(self, wanted: Filter = ALL) -> list[Published]:
         """Return the newest version of each run that matches, in the order of their names, which
@@ -147,7 +160,7 @@ class Store:
             return self.dataset(RUNS)  # somebody else's: the library knows whether it can be read
         schema, form = pa.schema(table.schema().to_arrow()), ds.ParquetFileFormat()
         files = pf.SubTreeFileSystem(RUNS, self.place.files())
-        chosen = [one for one in actions_of(table).to_pylist() if _may_have(one, "run", name)]
+        chosen = [one for one in actions_of(table).to_pylist() if may_have(one, "run", name)]
         self.place.expect_files(RUNS, [unquote(one["path"]) for one in chosen])
         fragments = [
             form.make_fragment(unquote(one["path"]), files, partition_expression=_partition(one))
@@ -160,17 +173,21 @@ class Store:
     ) -> list[dict[str, Any]]:
         with explained(self.place.url):
             runs = self.dataset(RUNS) if runs is None else runs
+            self.bounded(RUNS, runs.get_fragments(filter=condition))
             columns = [name for name in runs.schema.names if name != FILES]
-            return list(runs.to_table(columns=columns, filter=condition).to_pylist())
+            rows = runs.to_table(columns=columns, filter=condition)
+            expect_values(rows, f"{RUNS}: ")
+            return list(rows.to_pylist())
 
     def files_of(self, one: Published) -> list[tuple[str, bytes]]:
         """Return name and bytes of the small files of a run: manifest, annotations, line, recipes.
         Raises `RecordError`.
         """
-        chosen = (pc.field("run") == one.identity.run) & (pc.field("version") == one.version)
+        name, version = one.identity.run, one.version
+        chosen = (pc.field("run") == name) & (pc.field("version") == version)
         with explained(self.place.url):
-            rows = self.dataset(RUNS).to_table(columns=[FILES], filter=chosen)[FILES].to_pylist()
-        return [(file["path"], file["data"]) for files in rows for file in files or ()]
+            files = self.bounded(RUNS, self.dataset(RUNS).get_fragments(filter=chosen))
+            return [kept for file in files for kept in kept_files(file, name, version)]
 
     def pieces(
         self,
@@ -179,7 +196,7 @@ class Store:
         columns: Sequence[str],
         condition: pc.Expression | None = None,
     ) -> Iterator[pa.Table]:
-        """Yield a run's rows of a table in order, at most `BATCH_ROWS` at a time. Raises
+        """Yield a run's rows of a table in order, at most 32 768 at a time. Raises
         `RecordError` where some are missing.
         """
         mine = pc.field("publication") == one.publication(table)
@@ -206,10 +223,11 @@ class Store:
     def _fragments(self, table: str, one: Published, mine: pc.Expression) -> list[ds.Fragment]:
         """Return the files that may have the run's rows."""
         condition = _in_partitions([one.line], [one.month])
-        return list(
+        return self.bounded(
+            table,
             self.dataset(table).get_fragments(
                 filter=mine if condition is None else mine & condition
-            )
+            ),
         )
 
     def _published(self, row: Mapping[str, Any]) -> Published:
@@ -263,7 +281,7 @@ def actions_of(table: DeltaTable) -> pa.Table:
     return pa.table(table.get_add_actions(flatten=True))
 
 
-def _may_have(file: Mapping[str, Any], column: str, value: str) -> bool:
+def may_have(file: Mapping[str, Any], column: str, value: str) -> bool:
     """Whether a file can have a row with this value; where it has no statistics, it can."""
     least, most = file.get(f"min.{column}"), file.get(f"max.{column}")
     return least is None or most is None or least <= value <= most
@@ -279,118 +297,6 @@ def _partition(file: Mapping[str, Any]) -> pc.Expression:
         for name, value in values.items()
     )
     return line & month
-
-
-# Where delta-rs removes some rows of a file, it writes the file anew with Arrow's views of texts as
-# types, which Arrow cannot compare with texts. Such a file is read first and filtered then.
-COMPARED: Final = ("publication", "row", "metric", "station", "port", "time")
-
-
-def has_views(fragment: ds.Fragment) -> bool:
-    """Whether a file's texts are views."""
-    return any(pa.types.is_string_view(kind) for kind in fragment.physical_schema.types)
-
-
-# A long run is committed in parts. Whoever joins files (`jbclog store compact`, delta-rs, Spark)
-# puts the parts, and those of other runs, in any order.
-
-
-@dataclass(frozen=True, slots=True)
-class Span:
-    """The rows of a run in one file: number of the first and of the last, how many they are, and
-    whether they are in order.
-    """
-
-    fragment: ds.Fragment
-    first: int
-    last: int
-    count: int
-    is_ordered: bool
-
-
-def span_of(fragment: ds.Fragment, mine: pc.Expression, schema: pa.Schema) -> Span:
-    """Return the span of the rows that match; without any, the first is behind all others."""
-    first, last, count, is_ordered, before = NO_ROW, -1, 0, True, -1
-    for piece in chosen_rows(fragment, ["row"], mine, schema):
-        numbers = piece["row"].to_numpy()
-        is_ordered &= bool((np.diff(numbers, prepend=before) > 0).all())
-        before, count = int(numbers[-1]), count + len(numbers)
-        first, last = min(first, int(numbers.min())), max(last, int(numbers.max()))
-    return Span(fragment, first, last, count, is_ordered)
-
-
-def rows_in_order(
-    spans: Iterable[Span], columns: Sequence[str], chosen: pc.Expression, schema: pa.Schema
-) -> Iterator[pa.Table]:
-    """Yield the rows that match, by their numbers, `BATCH_ROWS` or fewer at a time."""
-    found = sorted((span for span in spans if span.count), key=lambda span: span.first)
-    if all(span.is_ordered for span in found) and all(
-        before.last < after.first for before, after in pairwise(found)
-    ):
-        for span in found:
-            yield from chosen_rows(span.fragment, columns, chosen, schema)
-    else:
-        yield from _sorted_rows(found, columns, chosen, schema)
-
-
-def _sorted_rows(
-    spans: Sequence[Span], columns: Sequence[str], chosen: pc.Expression, schema: pa.Schema
-) -> Iterator[pa.Table]:
-    number, needed = pc.field("row"), [*dict.fromkeys([*columns, "row"])]
-    first, most = 0, sum(span.count for span in spans)
-    while first < most:
-        behind = first + BATCH_ROWS
-        within = chosen & (number >= first) & (number < behind)
-        pieces = [
-            piece
-            for span in spans
-            if span.first < behind and first <= span.last
-            for piece in chosen_rows(span.fragment, needed, within, schema)
-        ]
-        if pieces:
-            yield pa.concat_tables(pieces).sort_by("row").select(list(columns))
-        first = behind
-
-
-def chosen_rows(
-    fragment: ds.Fragment,
-    columns: Sequence[str],
-    condition: pc.Expression,
-    schema: pa.Schema,
-    *,
-    use_threads: bool = True,
-) -> Iterator[pa.Table]:
-    """Yield the rows of a file that match, `BATCH_ROWS` or fewer at a time; none is empty. A column
-    that it lacks is null.
-    """
-    how = {"batch_size": BATCH_ROWS, "batch_readahead": 1, "use_threads": use_threads}
-    if not has_views(fragment):
-        batches = fragment.to_batches(schema, list(columns), filter=condition, **how)
-        yield from (pa.Table.from_batches([batch]) for batch in batches if batch.num_rows)
-        return
-    viewed = pa.schema([_like(field, fragment.physical_schema) for field in schema])
-    needed = [
-        *columns,
-        *(name for name in COMPARED if name in schema.names and name not in columns),
-    ]
-    for batch in fragment.to_batches(viewed, needed, **how):
-        piece = as_texts(pa.Table.from_batches([batch])).filter(condition).select(list(columns))
-        if piece.num_rows:
-            yield piece
-
-
-def _like(field: pa.Field, there: pa.Schema) -> pa.Field:
-    """Return a field with the type that it has in a file."""
-    return field.with_type(there.field(field.name).type) if field.name in there.names else field
-
-
-def as_texts(piece: pa.Table) -> pa.Table:
-    """Return the rows with texts instead of views of texts."""
-    fields = [
-        field.with_type(pa.utf8()) if pa.types.is_string_view(field.type) else field
-        for field in piece.schema
-    ]
-    return piece.cast(pa.schema(fields))
 
 
 def as_own(piece: pa.Table, table: str) -> pa.Table:

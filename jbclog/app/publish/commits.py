@@ -17,11 +17,13 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain, islice
 from typing import TYPE_CHECKING, Final
+from urllib.parse import unquote
 
 import pyarrow as pa
 
+from jbclog.analysis.store.data_files import DataFiles
 from jbclog.analysis.store.place import Place, explained, one_line
-from jbclog.analysis.store.reader import opened
+from jbclog.analysis.store.reader import actions_of, may_have, opened
 from jbclog.analysis.store.schema import PARTITIONS, PROPERTY, RUNS, SCHEMA, TABLES, schema_of
 from jbclog.core.errors import StoreError
 
@@ -196,8 +198,13 @@ def remove(place: Place, name: str, publication: str) -> None:
     `StoreError`.
     """
     for _ in range(TRIES):
-        table = opened(place, name)
-        done = properties(removed=publication)
+        table, done = opened(place, name), properties(removed=publication)
+        with explained(place.url):  # files that it is written in are read and written anew
+            DataFiles(place, name, {}).expect_bounded(
+                unquote(file["path"])
+                for file in actions_of(table).to_pylist()
+                if may_have(file, "publication", publication)
+            )
         if committed(
             place,
             lambda table=table, done=done: table.delete(

@@ -15,12 +15,13 @@ import pyarrow.compute as pc
 
 from jbclog.analysis.store.place import Place, expect_library, explained
 from jbclog.analysis.store.reader import Published, Store, actions_of
+from jbclog.analysis.store.rows import chosen_rows
 from jbclog.analysis.store.schema import DATA, RUNS, TABLES
 from jbclog.app.publish.commits import committed, properties, writer
 from jbclog.app.publish.lease import FOLDER, leases, live
 from jbclog.app.publish.leftovers import swept
 from jbclog.app.publish.safe_place import PROBE
-from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.errors import RecordError, StoreError, UsageError
 
 if TYPE_CHECKING:
     from deltalake import DeltaTable
@@ -56,6 +57,10 @@ def check(place: Place, older_than: timedelta = SWEPT_AFTER) -> Checked:
     left: dict[str, set[str]] = {}
     for table in DATA:
         try:
+            strange = [*_strange(store, table)]
+            found.findings += strange
+            if strange:
+                continue
             counts, written = _counted(store, table), _written(store, table)
             found.findings += _damage(store, table, entries, counts)
         except RecordError as error:
@@ -123,21 +128,31 @@ def _counted(store: Store, table: str) -> Counter[str]:
     del counts[""]
     if mixed:
         with explained(store.place.url):
+            schema = store.dataset(table).schema
             for fragment in store.dataset(table).get_fragments():
                 if unquote(fragment.path) in mixed:
-                    names = pc.value_counts(
-                        fragment.to_table(columns=["publication"])["publication"]
-                    )
-                    counts.update(
-                        dict(
-                            zip(
-                                names.field("values").to_pylist(),
-                                names.field("counts").to_pylist(),
-                                strict=True,
-                            )
-                        )
-                    )
+                    for piece in chosen_rows(fragment, ["publication"], None, schema):
+                        names = pc.value_counts(piece["publication"]).to_pylist()
+                        counts.update({one["values"]: one["counts"] for one in names})
     return counts
+
+
+def _strange(store: Store, table: str) -> Iterator[str]:
+    """Yield a sentence for each file that no publisher wrote so. Those that are missing are found
+    later.
+    """
+    looks, named = store.data_files(table), 0
+    for path, _ in _files(store.table(table)):
+        try:
+            looks.expect_bounded([path])
+        except FileNotFoundError:
+            continue
+        except StoreError as error:
+            named += 1
+            if named <= MOST_NAMED:
+                yield str(error)
+    if named > MOST_NAMED:
+        yield f"{table}: and {named - MOST_NAMED} more such files"
 
 
 def _only(file: Mapping[str, object]) -> str | None:
@@ -225,8 +240,11 @@ def compact(place: Place) -> dict[str, tuple[int, int]]:
 
 
 def _compacted(place: Place, name: str) -> dict[str, int]:
-    table = Store(place).table(name)
+    store = Store(place)
+    table = store.table(name)
     place.expect_plain(name)
+    with explained(place.url):
+        store.data_files(name).expect_bounded(path for path, _ in _files(table))
     return dict(
         table.optimize.compact(
             max_concurrent_tasks=1, writer_properties=writer(), commit_properties=properties()

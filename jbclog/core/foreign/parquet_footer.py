@@ -20,6 +20,9 @@ YES, NO, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, STRUCT = 1, 2, 3, 4, 5,
 BITS: Final = {I16: 16, I32: 32, I64: 64}
 SIGN: Final = 1
 DEPTH: Final = 8
+LONGEST_VARINT: Final = 10  # bytes of 64 bits
+# of each list: the library builds a schema's tree by recursion, one call a level
+MOST_ITEMS: Final = 8192
 LONG_LIST: Final = 15
 # cached footers (a week has 168 parts a table), and the maximum size of each
 KEPT, KEPT_BYTES = 256, 64 << 10
@@ -29,18 +32,20 @@ class ThriftReader:
     """Reads Thrift values from bytes. Raises IndexError or ValueError for invalid data."""
 
     def __init__(self, data: bytes) -> None:
-        self._data = data
+        self.data = data
         self.at = 0
 
     def fields(self) -> Iterator[tuple[int, int]]:
         """Return id and type of each field of a struct. The caller reads each value in turn."""
-        number, seen = 0, set()
-        while head := self._byte():
+        data, number, seen = self.data, 0, set()
+        while head := data[self.at]:
+            self.at += 1
             number = number + (head >> 4) if head >> 4 else self._signed(16)
             if number in seen or number >> 15:
                 raise ValueError(f"field {number} is duplicate or out of range")
             seen.add(number)
             yield number, head & 0xF
+        self.at += 1
 
     def integer(self, kind: int) -> int | None:
         """Read a value of type `kind`: a whole number, or None for another type."""
@@ -55,7 +60,7 @@ class ThriftReader:
             self.skip(kind)
             return None
         length = self._varint()
-        found = self._data[self.at : self.at + length]
+        found = self.data[self.at : self.at + length]
         self.at += length
         if len(found) != length:
             raise ValueError("bytes beyond the end")
@@ -74,47 +79,26 @@ class ThriftReader:
         for _ in range(count):
             yield
 
-    def skip(self, kind: int, depth: int = 0) -> None:
+    def skip(self, kind: int) -> None:
         """Skip a value of type `kind`."""
-        if depth > DEPTH:
-            raise ValueError("nested too deeply")
-        if kind in BITS:
-            self._varint()
-        elif kind == BINARY:
-            length = self._varint()
-            self.at += length
-        elif kind in (BYTE, DOUBLE):
-            self.at += 1 if kind == BYTE else 8
-        elif kind == STRUCT:
-            for _, each in self.fields():
-                self.skip(each, depth + 1)
-        elif kind in (LIST, SET):
-            count, each = self._list()
-            for _ in range(count):
-                self.skip(BYTE if each in (YES, NO) else each, depth + 1)
-        elif kind not in (YES, NO):  # a struct's flag has its value in the type
-            raise ValueError(f"a value of kind {kind}")
-        if self.at > len(self._data):
+        self.at = _end_of(self.data, self.at, kind)
+        if self.at > len(self.data):
             raise ValueError("bytes beyond the end")
 
     def _list(self) -> tuple[int, int]:
         head = self._byte()
-        return (head >> 4 if head >> 4 < LONG_LIST else self._varint()), head & 0xF
+        count = head >> 4 if head >> 4 < LONG_LIST else self._varint()
+        if count > MOST_ITEMS:
+            raise ValueError("too long a list")
+        return count, head & 0xF
 
     def _byte(self) -> int:
         self.at += 1
-        return self._data[self.at - 1]
+        return self.data[self.at - 1]
 
     def _varint(self) -> int:
-        value = shift = 0
-        while True:
-            one = self._byte()
-            value |= (one & 0x7F) << shift
-            shift += 7
-            if not one & 0x80:
-                return value
-            if shift > 63:
-                raise ValueError("too large a number")
+        value, self.at = _varint(self.data, self.at)
+        return value
 
     def _signed(self, bits: int) -> int:
         value = self._varint()
@@ -123,20 +107,89 @@ class ThriftReader:
         return (value >> SIGN) ^ -(value & SIGN)
 
 
+def _end_of(data: bytes, at: int, kind: int, depth: int = 0) -> int:
+    """Return where a value of type `kind` that begins at `at` ends. Most of a footer is skipped."""
+    if kind in BITS:
+        begin = at
+        while data[at] & 0x80:
+            at += 1
+        if at - begin >= LONGEST_VARINT:
+            raise ValueError("too large a number")
+        return at + 1
+    if kind == BINARY:
+        length, at = _varint(data, at)
+        return at + length
+    if kind == STRUCT:
+        return _end_of_struct(data, at, depth)
+    if kind in (LIST, SET):
+        return _end_of_list(data, at, depth)
+    if kind in (YES, NO):  # a struct's flag has its value in the type
+        return at
+    if kind not in (BYTE, DOUBLE):
+        raise ValueError(f"a value of kind {kind}")
+    return at + (1 if kind == BYTE else 8)
+
+
+def _end_of_struct(data: bytes, at: int, depth: int) -> int:
+    if depth > DEPTH:
+        raise ValueError("nested too deeply")
+    while head := data[at]:
+        at += 1
+        if head >> 4 == 0:  # the field's number stands by itself
+            at = _end_of(data, at, I16)
+        at = _end_of(data, at, head & 0xF, depth + 1)
+    return at + 1
+
+
+def _end_of_list(data: bytes, at: int, depth: int) -> int:
+    if depth > DEPTH:
+        raise ValueError("nested too deeply")
+    head = data[at]
+    count, at = (head >> 4, at + 1) if head >> 4 < LONG_LIST else _varint(data, at + 1)
+    if count > MOST_ITEMS:
+        raise ValueError("too long a list")
+    kind = head & 0xF
+    for _ in range(count):
+        at = _end_of(data, at, BYTE if kind in (YES, NO) else kind, depth + 1)
+    return at
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    """Return the number that begins at `at`, and where it ends."""
+    one = data[at]
+    if one < 0x80:
+        return one, at + 1
+    value = shift = 0
+    while True:
+        value |= (one & 0x7F) << shift
+        shift += 7
+        at += 1
+        if one < 0x80:
+            return value, at
+        if shift > 63:
+            raise ValueError("too large a number")
+        one = data[at]
+
+
 # The library's own metadata view aborts the process (pyarrow 26: an exception that its Python
 # binding does not catch) where a footer contradicts itself; one altered byte is enough.
 GROUPS = 4  # fields of FileMetaData,
 COLUMNS, ROWS = 1, 3  # of RowGroup,
 ABOUT, SECRET, SECRET_ABOUT = 3, 8, 9  # of ColumnChunk,
 # of ColumnMetaData,
-PATH, VALUES, UNPACKED, PACKED, DATA_AT, DICTIONARY_AT, STATISTICS = 3, 5, 6, 7, 9, 11, 12
+KIND, PATH, CODEC, VALUES, UNPACKED, PACKED = 1, 3, 4, 5, 6, 7
+DATA_AT, DICTIONARY_AT, STATISTICS = 9, 11, 12
+NUMBERS: Final = (KIND, CODEC, VALUES, UNPACKED, PACKED, DATA_AT, DICTIONARY_AT)
+TEXT: Final = 6  # physical types: bytes, and bytes of one length
+TEXTS: Final = (TEXT, 7)
 GREATEST, LEAST = 5, 6  # of Statistics
-MOST_GROUPS = 8192
 
 
 @dataclass(frozen=True, slots=True)
 class ColumnChunk:
-    """A column of a row group: name, number of values, sizes, offsets, minimum and maximum."""
+    """A column of a row group: name, number of values, sizes, offsets, statistics, physical
+    type and codec.
+    """
 
     name: str
     values: int
@@ -144,8 +197,17 @@ class ColumnChunk:
     packed: int
     data_at: int
     dictionary_at: int | None
-    least: bytes | None
-    greatest: bytes | None
+    statistics: bytes | None
+    kind: int
+    codec: int
+
+    @property
+    def bounds(self) -> tuple[bytes | None, bytes | None]:
+        """The minimum and maximum; None where the footer has none. Raises `NotReadable`."""
+        try:
+            return _bounds(ThriftReader(self.statistics or b"\0"))
+        except (IndexError, ValueError):
+            raise NotReadable("has an unreadable footer") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,10 +234,7 @@ def _groups_in(footer: bytes) -> tuple[RowGroup, ...]:
             if number != GROUPS:
                 reader.skip(kind)
                 continue
-            for _ in reader.items(kind, STRUCT):
-                found.append(_group(reader))
-                if len(found) > MOST_GROUPS:
-                    raise NotReadable(f"has more than {MOST_GROUPS} row groups")
+            found += [_group(reader) for _ in reader.items(kind, STRUCT)]
     except (IndexError, ValueError):
         raise NotReadable("has an unreadable footer") from None
     return tuple(found)
@@ -214,26 +273,45 @@ def _chunk(reader: ThriftReader) -> ColumnChunk:
 
 
 def _about(reader: ThriftReader) -> ColumnChunk:
-    numbers: dict[int, int | None] = {}
-    names: list[bytes | None] = []
-    least = greatest = None
-    for number, kind in reader.fields():
-        if number in (VALUES, UNPACKED, PACKED, DATA_AT, DICTIONARY_AT):
-            numbers[number] = reader.integer(kind)
-        elif number == PATH:
-            names = [reader.binary(BINARY) for _ in reader.items(kind, BINARY)]
-        elif number == STATISTICS and kind == STRUCT:
-            least, greatest = _bounds(reader)
+    """Parse a column's metadata, without a call for each field: they are most of a footer."""
+    data, at, number = reader.data, reader.at, 0
+    numbers: dict[int, int] = {}
+    name, statistics = "", None
+    while head := data[at]:
+        kind, before = head & 0xF, number
+        if head >> 4:
+            number, at = number + (head >> 4), at + 1
         else:
-            reader.skip(kind)
-    values, unpacked, packed, data_at = (
-        numbers.get(number) for number in (VALUES, UNPACKED, PACKED, DATA_AT)
-    )
-    if values is None or unpacked is None or packed is None or data_at is None:
-        raise ValueError("a column without its lengths")
-    name = ".".join((part or b"").decode() for part in names)  # what is no text raises ValueError
+            value, at = _varint(data, at + 1)
+            number = (value >> SIGN) ^ -(value & SIGN)
+        if not before < number < 1 << 15:  # in another order, fields could be there twice
+            raise ValueError(f"field {number} is out of order")
+        if number in NUMBERS and kind in BITS:
+            value, at = _varint(data, at)
+            if value >> BITS[kind]:
+                raise ValueError(f"a number of more than {BITS[kind]} bits")
+            numbers[number] = (value >> SIGN) ^ -(value & SIGN)
+        elif number == PATH:
+            reader.at = at
+            parts = [reader.binary(BINARY) or b"" for _ in reader.items(kind, BINARY)]
+            name, at = ".".join(part.decode() for part in parts), reader.at  # or ValueError
+        else:
+            begin, at = at, _end_of(data, at, kind)
+            if number == STATISTICS and kind == STRUCT:
+                statistics = data[begin:at]
+    reader.at = at + 1
+    if not {KIND, CODEC, VALUES, UNPACKED, PACKED, DATA_AT} <= numbers.keys():
+        raise ValueError("a column without its type, codec, number of values or lengths")
     return ColumnChunk(
-        name, values, unpacked, packed, data_at, numbers.get(DICTIONARY_AT), least, greatest
+        name,
+        numbers[VALUES],
+        numbers[UNPACKED],
+        numbers[PACKED],
+        numbers[DATA_AT],
+        numbers.get(DICTIONARY_AT),
+        statistics,
+        numbers[KIND],
+        numbers[CODEC],
     )
 
 

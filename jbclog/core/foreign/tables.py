@@ -11,10 +11,8 @@ A recorder's row groups have some 33 000 rows and 9 MB; the limits are eight to 
 from __future__ import annotations
 
 import os
-import struct
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -23,26 +21,16 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_regular, open_foreign
-from jbclog.core.foreign.parquet_footer import (
-    STRUCT,
-    ColumnChunk,
-    RowGroup,
-    ThriftReader,
-    groups_in,
-)
+from jbclog.core.foreign.parquet_footer import MOST_ITEMS, ColumnChunk, RowGroup, groups_in
+from jbclog.core.foreign.parquet_pages import CODES, IN_FULL, Page, footer_of, pages_of
 from jbclog.core.foreign.values import expect_values
 
-MAGIC: Final = b"PAR1"
-TAIL: Final = struct.Struct("<I4s")
-FOOTER_BYTES: Final = 4 * MIB  # an hour of 256 ports at 10 Hz takes 1.4 MB
-FOOTER_LIST: Final = 8192  # entries of one of its lists
 GROUP_ROWS: Final = 262_144
 THREADED_ROWS: Final = 4096  # threads take longer for fewer
 GROUP_BYTES: Final = 128 * MIB  # of the columns read, uncompressed
 ROWS_A_BYTE: Final = 16  # rows without any reading take a quarter of a byte each
 FREE_ROWS: Final = 1_000_000  # whatever the file's size
 COLUMNS: Final = 200
-PAGES: Final = 4096  # of one column of a row group
 TEXTS: Final = (
     pa.types.is_string,
     pa.types.is_large_string,
@@ -61,13 +49,13 @@ def open_table(
     The texts in the columns `coded` are read as dictionaries, in a fifth of the time.
     """
     with open_foreign(path, Kind.PART) as data, ExitStack() as opened:
-        groups = groups_in(_footer(data))
+        groups = groups_in(footer_of(data))
         try:
             file = pq.ParquetFile(
                 path,
                 read_dictionary=list(coded) or None,
                 page_checksum_verification=True,
-                thrift_container_size_limit=FOOTER_LIST,
+                thrift_container_size_limit=MOST_ITEMS,
             )
             table = ParquetTable(opened.enter_context(file), groups, data, most_bytes)
         except UnicodeDecodeError as error:
@@ -91,14 +79,8 @@ def bounds_of(path: Path, column: str) -> list[tuple[bytes, bytes] | None]:
             next((chunk for chunk in group.chunks if chunk.name == column), None)
             for group in table.row_groups
         ]
-    return [
-        (
-            (one.least, one.greatest)
-            if one is not None and one.least is not None and one.greatest is not None
-            else None
-        )
-        for one in chunks
-    ]
+    bounds = [(None, None) if one is None else one.bounds for one in chunks]
+    return [None if least is None or most is None else (least, most) for least, most in bounds]
 
 
 def read_small(
@@ -112,6 +94,22 @@ def read_small(
             raise NotReadable(f"has {table.metadata.num_rows} rows; at most {GROUP_ROWS} are read")
         groups = [*table.groups(columns)]
         return pa.concat_tables(groups) if groups else table.empty(columns)
+
+
+def batches_in(
+    source: pa.NativeFile,
+    groups: Sequence[int],
+    columns: Sequence[str],
+    rows: int,
+    coded: Sequence[str] = (),
+) -> Iterator[pa.RecordBatch]:
+    """Yield the columns that are there of some row groups of an open file, some rows at a time,
+    texts of the columns `coded` as dictionaries. The file must have been looked at (`sizes_of`).
+    """
+    with pq.ParquetFile(source, read_dictionary=list(coded) or None) as file:
+        there = [name for name in columns if name in file.schema_arrow.names]
+        for group in groups:  # over all at once the library reads ahead
+            yield from file.iter_batches(rows, [group], there, use_threads=False)
 
 
 class ParquetTable:
@@ -169,12 +167,13 @@ class ParquetTable:
                 continue
             if chunk.values > GROUP_ROWS or chunk.values != group.rows:
                 raise NotReadable(f"row group {index}: {chunk.name} has {chunk.values} values")
-            unpacked += max(chunk.unpacked, _unpacked(self._data, chunk))
+            pages = [*pages_of(self._data, chunk)]
+            unpacked += max(chunk.unpacked, sum(page.unpacked for page in pages))
             if unpacked > self._most_bytes:
                 raise NotReadable(f"row group {index} has more than {self._most_bytes // MIB} MiB")
-            self._expect_short_texts(index, chunk)
+            self._expect_short_texts(index, chunk, pages)
 
-    def _expect_short_texts(self, index: int, chunk: ColumnChunk) -> None:
+    def _expect_short_texts(self, index: int, chunk: ColumnChunk, pages: Sequence[Page]) -> None:
         """A text that a page has once may stand in many rows: that of a dictionary, or one of which
         others are said to have the beginning. Written out, they may be far longer.
         """
@@ -183,11 +182,11 @@ class ParquetTable:
             return
         if chunk.unpacked * chunk.values <= self._most_bytes:
             return
-        longest, written_once, is_known = _texts_in(self._data, chunk)
+        longest, written_once, is_known = _texts_in(pages)
         if longest * chunk.values + written_once <= self._most_bytes:
             return
         written = (
-            sum(_written_out(batch.column(0)) for batch in self._as_dictionary(index, chunk.name))
+            sum(written_out(batch.column(0)) for batch in self._as_dictionary(index, chunk.name))
             if is_known
             else longest * chunk.values
         )
@@ -205,28 +204,12 @@ def _own(data: BinaryIO) -> BinaryIO:
     return os.fdopen(os.dup(data.fileno()), "rb")
 
 
-def _written_out(column: pa.Array) -> int:
+def written_out(column: pa.Array) -> int:
+    """Return the bytes of a column's texts, in full where a dictionary has them."""
     if not pa.types.is_dictionary(column.type):
         return int(column.nbytes)
     lengths = pc.binary_length(column.dictionary)
     return int(pc.sum(lengths.take(column.indices).cast(pa.int64())).as_py() or 0)
-
-
-def _footer(data: BinaryIO) -> bytes:
-    """Return the footer's bytes. Raises `NotReadable` where it is missing or too long."""
-    size = data.seek(0, 2)
-    if size < TAIL.size + len(MAGIC):
-        raise NotReadable("is not a Parquet file: it is too short")
-    data.seek(size - TAIL.size)
-    length, magic = TAIL.unpack(data.read(TAIL.size))
-    if magic != MAGIC:
-        raise NotReadable("is not a Parquet file: its end is wrong")
-    if length > FOOTER_BYTES:
-        raise NotReadable(f"has a footer of {length} bytes; at most {FOOTER_BYTES} are read")
-    if length > size - TAIL.size - len(MAGIC):
-        raise NotReadable("is not a Parquet file: its footer is longer than the file")
-    data.seek(size - TAIL.size - length)
-    return data.read(length)
 
 
 def _expect_plausible(metadata: pq.FileMetaData, groups: Sequence[RowGroup], size: int) -> None:
@@ -249,105 +232,13 @@ def _expect_plausible(metadata: pq.FileMetaData, groups: Sequence[RowGroup], siz
         raise NotReadable("has a footer that contradicts itself")
 
 
-# Page headers: struct PageHeader of
-# https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
-HEAD_BYTES: Final = 16 << 10
-USUAL_HEAD_BYTES: Final = 256
-KEPT_HEADS: Final = 4096  # cached page headers: those of a week's samples of a few columns
-# fields of a page header: what it is, its sizes, and the encoding in either kind of data page
-PAGE, UNPACKED, PACKED = 1, 2, 3
-# kind of data page -> its struct, and the field in it
-ENCODINGS: Final[dict[int | None, tuple[int, int]]] = {0: (5, 2), 3: (8, 4)}
-ENCODING: Final = -1  # of the data page, among its fields
-PLAIN: Final = 0  # each text in full
-CODES: Final = (2, 8)  # places in the dictionary
-UNKNOWN: Final = -1
-
-
-def _unpacked(data: BinaryIO, chunk: ColumnChunk) -> int:
-    """Sum the uncompressed sizes that a column's pages declare. Raises `NotReadable`."""
-    return sum(size for size, _ in _pages(data, chunk))
-
-
-def _texts_in(data: BinaryIO, chunk: ColumnChunk) -> tuple[int, int, bool]:
+def _texts_in(pages: Sequence[Page]) -> tuple[int, int, bool]:
     """Return upper bounds for the length of a text that may stand in several rows, and for that of
     all others together; and whether all of them are in full in the pages.
     """
-    longest, written_once, is_known = 0, 0, True
-    for size, encoding in _pages(data, chunk):
-        if encoding == PLAIN:
-            written_once += size
-        elif encoding not in CODES:
-            longest, is_known = max(longest, size), is_known and encoding is None
-    return longest, written_once, is_known
-
-
-def _pages(data: BinaryIO, chunk: ColumnChunk) -> Iterator[tuple[int, int | None]]:
-    """Return each page's uncompressed size, and the encoding of one with data."""
-    if not chunk.packed:
-        return
-    at = min((start for start in (chunk.data_at, chunk.dictionary_at) if start), default=0)
-    end = at + chunk.packed
-    if not len(MAGIC) <= at <= end <= data.seek(0, 2):
-        raise NotReadable(f"{chunk.name} lies outside the file")
-    for _ in range(PAGES):
-        if at >= end:
-            return
-        data.seek(at)
-        fields, length = _head(data.read(min(HEAD_BYTES, end - at)))
-        packed, unpacked = fields.get(PACKED), fields.get(UNPACKED)
-        if packed is None or unpacked is None or packed < 0 or unpacked < 0:
-            raise NotReadable(f"{chunk.name} has a page without a size")
-        yield unpacked, fields.get(ENCODING)
-        at += length + packed
-    raise NotReadable(f"{chunk.name} has more than {PAGES} pages")
-
-
-def _head(data: bytes) -> tuple[dict[int, int | None], int]:
-    """Parse a page header; return its sizes, the encoding of a data page, and its own length in
-    bytes.
-
-    A run's pages are read several times by whatever looks at it. A header that ends within its
-    first bytes is the same whatever follows.
-    """
-    try:
-        return _usual_head(data[:USUAL_HEAD_BYTES])
-    except NotReadable:
-        return _parsed_head(data)
-
-
-def _parsed_head(data: bytes) -> tuple[dict[int, int | None], int]:
-    reader = ThriftReader(data)
-    found: dict[int, int | None] = {}
-    encodings: dict[int, int | None] = {}
-    of_struct = dict(ENCODINGS.values())
-    try:
-        for number, kind in reader.fields():
-            if number in (PAGE, UNPACKED, PACKED):
-                found[number] = reader.integer(kind)
-            elif number in of_struct and kind == STRUCT:
-                encodings[number] = _integer_in(reader, of_struct[number])
-            else:
-                reader.skip(kind)
-    except (IndexError, ValueError):
-        raise NotReadable("has an unreadable page header") from None
-    kind_of_page = found.get(PAGE)
-    if kind_of_page in ENCODINGS:
-        place, _ = ENCODINGS[kind_of_page]
-        encoding = encodings.get(place)
-        found[ENCODING] = UNKNOWN if encoding is None else encoding
-    return found, reader.at
-
-
-def _integer_in(reader: ThriftReader, wanted: int) -> int | None:
-    """Read a struct; return the whole number in one of its fields."""
-    value = None
-    for number, kind in reader.fields():
-        if number == wanted:
-            value = reader.integer(kind)
-        else:
-            reader.skip(kind)
-    return value
-
-
-_usual_head = lru_cache(maxsize=KEPT_HEADS)(_parsed_head)
+    others = [page for page in pages if page.encoding not in (*IN_FULL, *CODES)]
+    return (
+        max((page.unpacked for page in others), default=0),
+        sum(page.unpacked for page in pages if page.encoding in IN_FULL),
+        all(page.encoding is None for page in others),
+    )

@@ -78,6 +78,7 @@ ALLOWED = {
     "record/guard_actions.py:os.open": "read through `read_foreign` before",
     "analysis/store/place.py:DeltaTable": "looked through by `_expect_plain_log` before",
     "analysis/store/reader.py:make_fragment": "looked at by `expect_files` in the line before",
+    "analysis/store/rows.py:open_input_file": "looked at by `Store.bounded` before",
     "analysis/store/parts.py:make_fragment": "files of `Store.dataset`, which looks through them",
     "config/load_recipe.py:read_text": (
         "the function of `config/toml_reader.py`, which reads through `read_foreign`"

@@ -26,15 +26,8 @@ from jbclog.core.foreign.parquet_footer import (
     ThriftReader,
     groups_in,
 )
-from jbclog.core.foreign.tables import (
-    PLAIN,
-    TAIL,
-    _pages,
-    _texts_in,
-    bounds_of,
-    open_table,
-    read_small,
-)
+from jbclog.core.foreign.parquet_pages import IN_FULL, TAIL, pages_of
+from jbclog.core.foreign.tables import _texts_in, bounds_of, open_table, read_small
 
 ROWS = pa.table(
     {
@@ -90,15 +83,15 @@ def test_a_page_s_header_is_read_whatever_its_length(tmp_path: Path, length: int
     path = tmp_path / "a.parquet"
     pq.write_table(pa.table({"name": texts}), path, use_dictionary=False, write_page_checksum=True)
     (group,) = groups_in(footer_of(path.read_bytes()))
-    ((size, encoding),) = _pages(io.BytesIO(path.read_bytes()), group.chunks[0])
-    assert encoding == PLAIN
+    ((_, size, _, encoding, _),) = pages_of(io.BytesIO(path.read_bytes()), group.chunks[0])
+    assert encoding in IN_FULL
     assert size >= 2 * length
     assert size < 2 * length + 20
     assert read_small(path)["name"].to_pylist() == texts
 
 
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
-@pytest.mark.parametrize("encoding", [None, "PLAIN", "DELTA_BYTE_ARRAY"])
+@pytest.mark.parametrize("encoding", [None, "PLAIN", "DELTA_LENGTH_BYTE_ARRAY", "DELTA_BYTE_ARRAY"])
 def test_what_pages_have_of_texts_is_known_from_their_heads(
     tmp_path: Path, encoding: str | None, version: str
 ) -> None:
@@ -111,11 +104,12 @@ def test_what_pages_have_of_texts_is_known_from_their_heads(
         pa.table({"name": ["one", "another"] * rows}), path, data_page_version=version, **kinds
     )
     (group,) = groups_in(footer_of(path.read_bytes()))
-    longest, written_once, is_known = _texts_in(io.BytesIO(path.read_bytes()), group.chunks[0])
+    pages = [*pages_of(io.BytesIO(path.read_bytes()), group.chunks[0])]
+    longest, written_once, is_known = _texts_in(pages)
     assert is_known is (encoding != "DELTA_BYTE_ARRAY")
     if encoding is None:
         assert (longest, written_once) == (len("one") + len("another") + 8, 0)
-    elif encoding == "PLAIN":
+    elif encoding != "DELTA_BYTE_ARRAY":
         assert longest == 0
         assert rows * (len("one") + len("another")) <= written_once <= 2 * rows * 10
     else:
@@ -206,3 +200,18 @@ def test_what_is_skipped_is_skipped_whole(kind: int, data: bytes) -> None:
     reader = ThriftReader(data + b"\x7f")
     reader.skip(kind)
     assert reader.at == len(data)
+
+
+def test_texts_that_repeat_the_beginning_of_the_one_before_are_bounded(tmp_path: Path) -> None:
+    """400 texts of 500 kB in 0.5 kB, without a dictionary."""
+    path = tmp_path / "a.parquet"
+    pq.write_table(
+        pa.table({"name": ["x" * 500_000] * 400}),
+        path,
+        use_dictionary=False,
+        column_encoding={"name": "DELTA_BYTE_ARRAY"},
+        compression="zstd",
+    )
+    assert path.stat().st_size < 100_000
+    with pytest.raises(NotReadable, match="MiB of text"):
+        read_small(path)

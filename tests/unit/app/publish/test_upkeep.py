@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 
 import jbclog
 from jbclog.analysis.run import Run
-from jbclog.analysis.store import contents, reader, schema
+from jbclog.analysis.store import contents, reader, rows, schema
 from jbclog.analysis.store.place import Place, place_of
 from jbclog.analysis.store.reader import Store
 from jbclog.analysis.store.schema import DATA, PARTITIONS, PROPERTY, RUNS, TABLES
@@ -290,7 +290,7 @@ def test_a_run_in_parts_has_its_rows_in_order_after_compaction(
 def test_rows_in_any_order_come_in_theirs_a_piece_at_a_time(
     place: Place, filled: Place, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reader, "BATCH_ROWS", 37)
+    monkeypatch.setattr(rows, "BATCH_ROWS", 37)
     table = DeltaTable(place.of("samples")).to_pyarrow_table()
     write_deltalake(place.of("samples"), table.sort_by([("row", "descending")]), mode="overwrite")
     for here, there in zip(jbclog.open_runs(filled.url), jbclog.open_runs(place.url), strict=True):
