@@ -13,6 +13,7 @@ import socket
 import struct
 import subprocess
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ import pytest
 from jbclog.analysis.run import open_run
 from jbclog.app.discovery import search
 from jbclog.config.line import load_line
+from jbclog.core.errors import PortBusy
 from jbclog.core.serial_line import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import PortReport, ScanPlan, Trial
@@ -241,7 +243,14 @@ def rate_of(descriptor: int) -> int:
 
 
 def scanned(far: Terminal) -> PortReport:
-    (report,) = search([(far.url, SHORT)])
+    """Scan a terminal. The kernel gives numbers of terminals again: a recorder of another test may
+    look for its lost port at this one's, and has it for a moment.
+    """
+    for _ in range(8):
+        (report,) = search([(far.url, SHORT)])
+        if not isinstance(report.broken, PortBusy):
+            break
+        time.sleep(0.2)
     return report
 
 
