@@ -24,8 +24,8 @@ from jbclog.core.rows import SettingOutcome, SettingRow, Severity
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.omega import StoredRecord
 from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.countdown import compare_countdowns
 from jbclog.session.run.setting import keep_row, read_setting, title_of, touch, write_setting
-from jbclog.session.run.watch import compare_countdowns
 
 COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
 NOT_REPORTED = "not told by the station"  # so the recipe's value cannot be confirmed

@@ -20,9 +20,9 @@ from jbclog.session.run.alarms import AlarmWatch
 from jbclog.session.run.apply import read_tool, readable_settings
 from jbclog.session.run.context import PortState, ReadingCount, SessionContext
 from jbclog.session.run.lateness import KIND, SLOW_KIND, WHY_STILL, SkippedTicks, Standstill
+from jbclog.session.run.omega_states import report_completions
 from jbclog.session.run.safe import put_in_safe_state
 from jbclog.session.run.scan import SKIPPED, PortScan, Scanner, SignalRead
-from jbclog.session.run.watch import report_completions
 from jbclog.session.scheduler import Demand, Grid, ScheduledRead, SlowReadings
 
 # A tool connected or changed during the run: its settings are read, never written. If it would not

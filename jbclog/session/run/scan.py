@@ -35,12 +35,14 @@ from jbclog.protocol.commands.signals import UsageCounter
 from jbclog.session.rates import IDENTITY_READS, WATCHED_SETTINGS
 from jbclog.session.run.alarms import AlarmWatch, bears_out
 from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.countdown import note_zero_countdown
 from jbclog.session.run.identify import (
     expect_identity,
     expect_same,
     expect_still_same,
     is_this_identity,
 )
+from jbclog.session.run.omega_states import differs_from_last
 from jbclog.session.run.readings import (
     NO_DIGIT,
     Doubt,
@@ -52,15 +54,7 @@ from jbclog.session.run.readings import (
     unusable,
     void,
 )
-from jbclog.session.run.watch import (
-    OBSERVERS,
-    Observe,
-    arrives,
-    differs_from_last,
-    is_no_tool,
-    note_zero_countdown,
-    would_change,
-)
+from jbclog.session.run.watch import OBSERVERS, Observe, arrives, is_no_tool, would_change
 from jbclog.session.scheduler import ScheduledRead
 
 WIDTH = len(SAMPLE_COLUMNS)

@@ -25,20 +25,16 @@ from jbclog.core.states import StationOutcome
 from jbclog.session.run.apply import apply, apply_status, examine
 from jbclog.session.run.condition import bring_condition, check_condition, look_at_condition
 from jbclog.session.run.context import EXAMINED, HEATED, PREPARED, SessionContext
+from jbclog.session.run.countdown import compare_countdowns
+from jbclog.session.run.counters import read_counters
 from jbclog.session.run.identify import StationAbsent, identify, report_flood
+from jbclog.session.run.omega_states import unreported_states_text
 from jbclog.session.run.outage import StationGone, outage
 from jbclog.session.run.pace import SamplingPlan, choose_pace, chosen_text
 from jbclog.session.run.safe import make_safe
 from jbclog.session.run.sampling import Sampler, StationLost
 from jbclog.session.run.setting import listed
-from jbclog.session.run.watch import (
-    OBSERVERS,
-    SettingChanged,
-    compare_countdowns,
-    is_at_work,
-    read_counters,
-    unreported_states_text,
-)
+from jbclog.session.run.watch import OBSERVERS, SettingChanged, is_at_work
 from jbclog.session.scheduler import Grid
 
 

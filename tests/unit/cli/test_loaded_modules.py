@@ -83,7 +83,12 @@ RUN = PLAN | {
     *("record.live", "record.manifest", "record.manifest_counts", "record.port_owner"),
     *("record.schema", "record.seal_child", "record.store"),
     *("session.run", "session.run.context", "session.run.identify", "session.run.pace"),
-    *("session.run.watch",),
+    *(
+        "session.run.countdown",
+        "session.run.counters",
+        "session.run.omega_states",
+        "session.run.watch",
+    ),
     *("session.run.alarms", "session.run.apply", "session.run.condition", "session.run.outage"),
     *("session.run.lateness", "session.run.readings", "session.run.safe"),
     *("session.run.sampling", "session.run.scan"),

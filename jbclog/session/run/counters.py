@@ -1,0 +1,54 @@
+"""Reads the hour and cycle counters, at the start and at the end of a run; each needs two equal
+answers.
+"""
+
+from __future__ import annotations
+
+from jbclog.core.errors import LinkError, NotSupported, RobotModeOff, StationError, StationSilent
+from jbclog.core.io_requests import Steps
+from jbclog.core.rows import CounterRow
+from jbclog.protocol.commands.signals import UsageCounter
+from jbclog.session.run.context import PortState, SessionContext
+
+
+def read_counters(context: SessionContext) -> Steps[None]:
+    """Record a row for every counter of every port; null with its reason where it cannot be read.
+
+    Raises `LinkError`, `StationSilent` or `RobotModeOff` where nothing more can be read.
+    """
+    for port in context.ports.values():
+        for counter in context.family.counters:
+            if counter.name not in context.not_supported:
+                yield from _read(context, port, counter)
+
+
+def _read(context: SessionContext, port: PortState, counter: UsageCounter) -> Steps[None]:
+    command, known = context.command(counter.command), port.counted.get(counter.name)
+    try:
+        found = yield from context.read_confirmed(command, port.number, known=known, grows=True)
+    except NotSupported:
+        context.not_supported.add(counter.name)
+    except (LinkError, StationError) as error:
+        _keep(context, port, counter, None, f"<{error.reason}>")
+        if isinstance(error, LinkError | StationSilent | RobotModeOff):
+            raise
+    else:
+        port.counted[counter.name] = found
+        _keep(
+            context,
+            port,
+            counter,
+            float(found) if isinstance(found, int | float) else None,
+            command.raw_text(context.station.data, found),
+        )
+
+
+def _keep(
+    context: SessionContext, port: PortState, counter: UsageCounter, value: float | None, raw: str
+) -> None:
+    due = context.facts.due.setdefault(str(port.number), {})
+    due[counter.name] = due.get(counter.name, 0) + 1
+    time = context.utc.micros(context.now)
+    context.journal.counter(
+        CounterRow(time, context.name, port.number, counter.name, value, counter.unit, raw)
+    )
