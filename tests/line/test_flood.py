@@ -14,7 +14,7 @@ from jbclog.core.io_requests import Steps
 from jbclog.core.rows import COLUMN, StationFacts
 from jbclog.protocol.commands.status import STAND
 from jbclog.session.run.context import SessionContext, StationTask
-from jbclog.session.run.identify import LONGEST_AFTER_FLOOD_S
+from jbclog.session.run.link_loss import LONGEST_AFTER_FLOOD_S
 from jbclog.session.run.station_run import run_station
 from jbclog.transport.session_history import Divergence, ReplayStep, captured, replayed
 from jbclog.transport.virtual import Peer, VirtualDriver

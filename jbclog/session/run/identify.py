@@ -1,15 +1,12 @@
-"""Identifies the station, recognizes it after an outage, and reports a lost link."""
+"""Opens the port and identifies the station: model, family, ports, response time."""
 
 from __future__ import annotations
-
-from typing import Final
 
 from jbclog.core.errors import (
     LinkError,
     LinkFlooded,
     NotReceived,
     NotSupported,
-    OtherStation,
     OutOfRange,
     Refusal,
     RobotModeOff,
@@ -17,16 +14,8 @@ from jbclog.core.errors import (
     StationError,
 )
 from jbclog.core.io_requests import Reopen, Steps, Wait
-from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
-from jbclog.protocol.client.confirmed_reads import (
-    NOT_DRIVEN,
-    START_TRIES,
-    kind_problem,
-    pause,
-    read_confirmed,
-    unanswered_read,
-)
+from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, START_TRIES, kind_problem, pause
 from jbclog.protocol.client.interface import expect_quiet
 from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, response_time
 from jbclog.protocol.commands.family import (
@@ -35,275 +24,9 @@ from jbclog.protocol.commands.family import (
     other_model_text,
     unknown_model_text,
 )
-from jbclog.session.rates import IDENTITY_READS
 from jbclog.session.run.context import PortState, SessionContext
-
-# A flooded link counts as lost. A flood is reported once until the station is back. If floods
-# recur, the link is tried less and less often, because each try costs a second of listening.
-
-FIRST_SEEK_S: Final = 0.25
-SEEK_GROWTH: Final = 1.3  # gentle, so that the search hardly prolongs a short outage
-LONGEST_SEEK_S: Final = 5.0
-FIRST_AFTER_FLOOD_S: Final = 1.0
-FLOOD_GROWTH: Final = 2.0
-LONGEST_AFTER_FLOOD_S: Final = 15.0
-FORGOTTEN_S: Final = 60.0  # time without a flood after which the next one counts as the first
-HOT_C: Final = 60  # a tip last read above this counts as hot
-
-
-def report_loss(context: SessionContext, cause: LinkError | StationError) -> None:
-    """Record the loss."""
-    context.facts.outages += 1
-    context.connected = False
-    if isinstance(cause, RobotModeOff):
-        text = (
-            "Robot mode was switched off at the station. It is asked again from time to time;"
-            " nothing is written to it."
-        )
-        context.note("robot.off", Severity.ERROR, text)
-        return
-    if isinstance(cause, LinkFlooded):
-        report_flood(context, cause)
-        return
-    severity, warning = _heat(context)
-    if isinstance(cause, OtherStation):
-        text = f"The station may be another now: {cause}.{warning}"
-        context.note("link.lost", severity, text, since=cause.since)
-    else:
-        context.note("link.lost", severity, f"The station cannot be reached: {cause}.{warning}")
-
-
-def report_flood(context: SessionContext, flood: LinkFlooded) -> None:
-    """Record a flood, unless one was recorded since the station last answered."""
-    if context.is_flooded:
-        return
-    again = context.flood_ended is not None and context.now - context.flood_ended < FORGOTTEN_S
-    context.flood_pause_s = (
-        min(FLOOD_GROWTH * context.flood_pause_s, LONGEST_AFTER_FLOOD_S)
-        if again
-        else FIRST_AFTER_FLOOD_S
-    )
-    context.is_flooded = True
-    severity, warning = _heat(context)
-    what = str(flood)
-    text = (
-        f"{what[0].upper()}{what[1:]}. It counts as lost and is opened again from time to"
-        f" time.{warning}"
-    )
-    context.note(
-        "link.flooded",
-        severity,
-        text,
-        since=context.now - flood.seconds,
-        value=flood.came,
-        limit=flood.limit,
-    )
-
-
-def note_flood_over(context: SessionContext) -> None:
-    """Note that the station has been reached again."""
-    if context.is_flooded:
-        context.is_flooded, context.flood_ended = False, context.now
-
-
-def first_pause_s(context: SessionContext) -> float:
-    """Return the pause before the first try to reconnect."""
-    return context.flood_pause_s if context.is_flooded else FIRST_SEEK_S
-
-
-def next_pause_s(context: SessionContext, pause_s: float) -> float:
-    """Return the pause after a failed try that followed a pause of `pause_s`."""
-    if not context.is_flooded:
-        return min(SEEK_GROWTH * pause_s, LONGEST_SEEK_S)
-    context.flood_pause_s = min(FLOOD_GROWTH * context.flood_pause_s, LONGEST_AFTER_FLOOD_S)
-    return context.flood_pause_s
-
-
-def _heat(context: SessionContext) -> tuple[Severity, str]:
-    """Return the severity of the loss, and a sentence about what may be hot."""
-    hot = [
-        port
-        for port in context.ports.values()
-        if port.touched and (port.temperature_c or 0) > HOT_C
-    ]
-    tips = ", ".join(f"port {port.number} at {port.temperature_c} °C" for port in hot)
-    warning = f" Its {context.family.hot_part} stays as it was last set: {tips}." if hot else ""
-    return Severity.CRITICAL if hot else Severity.ERROR, warning
-
-
-# Whether it is still the same station is checked after every disconnection: adapters swap names,
-# and people swap cables. The model proves little on a line of equal units, so the software version
-# and the plugged hours are compared too: hours never fall, and grow no faster than time
-# (docs/reference/faults.md, F-16 and F-17). They are compared at every reading, because two cables
-# can be swapped between two requests; model and software are read as often as the counters. Two
-# units of one model and software with equal hours cannot be distinguished by anything that the
-# manuals print. OMEGA reports none of these.
-
-RESOLUTION_H = 1  # the counters count whole hours
-DRIFT = 0.01  # maximum difference between the station's clock and ours
-ROLLS_OVER_AT = 100_000  # five digits
-
-
-def learn_identity(context: SessionContext) -> Steps[None]:
-    """Note the plugged hours of each port, with model and software, to recognize the station
-    later.
-    """
-    context.identity_at = dict.fromkeys(IDENTITY_READS, context.now)
-    for number in context.ports:
-        hours = yield from _hours(context, number)
-        if hours is not None:
-            context.plugged_hours[number] = (hours, context.now)
-
-
-def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
-    """Whether the station with the name `model` is this run's. Another one is reported once, and
-    neither read nor written.
-
-    Raises `StationError` or `LinkError` where it cannot be read.
-    """
-    other = (
-        f"a {model}, not the {context.facts.model}"
-        if model != context.facts.model
-        else (yield from _difference(context))
-    )
-    if other is None and context.facts.model_accepted:
-        other = yield from _other_kind(context)
-    context.is_proven = other is None
-    if other is not None and other != context.stranger:
-        text = (
-            f"On {context.order.url} there is now {other} of this run. It is neither read nor"
-            " written."
-        )
-        context.note("identity.changed", Severity.CRITICAL, text, raw=model)
-    context.stranger = other
-    if context.is_proven:
-        context.identity_at = dict.fromkeys(IDENTITY_READS, context.now)
-    return context.is_proven
-
-
-def is_still_there(context: SessionContext) -> Steps[bool]:
-    """Whether the standing link gives no sign of another station: a quick look at model and
-    software before the safe order.
-
-    Only another answer is a sign. A station that is silent, refuses, or is garbled counts as there:
-    it was proven before, and a hot tool must not wait for more.
-    """
-    try:
-        for name in IDENTITY_READS:
-            known = _identity(context, name)
-            if known is not None and known != (
-                yield from read_confirmed(context.station, context.command(name), known=known)
-            ):
-                return False
-    except LinkError:
-        return False
-    except StationError:
-        return True
-    return True
-
-
-def _other_kind(context: SessionContext) -> Steps[str | None]:
-    """Describe why a station with an accepted name is of another kind than at the start; None where
-    it is not.
-    """
-    why = yield from unanswered_read(context.station, context.family, min(context.ports))
-    return None if why is None else f"a {context.facts.model} of another kind ({why})"
-
-
-def _difference(context: SessionContext) -> Steps[str | None]:
-    """Describe how a station of the same model differs from this run's; None where it does not."""
-    model, software = context.facts.model, context.facts.software
-    if software is not None:
-        found = yield from context.read_confirmed(
-            context.command("software_version"), known=software
-        )
-        if found != software:
-            return f"a {model} with software {found}, not the one with {software}"
-    for number, (before, then) in context.plugged_hours.items():
-        hours = yield from _hours(context, number, before)
-        if hours is not None and not _can_be(hours, before, context.now - then):
-            return (
-                f"a {model} with {hours} plugged hours on port {number}, not the one with {before}"
-            )
-    return None
-
-
-def expect_same(context: SessionContext, number: int, hours: Value) -> None:
-    """Raise `OtherStation` where plugged hours just read cannot be those of this run's station."""
-    before, then = context.plugged_hours.get(number, (None, 0.0))
-    if before is None or not isinstance(hours, int):
-        return
-    if not _can_be(hours, before, context.now - then):
-        raise OtherStation(
-            f"the plugged hours of port {number} are {hours}, and were {before}", since=then
-        )
-    context.plugged_hours[number] = hours, context.now
-
-
-def is_this_identity(context: SessionContext, name: str, value: Value) -> bool:
-    """Whether `value` is the model or software that the station had at the start."""
-    return value == _identity(context, name)
-
-
-def _identity(context: SessionContext, name: str) -> str | None:
-    """Return the model or software that the station had at the start; None where it reported
-    none.
-    """
-    return context.facts.model if name == IDENTITY_READS[0] else context.facts.software
-
-
-def expect_identity(context: SessionContext, name: str, value: Value) -> None:
-    """Raise `OtherStation` where a model or software just read is not that of this run's
-    station.
-    """
-    if not is_this_identity(context, name, value):
-        since = context.identity_at.get(name, context.order.t0)
-        raise OtherStation(
-            f"its {name.replace('_', ' ')} is {value}, and was {_identity(context, name)}",
-            since=since,
-        )
-    context.identity_at[name] = context.now
-
-
-def expect_still_same(context: SessionContext) -> Steps[None]:
-    """Read model and software again over the standing link, before a change that was just found is
-    recorded as the station's.
-
-    Raises `OtherStation` where another answers, and what reading raises: then the change is not
-    known to be the station's.
-    """
-    for name in IDENTITY_READS:
-        known = _identity(context, name)
-        if known is None:
-            continue
-        try:
-            found = yield from context.read_confirmed(context.command(name), known=known)
-        except NotSupported as error:
-            since = context.identity_at.get(name, context.order.t0)
-            raise OtherStation(
-                f"it no longer knows its {name.replace('_', ' ')}", since=since
-            ) from error
-        expect_identity(context, name, found)
-
-
-def _can_be(hours: int, before: int, seconds: float) -> bool:
-    """Whether a counter can go from `before` to `hours` in that time."""
-    return (hours - before) % ROLLS_OVER_AT <= seconds / 3600 * (1 + DRIFT) + RESOLUTION_H
-
-
-def _hours(context: SessionContext, number: int, known: int | None = None) -> Steps[int | None]:
-    """Read the plugged hours of a port; None where the station has none."""
-    counter = context.family.hours
-    if counter is None:
-        return None
-    try:
-        hours = yield from context.read_confirmed(
-            context.command(counter), number, known=known, grows=True
-        )
-    except NotSupported:
-        return None
-    return hours if isinstance(hours, int) else None
-
+from jbclog.session.run.identity import learn_identity
+from jbclog.session.run.link_loss import report_flood
 
 CORRECT_IT = "Correct `model`, or the cable"
 

@@ -14,13 +14,13 @@ from jbclog.core.rows import Severity
 from jbclog.protocol.commands.command import Scope
 from jbclog.session.run.apply import note_status, read_all
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identify import (
+from jbclog.session.run.identify import connect
+from jbclog.session.run.identity import recognise
+from jbclog.session.run.link_loss import (
     FIRST_SEEK_S,
-    connect,
     first_pause_s,
     next_pause_s,
     note_flood_over,
-    recognise,
     report_flood,
     report_loss,
 )

@@ -8,7 +8,8 @@ from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.rows import Severity
 from jbclog.core.states import SafetyResult
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identify import is_still_there, recognise, report_flood
+from jbclog.session.run.identity import is_still_there, recognise
+from jbclog.session.run.link_loss import report_flood
 from jbclog.session.safety.secure import secure
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 

@@ -36,7 +36,7 @@ from jbclog.session.rates import IDENTITY_READS, WATCHED_SETTINGS
 from jbclog.session.run.alarms import AlarmWatch, bears_out
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.countdown import note_zero_countdown
-from jbclog.session.run.identify import (
+from jbclog.session.run.identity import (
     expect_identity,
     expect_same,
     expect_still_same,

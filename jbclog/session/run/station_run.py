@@ -27,7 +27,8 @@ from jbclog.session.run.condition import bring_condition, check_condition, look_
 from jbclog.session.run.context import EXAMINED, HEATED, PREPARED, SessionContext
 from jbclog.session.run.countdown import compare_countdowns
 from jbclog.session.run.counters import read_counters
-from jbclog.session.run.identify import StationAbsent, identify, report_flood
+from jbclog.session.run.identify import StationAbsent, identify
+from jbclog.session.run.link_loss import report_flood
 from jbclog.session.run.omega_states import unreported_states_text
 from jbclog.session.run.outage import StationGone, outage
 from jbclog.session.run.pace import SamplingPlan, choose_pace, chosen_text

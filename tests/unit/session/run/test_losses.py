@@ -11,7 +11,7 @@ import pytest
 from jbclog.core.errors import LinkError, LinkFlooded
 from jbclog.core.rows import Severity
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.identify import (
+from jbclog.session.run.link_loss import (
     FIRST_AFTER_FLOOD_S,
     FIRST_SEEK_S,
     FORGOTTEN_S,
