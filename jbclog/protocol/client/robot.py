@@ -45,9 +45,9 @@ from jbclog.protocol.client.dialogue import (
     AnsweredByOtherCode,
     Dialogue,
     Pair,
-    Question,
 )
 from jbclog.protocol.client.interface import Permit, PreparedRead, permit_all
+from jbclog.protocol.client.question import Question
 from jbclog.protocol.commands.command import Command, Effect
 from jbclog.protocol.commands.ranges import WITHOUT_DATA
 from jbclog.protocol.commands.robot import COMMON

@@ -76,6 +76,7 @@ RUN = PLAN | {
     *("guard", "guard.action_log", "guard.lease", "guard.open_leases", "guard.supervisor"),
     *("guard.takeover", "guard.watch", "maintenance", "maintenance.verification"),
     *("protocol.client", "protocol.client.confirmed_reads", "protocol.client.dialogue"),
+    "protocol.client.question",
     *("protocol.client.interface", "protocol.client.make", "protocol.client.omega"),
     *("protocol.client.robot", "protocol.client.timing", "protocol.commands.decisions"),
     *("protocol.frame", "protocol.omega"),
