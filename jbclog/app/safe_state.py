@@ -31,7 +31,7 @@ from jbclog.core.errors import JbclogError, RecordError, unexpected_error_text
 from jbclog.core.locks import is_held
 from jbclog.guard import open_leases
 from jbclog.guard.lease import StationLease
-from jbclog.protocol.commands.robot import FeederState
+from jbclog.protocol.commands.feeder import FeederState
 from jbclog.record.guard_actions import await_guard
 from jbclog.record.port_owner import holds, recorder_of, runs_that_hold
 from jbclog.session.manual.contact import Target

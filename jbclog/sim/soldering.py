@@ -13,7 +13,7 @@ from jbclog.config.sim_spec import FaultSpec
 from jbclog.core.quantities import OFF, AlarmDelay, Value
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.protocol.commands.robot import FeederState
+from jbclog.protocol.commands.feeder import FeederState
 from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.sim.plant import Plant
 from jbclog.sim.port import SimPort

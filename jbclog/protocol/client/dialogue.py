@@ -40,12 +40,12 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.interface import Anomalies, FloodDetector
 from jbclog.protocol.client.question import Question, known_answers
 from jbclog.protocol.commands.command import Command, Effect, Scope
+from jbclog.protocol.commands.error_tables import COMMUNICATION_ERRORS
 from jbclog.protocol.commands.ranges import (
     ACKNOWLEDGED_WITH_VALUE,
     READ_ANSWERED_AS,
     WRITE_ANSWERED_AS,
 )
-from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS
 from jbclog.protocol.frame import CorruptFrame, Frame, FrameReader
 
 REPEATS = 2  # a read is sent three times at most

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
-from jbclog.protocol.commands import hotair, omega, robot
+from jbclog.protocol.commands import feeder, hotair, omega, robot
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.defaults import (
     AIR_DEFAULTS,
@@ -18,7 +18,7 @@ from jbclog.protocol.commands.defaults import (
     UCR_DEFAULTS,
     Default,
 )
-from jbclog.protocol.commands.robot import ErrorTable
+from jbclog.protocol.commands.error_tables import PORT_ERRORS, STATION_ERRORS, ErrorTable
 from jbclog.protocol.commands.signals import (
     DISPENSING_COUNTERS,
     FEEDER_COUNTERS,
@@ -73,8 +73,8 @@ class Family:
     counters: tuple[UsageCounter, ...] = HOUR_COUNTERS
     harmless: tuple[str, ...] = ("station_error", "tip_temperature")
     answered_by_kind: tuple[str, ...] = ("tip_temperature", "transistor_temperature")
-    port_errors: ErrorTable = robot.PORT_ERRORS
-    station_errors: ErrorTable = robot.STATION_ERRORS
+    port_errors: ErrorTable = PORT_ERRORS
+    station_errors: ErrorTable = STATION_ERRORS
     # no unit is made for more than 500 °C (manual 002, factory settings)
     plausible_c: range = range(601)
     jump_c: int = 50  # the fastest cartridges change little more in half a second
@@ -154,8 +154,8 @@ RUN_STATUSES_002 = ("working", *STAND_OR_EXTRACTOR)
 
 _BENCH = _by_name(robot.BENCH)
 _OLD = _by_name(robot.OLD)
-_UCR = _by_name((*robot.BENCH, *robot.UCR, *robot.DISPENSED))
-_ALE = _by_name((*robot.BENCH, *robot.FEEDER, *robot.DISPENSED))
+_UCR = _by_name((*robot.BENCH, *robot.UCR, *feeder.DISPENSED))
+_ALE = _by_name((*robot.BENCH, *feeder.FEEDER, *feeder.DISPENSED))
 
 
 def _bench(name: str, title: str, ports: tuple[int, ...] | None) -> Family:

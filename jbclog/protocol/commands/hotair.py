@@ -12,16 +12,16 @@ from __future__ import annotations
 from types import MappingProxyType
 
 from jbclog.core.quantities import Choice, DigitWord, Number, Quantity, Text, Unsigned
-from jbclog.protocol.commands.command import Command, Effect, Limits, Scope
+from jbclog.protocol.commands.command import Command, Limits, Scope
+from jbclog.protocol.commands.error_tables import ErrorTable
 from jbclog.protocol.commands.robot import (
     CELSIUS,
     COUNT,
     HOURS,
-    NOTHING,
     OFFSET,
     TOOL_CODE,
     UNPRINTED,
-    ErrorTable,
+    order,
     per_port,
     setting,
 )
@@ -54,21 +54,6 @@ def _selected(
 def _limit(name: str, letters: str, quantity: Quantity, manual: str, note: str = "") -> Command:
     return Command(
         name, letters, Scope.STATION, quantity, "rw", manual, UNPRINTED, dangerous=True, note=note
-    )
-
-
-def _reset(name: str, letters: str, manual: str, note: str) -> Command:
-    return Command(
-        name,
-        letters,
-        Scope.STATION,
-        NOTHING,
-        "w",
-        manual,
-        Limits(0, 0),
-        Effect.ERASES,
-        True,
-        note=note,
     )
 
 
@@ -186,13 +171,13 @@ COUNTERS = (
 )
 
 RESETS = (
-    _reset(
+    order(
         "restart",
         "RST",
         "001 4.8",
         'B-40: "reset station settings", not described; answer unprinted; B-37: data 00000',
     ),
-    _reset("factory_reset", "RSP", "001 4.9.32", "B-37: data 00000"),
+    order("factory_reset", "RSP", "001 4.9.32", "B-37: data 00000"),
 )
 
 HOT_AIR = READINGS + SETTINGS + STATION_LIMITS + COUNTERS + RESETS

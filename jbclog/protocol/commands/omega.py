@@ -17,7 +17,7 @@ from typing import Final
 
 from jbclog.core.quantities import CompoundValue, Quantity, Value
 from jbclog.protocol.commands.command import Command, Effect, Limits, Scope
-from jbclog.protocol.commands.robot import ErrorTable
+from jbclog.protocol.commands.error_tables import ErrorTable
 from jbclog.protocol.commands.signals import ReadInterval, Signal
 
 # A condition is stored in the controller under its number and describes one joint: rise, three

@@ -6,10 +6,7 @@ each other.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from enum import StrEnum
-from types import MappingProxyType
+from dataclasses import replace
 
 from jbclog.core.quantities import (
     AlarmDelay,
@@ -18,38 +15,13 @@ from jbclog.core.quantities import (
     Delay,
     DigitWord,
     Flags,
-    HexLength,
     Number,
     Quantity,
-    Scaled,
     Text,
     Unsigned,
     Whole,
 )
 from jbclog.protocol.commands.command import Command, Effect, InferredLimits, Limits, Scope
-
-# Printed for UCR alone (manuals 002 and 004).
-
-FUSE = Choice(("absent", "present"))
-
-UCR = (
-    Command(
-        "fuse", "FST", Scope.STATION, FUSE, "r", "002 R-FST", note="B-39: garbled row; UCR only"
-    ),
-    Command(
-        "address",
-        "SAD",
-        Scope.STATION,
-        Number(),
-        "w",
-        "002 W-SAD; 004 WSAD",
-        Limits(0, 99, 1),
-        Effect.ERASES,
-        True,
-        note="B-9: 00000 switches addresses off",
-    ),
-)
-
 
 CELSIUS = Whole("°C")
 # manual 000, 3.1 prints "." for the sign (docs/reference/contradictions.md, B-3)
@@ -261,77 +233,39 @@ SETTINGS = (  # 002 and 004
     ),
     *ALARM_DELAYS,
 )
-_NO_RANGE = Limits(printed=False, off=True)
-# 000 prints no range, no step and no unit of a delay; only the lowest number (3.1)
+
+
+def _old(name: str, manual: str, note: str = "", limits: Limits | None = None) -> Command:
+    """Return a setting as 000 prints it, which has no range, no step and no unit of a delay; only
+    the lowest number (3.1). What it lacks is inferred from 002.
+    """
+    newer = next(one for one in SETTINGS if one.name == name)
+    source, known = newer.manual, newer.limits
+    if newer.inferred is FACTORY_RANGE:
+        source, known = f"{source}, Factory Settings", replace(FACTORY_RANGE.limits, step=5)
+    return replace(
+        newer,
+        manual=manual,
+        limits=limits or Limits(printed=False, off=known.off),
+        note=note,
+        inferred=InferredLimits(source, known, unit=isinstance(newer.quantity, Delay)),
+    )
+
+
 OLD_SETTINGS = (
-    replace(
-        SELECTED,
-        manual="000 4.8.2",
-        limits=UNPRINTED,
-        note="B-27: whether it is volatile is not printed here",
-        inferred=InferredLimits("002 W-STx, Factory Settings", Limits(90, 500, 5)),
-    ),
+    _old("selected_temperature", "000 4.8.2", "B-27: whether it is volatile is not printed here"),
     TIP_STATUS,
-    setting(
+    _old(
         "adjust",
-        "A",
-        Scope.TOOL,
-        OFFSET,
         "000 3.1, 4.8.11",
-        Limits(low=-50),
         "B-3: the sign is a dot here; B-4: the lowest is in 3.1",
-        inferred=InferredLimits("002 W-Axy", Limits(-50, 50, 1)),
+        Limits(low=-50),
     ),
-    setting(
-        "sleep_temperature",
-        "S",
-        Scope.TOOL,
-        CELSIUS,
-        "000 4.8.13",
-        UNPRINTED,
-        within=SLEEP_WITHIN,
-        inferred=InferredLimits("002 W-Sxy, Factory Settings", Limits(90, 500, 5)),
-    ),
-    setting(
-        "sleep_delay",
-        "D",
-        Scope.TOOL,
-        Delay("min"),
-        "000 4.8.15",
-        _NO_RANGE,
-        "B-20: no unit is printed here",
-        inferred=InferredLimits("002 W-Dxy", Limits(0, 9, 1, off=True), unit=True),
-    ),
-    setting(
-        "hibernation_delay",
-        "H",
-        Scope.TOOL,
-        Delay("min"),
-        "000 4.8.17",
-        _NO_RANGE,
-        "B-20: no unit is printed here",
-        inferred=InferredLimits("002 W-Hxy", Limits(0, 60, 5, off=True), unit=True),
-    ),
-    setting(
-        "alarm_high_limit",
-        "HA",
-        Scope.PORT,
-        AlarmLimit(),
-        "000 4.8.20",
-        UNPRINTED,
-        "B-23: not set is 99999 or 0",
-        inferred=InferredLimits("002 W-HAx", STEPS_OF_5),
-    ),
-    setting(
-        "alarm_low_limit",
-        "LA",
-        Scope.PORT,
-        AlarmLimit(),
-        "000 4.8.22",
-        UNPRINTED,
-        "B-23: not set is 99999 or 0",
-        inferred=InferredLimits("002 W-LAx", STEPS_OF_5),
-    ),
+    _old("sleep_temperature", "000 4.8.13"),
+    _old("sleep_delay", "000 4.8.15", "B-20: no unit is printed here"),
+    _old("hibernation_delay", "000 4.8.17", "B-20: no unit is printed here"),
+    _old("alarm_high_limit", "000 4.8.20", "B-23: not set is 99999 or 0"),
+    _old("alarm_low_limit", "000 4.8.22", "B-23: not set is 99999 or 0"),
     *ALARM_DELAYS,
 )
 
@@ -375,27 +309,29 @@ COUNTERS = (
 )
 
 
-def _order(name: str, letters: str, manual: str, effect: Effect, note: str = "") -> Command:
+def order(
+    name: str, letters: str, manual: str, note: str = "", effect: Effect = Effect.ERASES
+) -> Command:
+    """Return a command that carries nothing. Only one that stops is not dangerous."""
+    risky = effect is not Effect.STOPS
     return Command(
-        name, letters, Scope.STATION, NOTHING, "w", manual, Limits(0, 0), effect, True, note=note
+        name, letters, Scope.STATION, NOTHING, "w", manual, Limits(0, 0), effect, risky, note=note
     )
 
 
 ORDERS = (
-    _order(
+    order(
         "restart",
         "RST",
         "002 W-RST; 000 4.7",
-        Effect.ERASES,
         "B-40: answer unprinted, may be silence; B-37: data 00000",
     ),
-    _order("factory_reset", "RSP", "002 W-RSP; 000 4.9.35", Effect.ERASES, "B-37: data 00000"),
+    order("factory_reset", "RSP", "002 W-RSP; 000 4.9.35", "B-37: data 00000"),
 )
-STORE = _order(
+STORE = order(
     "store",
     "NVS",
     "002 W-NVS",
-    Effect.ERASES,
     "writes the selected temperature into the EEPROM, which wears",
 )
 SOFTWARE_VERSION = Command(
@@ -409,8 +345,27 @@ SOFTWARE_VERSION = Command(
     note="B-5: format unprinted",
 )
 
-IGNORE_FUSE_ERROR = _order(
-    "ignore_fuse_error", "IFE", "002 W-IFE", Effect.ERASES, "B-37: data 00000"
+IGNORE_FUSE_ERROR = order("ignore_fuse_error", "IFE", "002 W-IFE", "B-37: data 00000")
+
+# Printed for UCR alone (manuals 002 and 004).
+FUSE = Choice(("absent", "present"))
+
+UCR = (
+    Command(
+        "fuse", "FST", Scope.STATION, FUSE, "r", "002 R-FST", note="B-39: garbled row; UCR only"
+    ),
+    Command(
+        "address",
+        "SAD",
+        Scope.STATION,
+        Number(),
+        "w",
+        "002 W-SAD; 004 WSAD",
+        Limits(0, 99, 1),
+        Effect.ERASES,
+        True,
+        note="B-9: 00000 switches addresses off",
+    ),
 )
 
 COMMON = (*READINGS, TIP_STATUS, *ALARM_DELAYS, *STATION_LIMITS, *COUNTERS, *ORDERS)
@@ -453,166 +408,3 @@ TOOLS_002 = {
     9: "TRA245/TRA470",
 }
 TOOLS_004 = {0: "none", 2: "TR245/TR470", 9: "TRA245/TRA470"}
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorTable:
-    """What error numbers mean. `states` are not faults; `no_tool` is the number for an empty port.
-
-    `voids` are error, signal and reason: the signal means nothing during the error.
-    """
-
-    kind: str
-    texts: Mapping[int, str]
-    states: frozenset[int] = frozenset()
-    warnings: frozenset[int] = frozenset()
-    no_tool: int | None = None
-    voids: tuple[tuple[int, str, str], ...] = ()
-
-    def text(self, code: int) -> str:
-        """Return the meaning of `code`; an unknown one stays a number."""
-        return self.texts.get(code, f"unknown {self.kind} error {code}")
-
-    def void(self, code: int | None, signal: str) -> str | None:
-        """Return why `signal` means nothing during the error `code`; None where it counts."""
-        if not self.voids:
-            return None
-        return next(
-            (reason for error, name, reason in self.voids if (error, name) == (code, signal)), None
-        )
-
-
-PORT_ERRORS = ErrorTable(
-    "port",
-    MappingProxyType(
-        {
-            0: "ok",
-            1: "short circuit",
-            2: "short circuit, not recoverable; restart the station",
-            3: "open circuit",
-            4: "no tool",
-            5: "tool not accepted",
-            6: "detecting the tool",
-            7: "stopped: maximum power",
-            8: "stopped: overload (MOS)",
-            9: "warning: overload (MOS)",
-        }
-    ),
-    states=frozenset({4, 6}),  # docs/reference/station-commands.md, Port errors
-    warnings=frozenset({9}),
-    no_tool=4,
-)
-
-STATION_ERRORS = ErrorTable(
-    "station",
-    MappingProxyType(
-        {
-            0: "ok",
-            1: "stopped: transformer overload",
-            2: "temperature sensor",
-            3: "memory",
-            4: "mains frequency",
-            5: "station model",
-            6: "tool controller not connected",
-            7: "warning: transformer overload",
-        }
-    ),
-    warnings=frozenset({7}),
-)
-
-COMMUNICATION_ERRORS = {
-    1: "wrong check byte",
-    2: "wrong format",
-    3: "value out of range",
-    4: "command not accepted",
-    5: "Robot mode is off",
-    6: "station model unknown",
-    99999: "undefined",
-}
-
-
-# The solder feeder of ALE, and the dispensing counters (manual 002). No manual prints their ranges.
-
-
-class FeederState(StrEnum):
-    STOPPED = "stopped"
-    RUNNING = "running"
-
-
-MODES = Choice(("continuous", "discontinuous", "program", "reload"))
-SWITCH = Choice(("off", "on"))
-
-
-def _feeder(
-    name: str, letters: str, quantity: Quantity, manual: str, access: str = "rw", note: str = ""
-) -> Command:
-    limits = Limits() if isinstance(quantity, Choice) else UNPRINTED  # choices are printed
-    return Command(name, letters, Scope.STATION, quantity, access, manual, limits, note=note)
-
-
-def _motor(name: str, letters: str, manual: str, effect: Effect) -> Command:
-    return Command(
-        name,
-        letters,
-        Scope.STATION,
-        NOTHING,
-        "w",
-        manual,
-        Limits(0, 0),
-        effect,
-        effect is Effect.MOVES,
-        note="B-37: data 00000",
-    )
-
-
-FEEDER = (
-    _feeder("feeder_mode", "MOD", MODES, "002 R-MOD, W-MOD"),
-    _feeder(
-        "feeder_length",
-        "LEN",
-        Scaled("mm", 10),
-        "002 R-LEN, W-LEN",
-        note="B-38; the wire carries dmm",
-    ),
-    _feeder(
-        "feeder_speed",
-        "SPD",
-        Scaled("mm/s", 10),
-        "002 R-SPD, W-SPD",
-        note="B-38; the wire carries dmm/s",
-    ),
-    _feeder(
-        "feeder_diameter", "DIA", Scaled("mm", 100), "002 R-DIA, W-DIA", note="the wire carries cmm"
-    ),
-    _feeder(
-        "feeder_backward", "BCK", Scaled("mm", 10), "002 R-BCK, W-BCK", note="the wire carries dmm"
-    ),
-    _feeder(
-        "clog_detection",
-        "WCD",
-        SWITCH,
-        "002 R-WCD, W-WCD",
-        note="whether detection is on, not a clog",
-    ),
-    _feeder("feeding", "FEE", Choice(tuple(one.value for one in FeederState)), "002 R-FEE", "r"),
-    _motor("start_feeding", "STR", "002 W-STR", Effect.MOVES),
-    _motor("stop_feeding", "STP", "002 W-STP", Effect.STOPS),
-)
-
-DISPENSED = (
-    per_port(
-        "dispensed_cycles",
-        "DC",
-        COUNT,
-        "002 R-DCx",
-        note="B-36: the printed text is a copy of R-CDx",
-    ),
-    per_port(
-        "dispensed_length",
-        "DL",
-        HexLength(),
-        "002 R-DLx",
-        answer_digits=None,
-        note="B-35: hexadecimal, any width",
-    ),
-)

@@ -33,8 +33,8 @@ from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, ResponseTime, response_time
+from jbclog.protocol.commands.error_tables import COMMUNICATION_ERRORS
 from jbclog.protocol.commands.family import FAMILIES, Family, family_of
-from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS
 from jbclog.protocol.frame import Frame
 from jbclog.session.discovery.found import (
     ANSWER_S,

@@ -20,8 +20,8 @@ from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE
 from jbclog.protocol.commands.family import Family, family_of
+from jbclog.protocol.commands.feeder import FeederState
 from jbclog.protocol.commands.ranges import NO_COUNTDOWN
-from jbclog.protocol.commands.robot import FeederState
 from jbclog.session.manual.contact import (
     NO_TOOL,
     PORTS,

@@ -26,8 +26,8 @@ from jbclog.protocol.client import timing
 from jbclog.protocol.client.robot import BADLY_FORMED, Station
 from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.family import Family
+from jbclog.protocol.commands.feeder import FeederState
 from jbclog.protocol.commands.omega import ConditionNumber, StoredRecord
-from jbclog.protocol.commands.robot import FeederState
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.manual.contact import (
     WHOLE_STATION,

@@ -13,6 +13,7 @@ from jbclog.protocol.client.confirmed_reads import confirmed_value
 from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import OMEGA, Family
+from jbclog.protocol.commands.feeder import FeederState
 from jbclog.protocol.commands.omega import OMEGA_SIGNALS, TRUE_ANSWERS, WITHOUT_DIGIT
 from jbclog.protocol.commands.ranges import (
     NO_COUNTDOWN,
@@ -22,7 +23,6 @@ from jbclog.protocol.commands.ranges import (
     is_share,
     plausibility_check,
 )
-from jbclog.protocol.commands.robot import FeederState
 from jbclog.protocol.commands.signals import STATUS_COLUMNS
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.scheduler import ScheduledRead

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from jbclog.core.errors import JbclogError
 from jbclog.core.quantities import Value, text_of
 from jbclog.core.rows import Severity
-from jbclog.protocol.commands.robot import ErrorTable
+from jbclog.protocol.commands.error_tables import ErrorTable
 from jbclog.session.rates import WATCHED_SETTINGS
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.omega_states import OMEGA_OBSERVERS

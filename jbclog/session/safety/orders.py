@@ -25,7 +25,7 @@ from jbclog.core.quantities import Value
 from jbclog.core.states import SafetyResult
 from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.interface import expect_quiet
-from jbclog.protocol.commands.robot import FeederState
+from jbclog.protocol.commands.feeder import FeederState
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 

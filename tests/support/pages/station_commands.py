@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Mapping
 from jbclog.core.quantities import Choice, DigitWord, Number, Text, text_of
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.defaults import Default
+from jbclog.protocol.commands.error_tables import COMMUNICATION_ERRORS, ErrorTable
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS, ErrorTable
 from jbclog.protocol.commands.status import StatusTable
 from jbclog.session.run.setting import WRITES
 from support.pages.md_table import MADE, code, codes, table

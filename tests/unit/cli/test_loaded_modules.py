@@ -54,8 +54,9 @@ PLAN = {
     *("config.toml_reader", "core", "core.errors", "core.foreign", "core.foreign.files"),
     *("core.goal", "core.outcome", "core.quantities", "core.serial_line", "core.states"),
     *("core.text", "protocol", "protocol.commands", "protocol.commands.command"),
-    *("protocol.commands.defaults", "protocol.commands.family", "protocol.commands.hotair"),
-    *("protocol.commands.omega", "protocol.commands.ranges", "protocol.commands.robot"),
+    *("protocol.commands.defaults", "protocol.commands.error_tables", "protocol.commands.family"),
+    *("protocol.commands.feeder", "protocol.commands.hotair", "protocol.commands.omega"),
+    *("protocol.commands.ranges", "protocol.commands.robot"),
     *("protocol.commands.signals", "protocol.commands.status", "session", "session.rates"),
     "session.scheduler",
 }

@@ -10,9 +10,9 @@ import pytest
 
 from jbclog.core.rows import SIGNAL_COLUMNS, SIGNAL_OF_COLUMN
 from jbclog.protocol.commands.command import Effect
+from jbclog.protocol.commands.error_tables import COMMUNICATION_ERRORS
 from jbclog.protocol.commands.family import FAMILIES, Family, family_of
 from jbclog.protocol.commands.hotair import AIR_STATUS
-from jbclog.protocol.commands.robot import COMMUNICATION_ERRORS
 from jbclog.protocol.commands.signals import ReadInterval
 from jbclog.protocol.commands.status import SOLDERING_STATUS
 

@@ -1,0 +1,83 @@
+"""What the error numbers of stations mean."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorTable:
+    """What error numbers mean. `states` are not faults; `no_tool` is the number for an empty port.
+
+    `voids` are error, signal and reason: the signal means nothing during the error.
+    """
+
+    kind: str
+    texts: Mapping[int, str]
+    states: frozenset[int] = frozenset()
+    warnings: frozenset[int] = frozenset()
+    no_tool: int | None = None
+    voids: tuple[tuple[int, str, str], ...] = ()
+
+    def text(self, code: int) -> str:
+        """Return the meaning of `code`; an unknown one stays a number."""
+        return self.texts.get(code, f"unknown {self.kind} error {code}")
+
+    def void(self, code: int | None, signal: str) -> str | None:
+        """Return why `signal` means nothing during the error `code`; None where it counts."""
+        if not self.voids:
+            return None
+        return next(
+            (reason for error, name, reason in self.voids if (error, name) == (code, signal)), None
+        )
+
+
+PORT_ERRORS = ErrorTable(
+    "port",
+    MappingProxyType(
+        {
+            0: "ok",
+            1: "short circuit",
+            2: "short circuit, not recoverable; restart the station",
+            3: "open circuit",
+            4: "no tool",
+            5: "tool not accepted",
+            6: "detecting the tool",
+            7: "stopped: maximum power",
+            8: "stopped: overload (MOS)",
+            9: "warning: overload (MOS)",
+        }
+    ),
+    states=frozenset({4, 6}),  # docs/reference/station-commands.md, Port errors
+    warnings=frozenset({9}),
+    no_tool=4,
+)
+
+STATION_ERRORS = ErrorTable(
+    "station",
+    MappingProxyType(
+        {
+            0: "ok",
+            1: "stopped: transformer overload",
+            2: "temperature sensor",
+            3: "memory",
+            4: "mains frequency",
+            5: "station model",
+            6: "tool controller not connected",
+            7: "warning: transformer overload",
+        }
+    ),
+    warnings=frozenset({7}),
+)
+
+COMMUNICATION_ERRORS = {
+    1: "wrong check byte",
+    2: "wrong format",
+    3: "value out of range",
+    4: "command not accepted",
+    5: "Robot mode is off",
+    6: "station model unknown",
+    99999: "undefined",
+}
