@@ -12,6 +12,7 @@ from typing import Final
 from jbclog.config.task_names import STATED
 from jbclog.config.tasks_file import Task
 from jbclog.core.errors import UsageError
+from jbclog.maintenance.counter_totals.history import History, histories
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Observation
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import (
@@ -22,11 +23,12 @@ from jbclog.maintenance.counter_totals.totals import (
     Trace,
     per_day,
 )
-from jbclog.maintenance.counter_totals.tracing import History, Traces, histories, traces_of
+from jbclog.maintenance.counter_totals.tracing import Traces, traces_of
 from jbclog.maintenance.due import TaskState, states_of
 from jbclog.maintenance.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
 from jbclog.maintenance.ledger import Book
-from jbclog.maintenance.use import WORK, Past, use_of, weeks_of
+from jbclog.maintenance.use import WORK, Past, use_of
+from jbclog.maintenance.weeks import weeks_of
 
 # -- naming ----------------------------------------------------------------------------------------
 # Names of stations and tasks, looked up in the ledger and the tasks file; errors list the nearest

@@ -15,7 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.maintenance.counter_totals.tracing import histories, traces_of
+from jbclog.maintenance.counter_totals.history import histories
+from jbclog.maintenance.counter_totals.tracing import traces_of
 from jbclog.maintenance.ledger import add, read_book
 from jbclog.record.check import check
 from support.fleets.audit_fleet import BEGIN

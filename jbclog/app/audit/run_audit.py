@@ -29,7 +29,7 @@ from jbclog.maintenance.counter_totals.observed import Entry, Fact, Observation
 from jbclog.maintenance.fleet import FleetAudit
 from jbclog.maintenance.fleet_of_ledger import fleet_of
 from jbclog.maintenance.ledger import Book, add, auditing, read_book, written
-from jbclog.maintenance.use import counted_until
+from jbclog.maintenance.station_errors import counted_until
 
 SHOWN: Final = 5
 STOPPED: Final = "the audit was stopped before this station was read"

@@ -10,234 +10,36 @@ import math
 from collections import Counter as Counted
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 from jbclog.config.task_names import REPLACED, RESET
-from jbclog.maintenance.counter_totals.judging import (
+from jbclog.maintenance.counter_totals.advance import (
     OPEN,
-    RULES,
-    Judged,
     MakeSpan,
     Ratios,
-    Resets,
     counted_on,
+    misread,
+    ratios_of,
+)
+from jbclog.maintenance.counter_totals.fast_path import Counter, difference, is_plain, lasted_h
+from jbclog.maintenance.counter_totals.history import History, Key
+from jbclog.maintenance.counter_totals.judgement import RULES, Judged
+from jbclog.maintenance.counter_totals.judging import (
+    Resets,
     is_ordinary,
     judge,
     judge_doubted,
-    misread,
-    ratios_of,
     replaced,
 )
-from jbclog.maintenance.counter_totals.observed import (
-    DRIFT,
-    FIVE_DIGITS,
-    HOURS,
-    Count,
-    Entry,
-    Fact,
-    Observation,
-    Standing,
-    Trait,
-    modulus_of,
-    trait_of,
-)
+from jbclog.maintenance.counter_totals.observed import DRIFT, modulus_of, trait_of
 from jbclog.maintenance.counter_totals.span import (
     LEAST_HOURS,
     NOTHING,
-    Elapsed,
     Interval,
     Reading,
     Span,
     seconds,
-    top_of,
 )
 from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind, Join, Point, Trace
-
-# -- history ---------------------------------------------------------------------------------------
-# The entries of one station in the ledger, in order: its looks and its facts.
-
-Key = tuple[int, str]
-"""A counter of a station: port and name."""
-
-MOVES_AT_MOST = 1000.0  # reads of one look that differ by more are not those of a moving counter
-
-
-@dataclass
-class History:
-    """One station of one line. `looks`: observations that it answered; `all`: the others, too."""
-
-    line: str
-    station: str
-    all: list[Observation] = field(default_factory=list)
-    facts: list[Fact] = field(default_factory=list)
-
-    @cached_property
-    def looks(self) -> list[Observation]:
-        return [one for one in self.all if one.seen]
-
-    @cached_property
-    def times(self) -> list[float]:
-        """Times of the looks in seconds since 1970, by the host's clock."""
-        return [seconds(one.time) for one in self.looks]
-
-    @cached_property
-    def elapsed(self) -> Elapsed:
-        return Elapsed(self.times)
-
-    @cached_property
-    def readings(self) -> dict[Key, list[Reading]]:
-        """The readings of every counter, oldest first."""
-        found: dict[Key, list[Reading]] = {}
-        for look, seen in enumerate(self.looks):
-            for count in seen.counts:
-                shown = _shown(count)
-                if shown is not None:
-                    found.setdefault((count.port, count.counter), []).append(Reading(look, shown))
-        return found
-
-    def stated(self, task: str, begin: int, end: int) -> Iterator[Fact]:
-        """Yield the facts of a task of `STATED` whose time is between two looks."""
-        for fact in self.facts:
-            if fact.task == task and self.times[begin] < seconds(fact.time) <= self.times[end]:
-                yield fact
-
-
-def _shown(count: Count) -> Interval | None:
-    if count.standing is Standing.OK and count.value is not None:
-        return Interval(count.value, count.value)
-    if count.standing is Standing.MOVING and count.values:
-        low, high = min(count.values), max(count.values)
-        return Interval(low, high) if high - low <= MOVES_AT_MOST else None
-    return None
-
-
-def histories(entries: Iterable[Entry]) -> dict[tuple[str, str], History]:
-    """Return the histories by line and station, in the order of their first entries."""
-    found: dict[tuple[str, str], History] = {}
-    for entry in entries:
-        history = found.setdefault((entry.line, entry.station), History(entry.line, entry.station))
-        if isinstance(entry, Fact):
-            history.facts.append(entry)
-        else:
-            history.all.append(entry)
-    return found
-
-
-# -- fast path -------------------------------------------------------------------------------------
-# Looks without an event: every counter continues, and every port rules out a reset. Most looks are
-# such.
-#
-# A long ledger has half a million differences. The fast path applies the rules of `judging.py` and
-# `span.py` to a whole look at once, in plain numbers, and leaves every other look to them.
-
-LAST_HOUR = top_of(FIVE_DIGITS, HOURS)
-Readings = Mapping[Key, Reading]
-
-
-@dataclass(slots=True)
-class Counter:
-    """The constants of a counter. `pace`: the greatest usual advance per hour of `hours`; None if
-    too little was seen.
-    """
-
-    key: Key
-    trait: Trait
-    modulus: float
-    pace: float | None
-    step: float = field(init=False)
-    top: float = field(init=False)
-    fastest: float = field(init=False)
-    is_time: bool = field(init=False)
-    hours: tuple[Key, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.step, self.fastest, self.is_time = (
-            self.trait.step,
-            self.trait.fastest,
-            self.trait.is_time,
-        )
-        self.top = top_of(self.modulus, self.trait)
-        self.hours = tuple((self.key[0], name) for name in self.trait.hours)
-
-
-def is_plain(
-    look: int, last: Readings, now: Readings, counters: Mapping[Key, Counter], elapsed_h: float
-) -> bool:
-    """Whether every counter read at a look continues from the look before, at most `elapsed_h`
-    (finite) earlier.
-    """
-    ports, sure = set(), set()
-    for key, after in now.items():
-        before, counter = last.get(key), counters[key]
-        if before is None or before.look != look - 1:
-            return False
-        lasted = (
-            elapsed_h * DRIFT
-            if counter.is_time
-            else lasted_h(counter.hours, last, now, before.look, elapsed_h)
-        )
-        if not _continues(counter, before.shown, after.shown, lasted):
-            return False
-        ports.add(key[0])
-        if after.shown.low > elapsed_h * (DRIFT if counter.is_time else counter.fastest):
-            sure.add(key[0])
-    return bool(ports) and ports == sure
-
-
-def lasted_h(
-    hours: Sequence[Key], last: Readings, now: Readings, look: int, elapsed_h: float
-) -> float:
-    """Return how long a counter of events can have counted: by its first hour counter, or by the
-    elapsed time.
-
-    An hour counter at its last number may have stopped, and is not used."""
-    for key in hours:
-        before, after = last.get(key), now.get(key)
-        if (
-            before
-            and after
-            and before.look == look
-            and before.shown.low <= after.shown.high < LAST_HOUR
-        ):
-            return min(elapsed_h * DRIFT, after.shown.high - before.shown.low + 1.0)
-    return elapsed_h * DRIFT
-
-
-def _continues(counter: Counter, before: Interval, after: Interval, lasted: float) -> bool:
-    """Whether it advanced at a plausible rate and cannot have rolled over (see `counted_on`)."""
-    if after.high >= counter.top or after.high < before.low:
-        return False
-    grown, most = after.low - before.high, lasted if counter.is_time else lasted * counter.fastest
-    if grown > most + counter.step:
-        return False
-    usual = most if counter.pace is None else min(most, counter.pace * max(lasted, LEAST_HOURS))
-    return (usual + counter.step - grown) / counter.modulus < 1.0
-
-
-def difference(
-    counter: Counter, before: Reading, after: Reading, begin: str, end: str
-) -> Difference:
-    """Return the difference of a counter that continues."""
-    low, high = after.shown.low - before.shown.high, after.shown.high - before.shown.low
-    is_unchanged = low <= 0 <= high
-    rule = "unchanged" if is_unchanged else "went_on"
-    worked = Interval(max(0.0, low - counter.step), max(0.0, high) + counter.step)
-    kind = DifferenceKind.ZERO if is_unchanged else DifferenceKind.NORMAL
-    return Difference(
-        *counter.key,
-        begin,
-        end,
-        before.shown.low,
-        after.shown.low,
-        kind,
-        rule,
-        RULES[rule],
-        worked,
-        is_known=True,
-    )
-
-
-# -- tracing ---------------------------------------------------------------------------------------
 
 MARGIN = 10.0  # factor by which other work may advance a counter faster than ever seen
 LEAST_SEEN = 6  # fewer may all be from quiet weeks
@@ -424,10 +226,8 @@ class _Pass:
 
     def _span_of(self, key: Key, last: Mapping[Key, Reading], now: Mapping[Key, Reading]) -> Span:
         """Return the span of a counter, with the time bounded by its hour counters."""
-        look, elapsed_h = (
-            last[key].look,
-            self.history.elapsed.at_most_h(last[key].look, now[key].look),
-        )
+        look = last[key].look
+        elapsed_h = self.history.elapsed.at_most_h(look, now[key].look)
         lasted = lasted_h(self._counters[key].hours, self._believed(look), now, look, elapsed_h)
         return self._span(key, last[key], now[key], lasted)
 
@@ -441,13 +241,9 @@ class _Pass:
         )
 
     def _span(self, key: Key, before: Reading, after: Reading, lasted: float = math.inf) -> Span:
-        counter, elapsed = (
-            self._counters[key],
-            self.history.elapsed.at_most_h(before.look, after.look),
-        )
-        lasted = min(lasted, elapsed * DRIFT)
-        most = lasted if counter.is_time else lasted * counter.fastest
-        usual = most if counter.pace is None else min(most, counter.pace * max(lasted, LEAST_HOURS))
+        counter = self._counters[key]
+        elapsed = self.history.elapsed.at_most_h(before.look, after.look)
+        most, usual = counter.possible(min(lasted, elapsed * DRIFT))
         grown = Interval(after.shown.low - before.shown.high, after.shown.high - before.shown.low)
         return Span(
             *key, counter.trait, counter.modulus, before, after, elapsed, most, usual, grown

@@ -15,9 +15,10 @@ from unittest.mock import patch
 
 import numpy as np
 
+from jbclog.maintenance.counter_totals.history import History
 from jbclog.maintenance.counter_totals.observed import Fact, Observation
 from jbclog.maintenance.counter_totals.totals import Trace
-from jbclog.maintenance.counter_totals.tracing import History, traces_of
+from jbclog.maintenance.counter_totals.tracing import traces_of
 from jbclog.maintenance.due import foresee, used_since
 from support.fleets.audit_fleet import BEGIN, YEAR, Fleet, SimStation
 

@@ -30,10 +30,11 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 from jbclog.config.task_names import REPLACED, RESET
+from jbclog.maintenance.counter_totals.history import History
 from jbclog.maintenance.counter_totals.observed import Count, Standing
 from jbclog.maintenance.counter_totals.span import seconds
 from jbclog.maintenance.counter_totals.totals import Trace
-from jbclog.maintenance.counter_totals.tracing import History, traces_of
+from jbclog.maintenance.counter_totals.tracing import traces_of
 from support.fleets.exchange_fleet import LAST, STEP, Key, Place, Places
 
 NEAR = 1e-6

@@ -15,7 +15,8 @@ from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind, Trace
 from jbclog.maintenance.due import Due, State, TaskState
 from jbclog.maintenance.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
-from jbclog.maintenance.use import Past, use_of, weeks_of
+from jbclog.maintenance.use import Past, use_of
+from jbclog.maintenance.weeks import weeks_of
 from support.fleets.counters import NOW, ago, between, went
 
 LIVES = (

@@ -7,9 +7,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 
+from jbclog.maintenance.counter_totals.history import History
 from jbclog.maintenance.counter_totals.observed import Count, Fact, Identity, Observation, Standing
 from jbclog.maintenance.counter_totals.totals import Difference, Trace
-from jbclog.maintenance.counter_totals.tracing import History, Traces, traces_of
+from jbclog.maintenance.counter_totals.tracing import Traces, traces_of
 from jbclog.maintenance.ledger import unit_of
 
 BEGIN = datetime(2026, 1, 5, 5, tzinfo=UTC)

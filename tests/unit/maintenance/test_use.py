@@ -11,7 +11,10 @@ from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import Join, Trace
 from jbclog.maintenance.fleet import UseFigure
-from jbclog.maintenance.use import NO_JOINTS, Past, poisson_bounds, use_of, weeks_of, whole, within
+from jbclog.maintenance.station_errors import poisson_bounds
+from jbclog.maintenance.stretch import whole, within
+from jbclog.maintenance.use import NO_JOINTS, Past, use_of
+from jbclog.maintenance.weeks import weeks_of
 from support.fleets.counters import ago, look, then, went
 
 WEEKLY = [7.0 * week for week in range(60, -1, -1)]

@@ -14,7 +14,7 @@ import pytest
 from jbclog.app.audit.records import LAG, PastRuns, past_runs
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.maintenance.counter_totals.observed import Errors, Observation
-from jbclog.maintenance.use import counted_until
+from jbclog.maintenance.station_errors import counted_until
 from jbclog.record.conclude import conclude
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import LineFile, Manifest, write_manifest

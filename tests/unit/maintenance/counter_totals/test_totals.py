@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from jbclog.config.task_names import REPLACED, RESET
-from jbclog.maintenance.counter_totals.judging import RULES
+from jbclog.maintenance.counter_totals.judgement import RULES
 from jbclog.maintenance.counter_totals.span import Elapsed, Interval
 from jbclog.maintenance.counter_totals.totals import DifferenceKind
 from support.fleets.looks import WHO, at, last, rules, seen, series, told, traced
