@@ -41,8 +41,9 @@ def check(
     from jbclog.analysis.rejudge import check_verdict
     from jbclog.record.annotations import REPORT
     from jbclog.record.chains import HEAD, SHOWN, digits, short_head
-    from jbclog.record.check import Finding, uncovered
+    from jbclog.record.check import Finding
     from jbclog.record.check import check as check_run
+    from jbclog.record.cross_check import uncovered
     from jbclog.record.manifest import NAME, manifest_sha256, read_manifest
     from jbclog.report.agreement import compare_report
 

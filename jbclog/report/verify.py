@@ -20,7 +20,8 @@ from jbclog.analysis.verdict import RULES
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
-from jbclog.record.check import changed_files, report_disagreements
+from jbclog.record.check import changed_files
+from jbclog.record.cross_check import report_disagreements
 from jbclog.record.folder import expect_no_links
 from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.agreement import report_in

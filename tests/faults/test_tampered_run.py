@@ -29,8 +29,9 @@ from jbclog.core.errors import RecordError
 from jbclog.record.annotations import append, vouch
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import breaks, digest, first_link, previous_run, short_head
-from jbclog.record.check import check, uncovered
+from jbclog.record.check import check
 from jbclog.record.conclude import files_of
+from jbclog.record.cross_check import uncovered
 from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import (

@@ -21,7 +21,8 @@ from jbclog.guard.open_leases import settle
 from jbclog.live import follow
 from jbclog.record import conclude
 from jbclog.record import conclude as concluding
-from jbclog.record.check import check, uncovered
+from jbclog.record.check import check
+from jbclog.record.cross_check import uncovered
 from jbclog.record.guard_actions import ACTION_LOG as DIARY
 from jbclog.record.guard_actions import LEASE
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest

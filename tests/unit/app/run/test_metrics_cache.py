@@ -38,7 +38,8 @@ from jbclog.analysis.verdict import RULES
 from jbclog.app.run import metrics_cache
 from jbclog.app.run.metrics_cache import OFF, start_metrics
 from jbclog.cli.app import app
-from jbclog.record.check import check, uncovered
+from jbclog.record.check import check
+from jbclog.record.cross_check import uncovered
 from jbclog.record.folder import METRICS_CACHE
 from jbclog.record.manifest import RunState, manifest_sha256, read_manifest
 from jbclog.report.write import write_report
