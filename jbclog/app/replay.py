@@ -9,7 +9,8 @@ from functools import partial
 from math import inf
 from pathlib import Path
 
-from jbclog.app.run.plan import Metadata, Plan, RunOptions, StationPlan, station_plan
+from jbclog.app.run.options import Metadata, RunOptions
+from jbclog.app.run.plan import Plan, StationPlan, station_plan
 from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.config.line import Line, Replay, StationSpec, load_line
 from jbclog.config.load_recipe import load_recipe

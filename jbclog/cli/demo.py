@@ -65,7 +65,8 @@ def demo(
 
 
 def _record(out: Path, seconds: float, color: Color, *, quiet: bool) -> Result:
-    from jbclog.app.run.plan import Metadata, RunOptions, make_plan
+    from jbclog.app.run.options import Metadata, RunOptions
+    from jbclog.app.run.plan import make_plan
     from jbclog.app.run.runner import conduct
     from jbclog.cli.progress import BackgroundObserver, observer
     from jbclog.sim.process import SimProcess

@@ -16,7 +16,7 @@ from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
     from jbclog.app.port_access import PortAccess
-    from jbclog.app.run.plan import Metadata, RunOptions
+    from jbclog.app.run.options import Metadata, RunOptions
 
 
 def port_access(ctx: typer.Context) -> PortAccess:
@@ -264,7 +264,7 @@ def metadata(
     several: Mapping[str, Sequence[str]],
 ) -> Metadata:
     """Return a run's metadata; `several`: values of repeatable options. Raises `UsageError`."""
-    from jbclog.app.run.plan import Metadata
+    from jbclog.app.run.options import Metadata
 
     texts = [("--operator", operator), ("--order", order), ("--product", product)]
     texts += [(option, text) for option, those in several.items() for text in those]
@@ -315,7 +315,7 @@ def wanted(
     allow_omega_write: bool = False,
 ) -> RunOptions:
     """Return the options of a run."""
-    from jbclog.app.run.plan import RunOptions
+    from jbclog.app.run.options import RunOptions
 
     return RunOptions(
         line,

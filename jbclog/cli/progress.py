@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rich.console import Group
     from rich.live import Live
 
-    from jbclog.app.run.plan import Metadata
+    from jbclog.app.run.options import Metadata
     from jbclog.live.joint_numbers import JointNumbers, Key
     from jbclog.live.states import Joints
 

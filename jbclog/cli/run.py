@@ -20,7 +20,8 @@ from jbclog.core.errors import UsageError
 from jbclog.core.outcome import VERDICT_FINDING, Exit, in_order, tools_text
 
 if TYPE_CHECKING:
-    from jbclog.app.run.plan import Plan, RunOptions
+    from jbclog.app.run.options import RunOptions
+    from jbclog.app.run.plan import Plan
     from jbclog.app.run.run_record import Result
     from jbclog.transport.typed_lines import LineSource, TypedLine
 

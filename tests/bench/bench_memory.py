@@ -31,7 +31,8 @@ from common import (
 )
 from recorder import Recorded, record
 
-from jbclog.app.run.plan import RunOptions, make_plan
+from jbclog.app.run.options import RunOptions
+from jbclog.app.run.plan import make_plan
 from jbclog.app.run.tasks import station_tasks
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.record.folder import create_run

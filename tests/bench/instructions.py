@@ -14,7 +14,8 @@ from typing import NamedTuple
 
 from common import RECIPE
 
-from jbclog.app.run.plan import RunOptions, make_plan
+from jbclog.app.run.options import RunOptions
+from jbclog.app.run.plan import make_plan
 from jbclog.app.run.tasks import station_tasks
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Steps, Wait

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import pyarrow.parquet as pq
 from common import cpu_s, percentile
 
-from jbclog.app.run.plan import RunOptions, make_plan
+from jbclog.app.run.options import RunOptions
+from jbclog.app.run.plan import make_plan
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.goal import Goal

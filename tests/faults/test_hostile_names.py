@@ -20,7 +20,8 @@ import pytest
 from typer.testing import CliRunner
 
 import jbclog
-from jbclog.app.run.plan import Metadata, RunOptions, make_plan
+from jbclog.app.run.options import Metadata, RunOptions
+from jbclog.app.run.plan import make_plan
 from jbclog.cli.app import app
 from jbclog.config.line import parse_line
 from jbclog.config.load_recipe import parse_recipe

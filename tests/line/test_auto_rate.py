@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from jbclog.app.run.plan import Plan, RunOptions, make_plan
+from jbclog.app.run.options import RunOptions
+from jbclog.app.run.plan import Plan, make_plan
 from jbclog.cli.app import app
 from jbclog.cli.progress import EventFilter
 from jbclog.config.line import parse_line

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import Metadata, Plan
+from jbclog.app.run.options import Metadata
+from jbclog.app.run.plan import Plan
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.ranges import longest_countdown_s
 from support.virtual.recorded_run import plan_in

@@ -16,7 +16,8 @@ import pytest
 from typer.testing import CliRunner
 
 from jbclog.analysis.run import open_run
-from jbclog.app.run.plan import Plan, RunOptions, make_plan
+from jbclog.app.run.options import RunOptions
+from jbclog.app.run.plan import Plan, make_plan
 from jbclog.cli.app import app
 from jbclog.config.line import StationSpec, load_line
 from jbclog.config.recipe import COMMAND_OF

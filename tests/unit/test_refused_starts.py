@@ -14,7 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import Metadata, Plan
+from jbclog.app.run.options import Metadata
+from jbclog.app.run.plan import Plan
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.errors import RecordError, StartRefused

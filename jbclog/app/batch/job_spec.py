@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, cast
 
-from jbclog.app.run.plan import Metadata, Plan, RunOptions
+from jbclog.app.run.options import Metadata, RunOptions
+from jbclog.app.run.plan import Plan
 from jbclog.app.run.runner import Job
 from jbclog.config.durations import span_s
 from jbclog.config.job_order import Turn, read_at

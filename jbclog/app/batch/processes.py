@@ -21,7 +21,7 @@ from jbclog.app.batch.job_dir import NOTES, JobDir, unread_serial
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.state import State
 from jbclog.app.batch.store import BatchStore
-from jbclog.app.run.plan import Metadata
+from jbclog.app.run.options import Metadata
 from jbclog.core.errors import RecordError, Unsafe, unexpected_error_text
 from jbclog.core.outcome import Exit, Status
 from jbclog.record.find_runs import Filter, Found, find

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from jbclog.app.run.options import Metadata, RunOptions
 from jbclog.config.line import IS_A_RECIPE, Line, Replay, StationSpec, is_served_here, load_line
 from jbclog.config.load_recipe import IS_A_LINE, load_recipe, long_feed
 from jbclog.config.recipe import Recipe
@@ -23,7 +24,6 @@ from jbclog.config.recipe_settings import (
     station_settings_for,
 )
 from jbclog.core.errors import Problem, Problems, UsageError
-from jbclog.core.goal import JOINTS, UNITS, Goal
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.protocol.commands.omega import ConditionRecord
 from jbclog.protocol.commands.ranges import inferred_note, unit_note
@@ -45,78 +45,6 @@ NOT_BESIDE_REPLAY = (
     " writes that table, with urls below the file's own folder or on this machine; remove it"
 )
 PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys")
-
-
-@dataclass(frozen=True, slots=True)
-class Metadata:
-    """What the user states about a run."""
-
-    operator: str | None = None
-    order: str | None = None
-    product: str | None = None
-    units: tuple[str, ...] = ()
-    tags: dict[str, str] = field(default_factory=dict)
-    wire_lots: tuple[str, ...] = ()
-    flux_lots: tuple[str, ...] = ()
-    tips: tuple[str, ...] = ()
-    reads_units: bool = False  # serials are read during the run
-
-    def missing(self, required: Sequence[str]) -> list[str]:
-        """Return the required names that were not given, as options of the command line."""
-        given: dict[str, object] = {
-            "operator": self.operator,
-            "order": self.order,
-            "product": self.product,
-        }
-        given |= {"unit": self.units or self.reads_units, "tip": self.tips}
-        given |= {"wire_lot": self.wire_lots, "flux_lot": self.flux_lots}
-        given_or_tags = {**given, **{f"tag.{name}": value for name, value in self.tags.items()}}
-        return [_option(name) for name in required if not given_or_tags.get(name)]
-
-
-def _option(name: str) -> str:
-    return (
-        f"--tag {name.removeprefix('tag.')}=…"
-        if name.startswith("tag.")
-        else f"--{name.replace('_', '-')} …"
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class RunOptions:
-    """The options of a run. `rate` is Hz, ``auto``, ``fit``, ``max``, or None for the recipe's.
-
-    `metadata` is None in a dry run, where nobody was asked yet. `wire`: keep a serial capture.
-    `allow_missing`: leave out stations that do not start. `guard`: a guard makes the tools safe if
-    the recorder dies. The run ends after so many finished units, joints of all stations, or
-    `duration_s`, whichever comes first; without any of them when the user ends it.
-    """
-
-    line: Path
-    recipe: Path | None = None
-    stations: tuple[str, ...] = ()
-    duration_s: float | None = None
-    rate: float | str | None = None
-    metadata: Metadata | None = field(default_factory=Metadata)
-    wire: bool = False
-    guard: bool = True
-    allow_omega_write: bool = False
-    allow_missing: bool = False
-    until_units: int | None = None
-    until_joints: int | None = None
-
-    def goals(self) -> list[Goal]:
-        """Return the numbers at which the run ends."""
-        return [
-            Goal(what, count)
-            for what, count in ((UNITS, self.until_units), (JOINTS, self.until_joints))
-            if count is not None
-        ]
-
-    @property
-    def states_an_end(self) -> bool:
-        """Whether it ends by itself; one that does not is ended by Ctrl-C as it should be."""
-        return self.duration_s is not None or bool(self.goals())
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,12 +206,9 @@ class Plan:
             )
 
     def _asked_later(self) -> Iterator[str]:
-        recipes = (
-            {id(one.recipe): one.recipe for one in self.stations}
-            if self.wanted.metadata is None
-            else {}
-        )
-        for recipe in recipes.values():
+        if self.wanted.metadata is not None:
+            return
+        for recipe in self.recipes.values():
             missing = Metadata().missing(recipe.metadata.required)
             if missing:
                 yield f"{recipe.path.name} requires {' '.join(missing)}: give it to `run`"
@@ -386,18 +311,7 @@ def _with_file_names(stations: tuple[StationPlan, ...]) -> tuple[StationPlan, ..
         while path not in names and name in names.values():
             name, number = f"{path.stem}-{number}{path.suffix}", number + 1
         names.setdefault(path, name)
-    return tuple(
-        StationPlan(
-            one.spec,
-            one.family,
-            one.ports,
-            one.recipe,
-            names[one.recipe.path],
-            one.rate,
-            one.demand,
-        )
-        for one in stations
-    )
+    return tuple(replace(one, recipe_file=names[one.recipe.path]) for one in stations)
 
 
 # -- checks ----------------------------------------------------------------------------------------

@@ -21,8 +21,8 @@ from typing import Protocol
 from jbclog import __version__
 from jbclog.analysis.alarms.live import LiveAlarms
 from jbclog.analysis.rule_versions import RULES
+from jbclog.app.run.options import Metadata as GivenMetadata
 from jbclog.app.run.plan import PORTS, Plan, StationPlan
-from jbclog.app.run.plan import Metadata as GivenMetadata
 from jbclog.app.run.tasks import station_tasks
 from jbclog.core.clock import Clock, UtcOffset
 from jbclog.core.errors import RecordError, unexpected_error_text

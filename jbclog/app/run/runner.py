@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jbclog.app.run.plan import Plan, RunOptions, make_plan
+from jbclog.app.run.options import RunOptions
+from jbclog.app.run.plan import Plan, make_plan
 from jbclog.core.clock import SystemClock
 from jbclog.core.errors import JbclogError, RecordError, Unsafe, cause
 from jbclog.core.outcome import CUT_SHORT, tools_text

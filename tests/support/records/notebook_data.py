@@ -25,7 +25,7 @@ import pytest
 
 from jbclog import __version__
 from jbclog.app.run import run_record
-from jbclog.app.run.plan import Metadata
+from jbclog.app.run.options import Metadata
 from jbclog.core.clock import VirtualClock
 from jbclog.maintenance.counter_totals.observed import Fact, Observation
 from jbclog.maintenance.ledger import add

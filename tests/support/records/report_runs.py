@@ -11,7 +11,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from jbclog.app.run.plan import Metadata, RunOptions, make_plan
+from jbclog.app.run.options import Metadata, RunOptions
+from jbclog.app.run.plan import make_plan
 from jbclog.report.write import write_report
 from support.virtual.lines import fault
 from support.virtual.recorded_run import RecordedRun

@@ -21,7 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from jbclog.app.run.plan import Metadata, RunOptions, make_plan
+from jbclog.app.run.options import Metadata, RunOptions
+from jbclog.app.run.plan import make_plan
 from jbclog.core.clock import VirtualClock
 from jbclog.record.annotations import append
 from jbclog.record.manifest import read_manifest

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from jbclog.app.run import run_record
-from jbclog.app.run.plan import Plan, RunOptions, make_plan
+from jbclog.app.run.options import RunOptions
+from jbclog.app.run.plan import Plan, make_plan
 from jbclog.app.run.run_record import Result, RunRecord
 from jbclog.core.clock import VirtualClock
 from jbclog.core.goal import Goal

@@ -47,7 +47,7 @@ OF_THE_SYSTEM = {"sitecustomize", "usercustomize"}  # Debian's Python brings one
 MEASURED_BY = {"coverage", "$coverage"}  # in child processes, too, where coverage is measured
 
 PLAN = {
-    *("app", "app.run", "app.run.plan"),
+    *("app", "app.run", "app.run.options", "app.run.plan"),
     *("cli", "cli.app", "cli.front_page", "cli.help", "cli.loading", "cli.names", "cli.options"),
     *("cli.output", "cli.streams", "config", "config.line", "config.load_recipe", "config.recipe"),
     *("config.recipe_sections", "config.recipe_settings", "config.schema", "config.sim_spec"),

@@ -14,7 +14,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from jbclog.analysis.joints.evidence import NOTHING_RECORDED
-from jbclog.app.run.plan import Metadata
+from jbclog.app.run.options import Metadata
 from jbclog.cli import progress, terminal
 from jbclog.cli.options import Color
 from jbclog.config.load_recipe import parse_recipe

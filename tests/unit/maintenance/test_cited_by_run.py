@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import Metadata
+from jbclog.app.run.options import Metadata
 from jbclog.core.clock import VirtualClock
 from jbclog.maintenance.verification import NAME, Given, keep, own_of, read_book, verify
 from jbclog.record.check import check

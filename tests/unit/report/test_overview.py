@@ -12,7 +12,8 @@ import pytest
 from jbclog.analysis.figures.from_samples import trace
 from jbclog.analysis.figures.trace import Grid
 from jbclog.analysis.run import open_run
-from jbclog.app.run.plan import RunOptions, make_plan
+from jbclog.app.run.options import RunOptions
+from jbclog.app.run.plan import make_plan
 from jbclog.report.overview import Overview
 from jbclog.report.write import write_report
 from support.records.verdict_corpus import ONLY_COVERAGE, SOLDERING, STATION, WORKING

@@ -19,7 +19,7 @@ from jbclog.app.batch.job_dir import JobDir, JobResult
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.processes import AttemptResult, SystemProcesses, result_of, tagged
 from jbclog.app.batch.state import State
-from jbclog.app.run.plan import RunOptions
+from jbclog.app.run.options import RunOptions
 from jbclog.app.run.runner import Job
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, Metadata, read_manifest, write_manifest

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from jbclog.app.replay import Recording, open_recording, plan_of, serve
-from jbclog.app.run.plan import RunOptions, make_plan
+from jbclog.app.run.options import RunOptions
+from jbclog.app.run.plan import make_plan
 from jbclog.app.run.tasks import station_tasks
 from jbclog.config.line import load_line
 from jbclog.core.clock import VirtualClock

@@ -13,7 +13,8 @@ import pytest
 
 from jbclog.app.run import goals as goals_of_a_run
 from jbclog.app.run.goals import LAST_COUNT_S, LEAST_PAUSE_S, MOST_PAUSE_S, Goals, pause_s
-from jbclog.app.run.plan import Metadata, RunOptions, make_plan
+from jbclog.app.run.options import Metadata, RunOptions
+from jbclog.app.run.plan import make_plan
 from jbclog.app.run.unit_feed import LOOK_EVERY_S, UnitFeed
 from jbclog.core.errors import Problems
 from jbclog.core.goal import Goal

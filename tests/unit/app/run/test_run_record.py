@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.run.plan import Metadata
+from jbclog.app.run.options import Metadata
 from jbclog.core.errors import RecordError
 from support.records.report_runs import RECIPE, STATION
 from support.virtual.recorded_run import run_in
