@@ -331,11 +331,6 @@ class LiveStore:
         if waited >= WAITED_S:
             self._pending.show_first(self._pending.count)
 
-    @property
-    def is_sealing(self) -> bool:
-        """Whether the sealing child is at work."""
-        return self._child is not None
-
     def close(self) -> None:
         """Commit the rest, end the thread and close the file. Does not raise: see `failure`."""
         self._ending = True

@@ -162,7 +162,7 @@ def _seal(store: LiveStore, found: Hour) -> None:
     """Seal, and let the child end: ten minutes of this clock may be less than it needs."""
     store.seal_now()
     found.seals += 1
-    while store.is_sealing:
+    while store._child:
         time.sleep(0.05)
 
 

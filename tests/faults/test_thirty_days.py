@@ -106,7 +106,7 @@ def _seal(papers: RunRecord, lived: Lived) -> None:
     store.commit_now()
     store.seal_now()
     until = time.monotonic() + 60
-    while store.is_sealing and time.monotonic() < until:
+    while store._child and time.monotonic() < until:
         time.sleep(0.05)
     lived.parts += 1
 

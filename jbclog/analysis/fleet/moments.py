@@ -15,7 +15,7 @@ so that counts add up.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import sqrt
 from typing import Final
@@ -45,7 +45,7 @@ class Moments:
     others.
 
     `total` is their sum × 2^1074 and `squares` the sum of their squares × 2^2148. `bins` counts
-    values by `bin_of`.
+    values by the first bits of their doubles.
     """
 
     n: int = 0
@@ -101,14 +101,6 @@ class Moments:
         ranks = [max(1, -(-self.n * percent // 100)) for percent in percents]
         found = [ordered[int(np.searchsorted(ends, rank))][0] for rank in ranks]
         return [min(max(one, self.least), self.greatest) for one in found]
-
-
-def merged(parts: Iterable[Moments]) -> Moments:
-    """Return the statistics of all values of all parts; changes none of these."""
-    whole = Moments()
-    for one in parts:
-        whole.add(one)
-    return whole
 
 
 def moments_of(values: Floats, counts: Ints, groups: Ints, count: int) -> list[Moments]:
@@ -175,11 +167,6 @@ def _summed(limbs: Sequence[Ints], slots: Ints, count: int, places: Sequence[int
         for slot, one in enumerate(sums.tolist()):
             totals[slot] += int(one) << (LIMB_BITS * place)
     return totals
-
-
-def bin_of(value: float) -> int:
-    """Return the bin of a finite value."""
-    return int((np.array([value], np.float64) + 0.0).view(np.int64)[0] >> SHIFT)
 
 
 def _middle(number: int) -> float:

@@ -39,9 +39,8 @@ class Draw(NamedTuple):
     contacts in it.
 
     `cut` is what cut it off, if anything did. `fed` is whether wire was pushed in it, None if not
-    known. `loss` is that of the tip's model in ‰/K. `cut_by_feeds`: it is a part of a draw with the
-    feeds of several joints. `is_unfed`: the feeder decides and pushed no wire. `late_s` is how much
-    later than these edges the temperature shows it.
+    known. `loss` is that of the tip's model in ‰/K. `is_unfed`: the feeder decides and pushed no
+    wire. `late_s` is how much later than these edges the temperature shows it.
 
     A feed without a draw has neither heat nor peak; its edges are those of the time in which the
     feed was.
@@ -57,7 +56,6 @@ class Draw(NamedTuple):
     cut: str | None = None
     fed: bool | None = None
     loss: float | None = None
-    cut_by_feeds: bool = False
     is_unfed: bool = False
     late_s: float = 0.0
 
@@ -219,7 +217,6 @@ def cut_draw(
                 contacts=1,
                 confidence=round(CUT_CONFIDENCE * draw.confidence, 3),
                 cut=None,
-                cut_by_feeds=True,
             )
         )
     parts[-1] = parts[-1]._replace(cut=draw.cut)

@@ -56,16 +56,14 @@ LEAST_INTERVAL_S: Final = 0.2
 class FeederEvidence:
     """Draws with what the feeder shows about them, including feeds without a draw, and both counts.
 
-    `others` are draws that are no joints of their own. `draws_seen` is the number of draws by heat
-    alone, before any was cut or merged; `counted` is the growth of the feeder's counter, None if it
-    was not read.
+    `others` are draws that are no joints of their own. `counted` is the growth of the feeder's
+    counter, None if it was not read.
     """
 
     draws: list[Draw]
     others: list[Draw]
     feeds: int
     counted: int | None
-    draws_seen: int
     feeds_without_draw: int
     draws_without_feed: int
     decides: bool
@@ -108,9 +106,7 @@ def feeder_evidence(
     alone = events.number - sum(
         len(feeds) for draw, feeds in zip(merged, draw_feeds, strict=True) if draw.heat is not None
     )
-    return FeederEvidence(
-        found, others, events.number, events.counted, len(draws), alone, without, True
-    )
+    return FeederEvidence(found, others, events.number, events.counted, alone, without, True)
 
 
 def _without_decision(series: Series, draws: Sequence[Draw], events: FeedEvents) -> FeederEvidence:
@@ -121,9 +117,7 @@ def _without_decision(series: Series, draws: Sequence[Draw], events: FeedEvents)
         for one, feeds in zip(draws, draw_feeds, strict=True)
     ]
     without = sum(not feeds for feeds in draw_feeds)
-    return FeederEvidence(
-        with_feeds, [], events.number, events.counted, len(draws), len(alone), without, False
-    )
+    return FeederEvidence(with_feeds, [], events.number, events.counted, len(alone), without, False)
 
 
 def _usual_interval_s(events: FeedEvents) -> float:

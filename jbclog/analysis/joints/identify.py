@@ -351,7 +351,6 @@ def _model_without_capacity(
             unsure,
             noise,
             reading.celsius,
-            float(rest.sum()) * period,
         )
     )
 
@@ -387,7 +386,6 @@ def _plausible_model(
         (unsure[0], unsure[1], unsure[2], unsure[3]),
         noise,
         reading.celsius,
-        rest_s,
     )
     flow = np.concatenate([_flow(one, fit.values, noise.smooth_s)[one.ready] for one in parts])
     return Identification(model, _implausible(model, flow))

@@ -88,8 +88,7 @@ class ThermalModel:
     """The thermal model of a tip, from its own record. `uncertainties` are one standard deviation
     of the four parameters, in order.
 
-    `temperature_noise` is that of a reading in °C, `rest_s` how much of the record without contact
-    the model comes from.
+    `temperature_noise` is that of a reading in °C.
     """
 
     capacity: float
@@ -99,7 +98,6 @@ class ThermalModel:
     uncertainties: tuple[float, float, float, float]
     noise: Noise
     temperature_noise: float
-    rest_s: float
     delay: Delay = Delay()
 
     @property

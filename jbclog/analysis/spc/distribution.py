@@ -315,13 +315,6 @@ def spread_over_steps(values: Floats, resolution: float | None) -> Floats:
     return np.where(values > 0, np.maximum(spread, resolution / 100), spread)
 
 
-def normal_chance(values: Floats) -> float:
-    """Return the probability of values as far from normal, mean and spread estimated from them
-    (Stephens' approximation).
-    """
-    return chance_of_normal(_distance_from_normal(values))
-
-
 def _distance_from_normal(values: Floats) -> float:
     n = len(values)
     ordered = np.sort((values - values.mean()) / values.std(ddof=1))
@@ -331,7 +324,9 @@ def _distance_from_normal(values: Floats) -> float:
 
 
 def chance_of_normal(a: float) -> float:
-    """Return the probability of an adjusted A² as great as this."""
+    """Return the probability of an adjusted A² as great as this, of values whose mean and spread
+    were estimated from them (Stephens' approximation).
+    """
     if a >= 0.6:
         chance = np.exp(1.2937 - 5.709 * a + 0.0186 * a**2) if a < 13 else 0.0
     elif a > 0.34:

@@ -25,6 +25,7 @@ from jbclog.analysis.store.identity import Identity
 from jbclog.analysis.store.place import Place, expect_library, explained, one_line
 from jbclog.analysis.store.rows import kept_files, rows_in_order, span_of
 from jbclog.analysis.store.schema import DATA, OWN, PARTITIONS, PROPERTY, RECORD, RUNS, SCHEMA
+from jbclog.core.clock import utc_text
 from jbclog.core.errors import RecordError, StoreError
 from jbclog.core.foreign.values import expect_values
 from jbclog.record.find_runs import ALL, SEALED, Filter, Found
@@ -354,4 +355,4 @@ def _months(wanted: Filter) -> list[str]:
 
 
 def _iso(moment: datetime | None) -> str | None:
-    return None if moment is None else f"{moment:%Y-%m-%dT%H:%M:%S.%fZ}"
+    return None if moment is None else utc_text(moment)

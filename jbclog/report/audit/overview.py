@@ -146,7 +146,6 @@ NEVER: Final = "9999"
 class DueRow:
     """A station with its worst task and the others that are not fine, each worst first."""
 
-    anchor: str
     station: StationAudit
     tasks: tuple[TaskState, ...]
 
@@ -192,9 +191,7 @@ class AuditOverview:
 
 def overview_of(audit: FleetAudit) -> AuditOverview:
     """Return the overview of an audit."""
-    rows = sorted(
-        (_row(at, station) for at, station in enumerate(audit.stations)), key=lambda row: row.rank
-    )
+    rows = sorted(map(_row, audit.stations), key=lambda row: row.rank)
     order = [
         *(STATES[state] for state in WORST_FIRST[:3]),
         NOT_SEEN,
@@ -209,9 +206,9 @@ def overview_of(audit: FleetAudit) -> AuditOverview:
     )
 
 
-def _row(at: int, station: StationAudit) -> DueRow:
+def _row(station: StationAudit) -> DueRow:
     tasks = sorted(station.tasks, key=lambda task: (*_urgency(task), task.task, task.port or 0))
-    return DueRow(f"s{at}", station, tuple(tasks))
+    return DueRow(station, tuple(tasks))
 
 
 def _urgency(task: TaskState) -> tuple[float, str, float]:

@@ -58,7 +58,7 @@ def learn_provisos(context: SessionContext) -> Steps[None]:
 #
 # 1. Read and check everything: identity, tools, rate, settings, limits, cooling. Nothing is
 #    written.
-# 2. Write what cannot heat (`recipe.order.CANNOT_HEAT`).
+# 2. Write what cannot heat (`config.recipe.CANNOT_HEAT`).
 # 3. Write what can: setpoints, then the tools' status.
 #
 # If a station fails in the first step, nothing was written anywhere. Later no setting is rolled

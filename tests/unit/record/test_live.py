@@ -316,7 +316,7 @@ def test_hourly_sealing_beside_the_recording(tmp_path: Path) -> None:
         store.commit_now()
         store.seal_now()
         number += 300
-        while store.is_sealing:
+        while store._child:
             hand_over(store, range(number, number + 10))
             store.commit_now()
             number += 10
@@ -354,7 +354,7 @@ def test_a_sealing_that_fails_is_told_and_done_later(tmp_path: Path) -> None:
     (store.folder / "samples").write_text("in the way")
     store.seal_now()
     store._wake.set()
-    until(lambda: not store.is_sealing)
+    until(lambda: store._child is None)
     (store.folder / "samples").unlink()
     folder = finished(store)
     assert few_rows.sealed_numbers(folder) == list(range(30))

@@ -36,7 +36,6 @@ def joints(count: int = COUNT) -> list[Joint]:
             known("cut off"),  # type: ignore[arg-type]
             known(place % 2 == 0),  # type: ignore[arg-type]
             known(1.5),  # type: ignore[arg-type]
-            place % 3 == 0,
             place % 5 == 0,
         )
         figures = [known(inf if place == 9 else number) for number in numbers[4:12]]
