@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from jbclog.report.text import RowView, measured, number
+from jbclog.report.text import RowView, items, mapping, measured, number
 
 # the share of the joints that the next one followed before the tip was back
 NEVER, SELDOM = 0.95, 0.5
@@ -31,8 +31,8 @@ def jointed(report: Mapping[str, object]) -> list[RowView]:
     """Return a row for each port whose joints were looked for: `station`, `port` and `joints`."""
     return [
         {"station": station["name"], "port": port["port"], "joints": port["joints"]}
-        for station in _rows(report["stations"])
-        for port in _rows(station["ports"])
+        for station in items(report["stations"])
+        for port in items(station["ports"])
         if port["joints"] is not None
     ]
 
@@ -58,7 +58,7 @@ def never_back(late: int, seen: int, deficit_c: float | None) -> str | None:
 
 def never_back_at(rows: Sequence[RowView]) -> list[str]:
     """Return these sentences of all ports, each with its place."""
-    found = [(row, _mapping(row["joints"]).get("never_back")) for row in rows]
+    found = [(row, mapping(row["joints"]).get("never_back")) for row in rows]
     return [
         f"{row['station']} port {row['port']}: {text}" for row, text in found if text is not None
     ]
@@ -72,7 +72,7 @@ def found_with(rows: Sequence[RowView]) -> list[str]:
     fed: list[str] = []
     for row in rows:
         taken, place = (
-            _mapping(_mapping(row["joints"]).get("taken")),
+            mapping(mapping(row["joints"]).get("taken")),
             f"{row['station']} port {row['port']}",
         )
         if taken:
@@ -94,7 +94,7 @@ def _regular(rows: Sequence[RowView]) -> list[str]:
     """Return the time between joint starts that the run shows, where the recipe states none."""
     places: dict[str, list[str]] = {}
     for row in rows:
-        taken = _mapping(_mapping(row["joints"]).get("taken"))
+        taken = mapping(mapping(row["joints"]).get("taken"))
         if taken and taken.get("expected_every_s") is None:
             every = taken.get("every_s")
             text = "not regular or too few" if every is None else f"{number(every, 1)} s"
@@ -111,7 +111,7 @@ def _regular(rows: Sequence[RowView]) -> list[str]:
 
 
 def _found_with(taken: RowView) -> str:
-    learnt = [str(name) for name in _items(taken.get("learnt"))]
+    learnt = [str(name) for name in items(taken.get("learnt"))]
     expected = taken.get("expected_every_s")
     parts = [
         f"A joint lasts {measured(taken['least_dwell_s'], 's')} or more",
@@ -129,9 +129,9 @@ def _found_with(taken: RowView) -> str:
 
 def heat(row: RowView) -> str:
     """Return the median heat of a joint, in joules where watts are known."""
-    figures = _mapping(_mapping(row["joints"])["figures"])
+    figures = mapping(mapping(row["joints"])["figures"])
     joules, relative = (
-        _mapping(figures[name])["value"] for name in ("joint_heat_j", "joint_heat_permille_s")
+        mapping(figures[name])["value"] for name in ("joint_heat_j", "joint_heat_permille_s")
     )
     if joules is not None:
         return f"{number(joules, 1)} J"
@@ -140,14 +140,14 @@ def heat(row: RowView) -> str:
 
 def idle(row: RowView) -> str:
     """Return the idle error of the port."""
-    error = _mapping(_mapping(_mapping(row["joints"])["figures"]).get("idle_error_c")).get("value")
+    error = mapping(mapping(mapping(row["joints"])["figures"]).get("idle_error_c")).get("value")
     return "not known" if not isinstance(error, float) else f"{number(round(error, 1), 1)} °C"
 
 
 def count(row: RowView) -> str:
     """Return the number of joints; not known where the record has gaps."""
-    joints = _mapping(row["joints"])
-    known = _mapping(_mapping(joints["figures"])["joints"])["value"]
+    joints = mapping(row["joints"])
+    known = mapping(mapping(joints["figures"])["joints"])["value"]
     return number(joints["found"]) if known is not None else "not known"
 
 
@@ -155,8 +155,8 @@ def remark(row: RowView) -> str:
     """Return why the count is not known, whether the tip recovers, what may be no joint, and the
     result of the chart.
     """
-    joints = _mapping(row["joints"])
-    figures = _mapping(joints["figures"])
+    joints = mapping(row["joints"])
+    figures = mapping(joints["figures"])
     parts = [
         _not_known(joints),
         joints["never_back"],
@@ -168,7 +168,7 @@ def remark(row: RowView) -> str:
 
 
 def _not_known(joints: RowView) -> str | None:
-    why = _mapping(_mapping(joints["figures"])["joints"])["why"]
+    why = mapping(mapping(joints["figures"])["joints"])["why"]
     if why is None:
         return None
     return (
@@ -207,7 +207,7 @@ def _feeds(figures: RowView) -> list[str]:
 
 
 def _value(figures: RowView, name: str) -> float | None:
-    value = _mapping(figures.get(name)).get("value")
+    value = mapping(figures.get(name)).get("value")
     return float(value) if isinstance(value, int | float) else None
 
 
@@ -221,15 +221,3 @@ def _chart(joints: RowView) -> str | None:
     if not joints["signals"]:
         return "No point out of the ordinary."
     return f"{joints['signals']} point{'s' if joints['signals'] != 1 else ''} out of the ordinary."
-
-
-def _rows(value: object) -> Sequence[RowView]:
-    return value if isinstance(value, list | tuple) else ()
-
-
-def _items(value: object) -> Sequence[object]:
-    return value if isinstance(value, list | tuple) else ()
-
-
-def _mapping(value: object) -> RowView:
-    return value if isinstance(value, Mapping) else {}

@@ -14,7 +14,7 @@ from jbclog.report.alarms import COLUMNS as ALARMS
 from jbclog.report.joints import COLUMNS as JOINTS
 from jbclog.report.joints import Joints
 from jbclog.report.tables import EVENT_COLUMNS, SETTING_COLUMNS
-from jbclog.report.text import RowView
+from jbclog.report.text import RowView, items, mapping
 
 TABLES: Final[Mapping[str, Sequence[str]]] = {
     "rules": (
@@ -88,11 +88,11 @@ def csv_tables(document: Mapping[str, object], joints: Joints) -> dict[str, byte
         name: _listed(document.get(name))
         for name in ("events", "settings", "counters", "metrics", "units")
     }
-    incidents = _listed(_mapping(document.get("alarms")).get("incidents"))
+    incidents = _listed(mapping(document.get("alarms")).get("incidents"))
     rows["alarms"] = [row for incident in incidents for row in _listed(incident["episodes"])]
-    reasons = [str(reason) for reason in _items(document["ledger_reasons"])]
-    rows["ledger"] = [{**row, **_mapping(row["reasons"])} for row in _listed(document["ledger"])]
-    rows["rules"] = [_rule(row) for row in _listed(_mapping(document["verdict"])["rules"])]
+    reasons = [str(reason) for reason in items(document["ledger_reasons"])]
+    rows["ledger"] = [{**row, **mapping(row["reasons"])} for row in _listed(document["ledger"])]
+    rows["rules"] = [_rule(row) for row in _listed(mapping(document["verdict"])["rules"])]
     rows["ports"] = [
         _port(station, port)
         for station in _listed(document["stations"])
@@ -109,7 +109,7 @@ def csv_tables(document: Mapping[str, object], joints: Joints) -> dict[str, byte
 
 
 def _rule(row: RowView) -> RowView:
-    bound = _mapping(row.get("bound"))
+    bound = mapping(row.get("bound"))
     return {
         **row,
         "bound_low": bound.get("low"),
@@ -120,8 +120,8 @@ def _rule(row: RowView) -> RowView:
 
 
 def _port(station: RowView, port: RowView) -> RowView:
-    recorded, tip, power = (_mapping(port[name]) for name in ("recorded", "tip", "power"))
-    mean, spread = _mapping(tip["idle_error_bound"]), _mapping(tip["idle_sd_bound"])
+    recorded, tip, power = (mapping(port[name]) for name in ("recorded", "tip", "power"))
+    mean, spread = mapping(tip["idle_error_bound"]), mapping(tip["idle_sd_bound"])
     worth = {"idle_n": mean.get("n"), "idle_n_effective": mean.get("n_effective")}
     bounds = {
         "idle_error_low_c": mean.get("low"),
@@ -141,12 +141,4 @@ def _port(station: RowView, port: RowView) -> RowView:
 
 
 def _listed(value: object) -> list[RowView]:
-    return [row for row in _items(value) if isinstance(row, Mapping)]
-
-
-def _items(value: object) -> list[object]:
-    return list(value) if isinstance(value, list | tuple) else []
-
-
-def _mapping(value: object) -> RowView:
-    return value if isinstance(value, Mapping) else {}
+    return [row for row in items(value) if isinstance(row, Mapping)]

@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import floor
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -21,6 +22,8 @@ __all__ = [
     "clock",
     "interval",
     "iso_times",
+    "items",
+    "mapping",
     "measured",
     "number",
     "stamp",
@@ -31,6 +34,16 @@ Row = dict[str, object]
 """A row of a table by its columns."""
 RowView = Mapping[str, object]
 """A row that is only read."""
+
+
+def items(value: object) -> Sequence[Any]:
+    """Return what a list of a report holds; nothing where it is none."""
+    return value if isinstance(value, list | tuple) else ()
+
+
+def mapping(value: object) -> RowView:
+    """Return an object of a report; an empty one where it is none."""
+    return value if isinstance(value, Mapping) else {}
 
 
 def iso_times(times: pa.Array) -> pa.StringArray:

@@ -231,7 +231,7 @@ class Dialogue:
         )
         while heard.data:
             self.now = heard.now
-            self._expect_no_flood()
+            self.flow.expect_none()
             for found in self._reader.feed(heard.data):
                 if self.flow.is_suspect:
                     self.strays["flood"] += 1
@@ -264,11 +264,6 @@ class Dialogue:
         self._is_overdue = until == end
         self._reader.reset()
         raise failure
-
-    def _expect_no_flood(self) -> None:
-        """Raise `LinkFlooded` where a flood was detected."""
-        if self.flow.found is not None:
-            raise self.flow.taken()
 
     def _why_no_answer(self, frame: Frame) -> str:
         """Describe a frame that is not the answer, with its address if that is another one."""
@@ -454,7 +449,7 @@ class Dialogue:
             self.flow.came(heard.now, len(heard.data))
             if not heard.data:
                 break
-            self._expect_no_flood()
+            self.flow.expect_none()
             self.strays["late"] += 1
             self._reader.feed(heard.data)
         self._reader.reset()

@@ -99,6 +99,11 @@ class FloodDetector:
         self._restart()
         return found
 
+    def expect_none(self) -> None:
+        """Raise a flood that was found."""
+        if self.found is not None:
+            raise self.taken()
+
     def calm(self) -> None:
         """Start counting again: the link has been reopened and is quiet."""
         self.is_flooded = False

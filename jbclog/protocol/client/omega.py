@@ -232,11 +232,6 @@ class OmegaStation:
         self.now = heard.now
         self.flow.came(heard.now, len(heard.data))
 
-    def _expect_no_flood(self) -> None:
-        """Raise `LinkFlooded` where a flood was detected."""
-        if self.flow.found is not None:
-            raise self.flow.taken()
-
     def question(
         self, command: Command, port: int | None = None, tool: int | None = None
     ) -> OmegaQuestion:
@@ -298,7 +293,7 @@ class OmegaStation:
 
     def _exchange(self, question: OmegaQuestion) -> Steps[str]:
         """Send a request; return the text after its answer's letter. Raises `UNCERTAIN`."""
-        self._expect_no_flood()
+        self.flow.expect_none()
         patience_s = self.patience_s(question)
         heard = yield Ask(question.frame, patience_s)
         self.flow.came(heard.now, len(heard.data), question.answer_length)
@@ -310,7 +305,7 @@ class OmegaStation:
             f"{question.title()}: no answer within {patience_s:.3f} s"
         )
         while heard.data:
-            self._expect_no_flood()
+            self.flow.expect_none()
             self.now = heard.now
             try:
                 found = self._sort(question, heard)
