@@ -16,6 +16,7 @@ from typer.main import get_command
 from jbclog import __version__
 from jbclog.cli.front_page import ABOUT, COMMANDS, OPTIONS
 from jbclog.cli.help import Program, Verb
+from jbclog.cli.loading import leave_out_plugins
 from jbclog.cli.streams import make_usable
 from jbclog.core.outcome import Exit
 
@@ -102,9 +103,7 @@ def main() -> None:
     and no text are made.
     """
     make_usable()
-    # plug-ins of other packages have no place in the checks of options and recipes, and to look for
-    # them opens a file of every installed package
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    leave_out_plugins()
     threading.excepthook = _note_thread_error
     try:
         app()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Final
@@ -73,6 +74,13 @@ class Verb(TyperCommand):
                     {"error": "UsageError", "problems": [error.format_message()], "exit_code": 2}
                 )
             raise
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command, with the garbage collector, without which `main` loads the program."""
+        if not gc.isenabled():
+            gc.freeze()
+            gc.enable()
+        return super().invoke(ctx)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Return the words after the command's name; an optional one is in brackets."""

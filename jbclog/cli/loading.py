@@ -5,8 +5,11 @@ through it takes a twelfth of the time.
 from __future__ import annotations
 
 import gc
+import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import ModuleType
 
 
 @contextmanager
@@ -17,6 +20,19 @@ def without_collector() -> Iterator[None]:
         yield
     finally:
         gc.enable()
+
+
+def leave_out_plugins() -> None:
+    """Keep pydantic from its plug-ins: those of other packages have no place in the checks of
+    options and recipes.
+
+    To look for them opens a file of every installed package, and even where none is looked for,
+    the module that would loads what reads mails and archives. An empty one takes its place.
+    """
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    none = ModuleType("pydantic.plugin._loader")
+    none.get_plugins = tuple  # type: ignore[attr-defined]
+    sys.modules.setdefault(none.__name__, none)
 
 
 @contextmanager

@@ -37,22 +37,23 @@ def plan(
     with without_collector():
         from jbclog.app.run.plan import make_plan
 
-    made = make_plan(
-        options.wanted(line, recipe, stations, None, rate, allow_omega_write=allow_omega_write)
-    )
-    for text in made.notes:
-        note(f"note: {text}")
-    if as_json:
-        on_missing = "continue" if made.starts_without_missing else "stop"
-        echo_json(
-            {
-                "line": made.line.name,
-                "on_missing": on_missing,
-                "stations": [_facts(station, made) for station in made.stations],
-            }
+        made = make_plan(
+            options.wanted(line, recipe, stations, None, rate, allow_omega_write=allow_omega_write)
         )
-    else:
-        echo(*_lines(made))
+        for text in made.notes:
+            note(f"note: {text}")
+        if as_json:
+            echo_json(_all_facts(made))
+        else:
+            echo(*_lines(made))
+
+
+def _all_facts(made: Plan) -> dict[str, object]:
+    return {
+        "line": made.line.name,
+        "on_missing": "continue" if made.starts_without_missing else "stop",
+        "stations": [_facts(station, made) for station in made.stations],
+    }
 
 
 def _facts(station: StationPlan, made: Plan) -> dict[str, object]:

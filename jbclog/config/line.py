@@ -285,7 +285,9 @@ def parse_line(text: str, path: Path) -> Line:
     if problems or tables is None:
         raise Problems(shortened(problems))
     found = tuple(_placed(station, path) for station in stations if station is not None)
-    return Line(name=tables.line.name, stations=found, source=source, replay=tables.replay)
+    return Line.model_construct(
+        name=tables.line.name, stations=found, source=source, replay=tables.replay
+    )
 
 
 def _read_station(

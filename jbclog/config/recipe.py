@@ -147,7 +147,9 @@ class Recipe(RecipeTables, CheckedFile):
 
         Without a port: what a port without tables of its own is asked to hold.
         """
-        common = PortSettings(**{name: getattr(self, name) for name in PortSettings.model_fields})
+        common = PortSettings.model_construct(
+            **{name: getattr(self, name) for name in PortSettings.model_fields}
+        )
         own = self.asked_of(port) if port is not None else ()
         return {asked.setting: asked for asked in (*asked_in(common), *own)}
 

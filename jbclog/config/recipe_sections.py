@@ -58,17 +58,17 @@ class Alarm(Table):
 
 
 class Alarms(Table):
-    high: Alarm = Alarm()
-    low: Alarm = Alarm()
+    high: Alarm = Alarm.model_construct()
+    low: Alarm = Alarm.model_construct()
 
 
 class PortSettings(Table):
     """The tables that hold for every port of a station, or below `[port.N]` for one."""
 
-    temperature: Temperature = Temperature()
-    sleep: Sleep = Sleep()
-    hibernation: Hibernation = Hibernation()
-    alarm: Alarms = Alarms()
+    temperature: Temperature = Temperature.model_construct()
+    sleep: Sleep = Sleep.model_construct()
+    hibernation: Hibernation = Hibernation.model_construct()
+    alarm: Alarms = Alarms.model_construct()
 
 
 class Feeder(Table):
@@ -225,13 +225,13 @@ class RecipeTables(PortSettings):
     port: Mapping[PortName, PortSettings] = Field(
         default_factory=dict, description="a port is 1, 2, 3 or 4"
     )
-    feeder: Feeder = Feeder()
-    air: Air = Air()
+    feeder: Feeder = Feeder.model_construct()
+    air: Air = Air.model_construct()
     omega: Omega | None = None
-    sampling: Sampling = Sampling()
-    run: Run = Run()
-    episodes: Episodes = Episodes()
-    metadata: Metadata = Metadata()
-    units: Units = Units()
-    joints: Joints = Joints()
+    sampling: Sampling = Sampling.model_construct()
+    run: Run = Run.model_construct()
+    episodes: Episodes = Episodes.model_construct()
+    metadata: Metadata = Metadata.model_construct()
+    units: Units = Units.model_construct()
+    joints: Joints = Joints.model_construct()
     acceptance: Acceptance | None = None

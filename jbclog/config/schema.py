@@ -37,7 +37,10 @@ _WORDED = ("worded", "value_error")
 class Table(BaseModel):
     """A table of a file: no unknown keys, no conversion between types, immutable."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    # a model is built when it checks something first: most stand only within another
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
+    )
 
 
 class CheckedFile(Table):
