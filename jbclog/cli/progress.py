@@ -20,7 +20,6 @@ from jbclog.core.clock import SystemClock
 from jbclog.core.goal import JOINTS, Goal
 from jbclog.core.rows import EventRow, Severity
 from jbclog.core.text import units_text
-from jbclog.session.run.context import PortState, SessionContext
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
     from jbclog.app.run.options import Metadata
     from jbclog.live.joint_numbers import JointNumbers, Key
     from jbclog.live.states import Joints
+    from jbclog.session.run.context import PortState, SessionContext
 
 SHOWN = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 RUNNING = "running"  # the outcome of a station that has none yet

@@ -14,6 +14,7 @@ import socket
 import sys
 from collections.abc import Callable
 from queue import Queue
+from typing import Final
 
 import serial
 from jbclog.core.errors import LinkError, PortBusy, PortForbidden, PortMissing, UsageError
@@ -29,6 +30,7 @@ from jbclog.transport.port import (
 )
 from jbclog.transport.system_ports import holder_of, process_text
 
+PYSERIAL: Final = serial.__version__
 EACH_PORT = 1  # descriptors
 # the record, the loop, the interpreter, and eight ports being opened with five descriptors each
 BESIDE = 160

@@ -8,15 +8,18 @@ The same for a run on real ports (`app.run.runner`) and for a reproduced one (`a
 from __future__ import annotations
 
 import getpass
+import os
 import platform
 import socket
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Protocol
+
+import pyarrow
 
 from jbclog import __version__
 from jbclog.analysis.alarms.live import LiveAlarms
@@ -54,6 +57,7 @@ from jbclog.record.manifest import (
 )
 from jbclog.record.seal_child import SEAL_S, seal_in_child
 from jbclog.session.run.context import SessionContext
+from jbclog.transport.opening import PYSERIAL
 
 OnFacts = Callable[[StationFacts], None]
 NOT_STARTED = "The run was not started."
@@ -334,7 +338,7 @@ def _host() -> dict[str, str]:
     """Return host, user and versions."""
     found = {
         "name": socket.gethostname(),
-        "system": platform.platform(),
+        "system": _system(),
         "python": platform.python_version(),
         "jbclog": __version__,
     }
@@ -342,9 +346,15 @@ def _host() -> dict[str, str]:
         found["user"] = getpass.getuser()
     except (KeyError, OSError):
         found["user"] = "unknown"
-    for package in ("pyserial", "pyarrow"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "unknown"
-    return found
+    return found | {"pyserial": PYSERIAL, "pyarrow": pyarrow.__version__}
+
+
+def _system() -> str:
+    """Return what `platform.platform()` does, which on Linux starts a process to ask for the
+    processor, and leaves its name out.
+    """
+    if sys.platform != "linux":
+        return platform.platform()
+    its = os.uname()
+    parts = (its.sysname, its.release, its.machine, "with", "".join(platform.libc_ver()))
+    return "-".join(filter(None, parts))

@@ -48,7 +48,8 @@ MODELS = {"pydantic", "pydantic_core", "annotated_types", "typing_inspection"}
 ARROW = {"pyarrow", "numpy", "cloudpickle", "dateutil", "six", "msgspec"}
 MADE_BY_CYTHON = {"cython_runtime"}
 OF_THE_SYSTEM = {"sitecustomize", "usercustomize"}  # Debian's Python brings one
-READS_MAILS = {"email", "importlib.metadata", "zipfile"}  # pydantic would, to look for plug-ins
+# reads mails and archives; pydantic would load it to look for plug-ins
+OF_PACKAGES = {"email", "importlib.metadata", "zipfile"}
 MEASURED_BY = {"coverage", "$coverage"}  # in child processes, too, where coverage is measured
 
 PLAN = {
@@ -144,7 +145,7 @@ def test_plan(words: list[str], tmp_path: Path) -> None:
     modules = loaded(SHOWN, ["plan", *words], tmp_path)
     assert own(modules) - {"cli.plan"} - PLAN == set()
     assert foreign(modules) - COMMAND_LINE - MODELS == set()
-    assert READS_MAILS & modules == set()
+    assert OF_PACKAGES & modules == set()
     (passes,) = (int(one.removeprefix("passes=")) for one in modules if one.startswith("passes="))
     assert passes < 12  # of the garbage collector, before and after the plan; 59 if it never rests
 
@@ -156,6 +157,7 @@ def test_a_run_when_its_first_byte_is_due(words: list[str], tmp_path: Path) -> N
     assert own(modules) - RUN == set()
     assert foreign(modules) - COMMAND_LINE - MODELS - ARROW - {"serial"} == set()
     assert {"pyarrow.compute", "pyarrow.parquet", "pyarrow.dataset"} & modules == set()
+    assert OF_PACKAGES & modules == set()
 
 
 def test_report(tmp_path: Path) -> None:

@@ -1,11 +1,17 @@
-"""A record that no reader would take is refused before a station is touched."""
+"""A record that no reader would take is refused before a station is touched; and what it says of
+the host.
+"""
 
 from __future__ import annotations
 
+import platform
+import subprocess
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
+from jbclog.app.run import run_record
 from jbclog.app.run.options import Metadata
 from jbclog.core.errors import RecordError
 from support.records.report_runs import RECIPE, STATION
@@ -36,3 +42,20 @@ def test_as_much_as_is_allowed_is_recorded_and_read(tmp_path: Path) -> None:
     from jbclog import open_run
 
     assert len(open_run(run_of(tmp_path, Metadata(tags=MOST_TAGS))).manifest.metadata.tags) == 1000
+
+
+def test_the_host_is_named_as_python_and_its_packages_name_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    host = run_record._host()
+    assert host["system"] == platform.platform()
+    for package in ("pyserial", "pyarrow"):
+        assert host[package] == version(package)
+
+    def start(*_: object, **__: object) -> None:
+        raise AssertionError("a process was started")
+
+    monkeypatch.setattr(platform, "_uname_cache", None)
+    monkeypatch.setattr(platform, "_platform_cache", {})
+    monkeypatch.setattr(subprocess, "Popen", start)
+    assert run_record._host() == host
