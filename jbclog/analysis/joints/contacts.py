@@ -21,6 +21,7 @@ and its rate of change: noise alone passes `HIGH_NOISES` once in 31 600 independ
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -53,12 +54,18 @@ Part = tuple[int, int]
 
 
 class Contact(NamedTuple):  # there are thousands: a tuple is made in a fifth of the time
-    """A contact: its first and last moment in seconds of the run's grid, and their rows."""
+    """A contact: its first and last moment in seconds of the run's grid, and their rows.
+
+    The rows count through all stretches that it was found in; its own stretch has those from
+    `begin` to before `end`.
+    """
 
     start_s: float
     end_s: float
     first: int
     last: int
+    begin: int
+    end: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,19 +89,19 @@ def flow_into_work(stretch: Stretch, model: ThermalModel, ready: Flags) -> Flow:
     return Flow(stretch.earlier(model.delay.moved_s), np.where(ready, flow, 0.0))
 
 
-def find_contacts(part: Flow, noise: Noise, expected_every_s: float | None = None) -> list[Contact]:
-    """Return the contacts of a stretch in order of time. `expected_every_s` helps to separate two
-    of them and never makes one.
+def find_contacts(
+    parts: Sequence[Flow], noise: Noise, expected_every_s: float | None = None
+) -> list[Contact]:
+    """Return the contacts of stretches, one stretch after the other, in order of time.
+
+    All are looked at together, because each step takes longer to begin than to do in the stretches
+    of a minute that a tip is identified in. `expected_every_s` helps to separate two contacts and
+    never makes one.
     """
-    if len(part.flow) < 3:
+    parts = [part for part in parts if len(part.flow)]
+    if not parts:
         return []
-    period = part.stretch.period_s
-    rises = rate(part.flow, period)
-    more = float(np.sqrt(max(COARSE_S**2 - noise.smooth_s**2, 0.0))) / period
-    coarse = smooth(part.flow, more) if more > 0.1 else part.flow
-    signals = _Signals(
-        part, rises, *_edges(rises, EDGE_NOISES * noise.rate), coarse, noise, expected_every_s
-    )
+    signals = _signals(parts, noise, expected_every_s)
     first, last = _merged(signals, *_parts(signals))
     high = segments(first, last).greatest(signals.flow) >= signals.high
     return _contacts(signals, first[high], last[high])
@@ -102,21 +109,20 @@ def find_contacts(part: Flow, noise: Noise, expected_every_s: float | None = Non
 
 @dataclass(frozen=True, slots=True)
 class _Signals:
-    """The flow of a stretch with what is derived from it: rate of change, edges, coarse flow,
-    limits.
+    """The flow of stretches with what is derived from it: rate of change, coarse flow, limits.
+
+    The rows of each stretch are those from one of `begins` to before one of `ends`.
     """
 
-    part: Flow
+    period_s: float
+    seconds: Floats
+    flow: Floats
     rises: Floats
-    edges: Places
-    upward: Flags
     coarse: Floats
+    begins: Places
+    ends: Places
     noise: Noise
     expected_every_s: float | None
-
-    @property
-    def flow(self) -> Floats:
-        return self.part.flow
 
     @property
     def high(self) -> float:
@@ -130,15 +136,43 @@ class _Signals:
 
     def rows(self, seconds: float) -> int:
         """Return how many rows this time has, at least one."""
-        return max(round(seconds / self.part.stretch.period_s), 1)
+        return max(round(seconds / self.period_s), 1)
+
+    def stretch_of(self, rows: Places) -> tuple[Places, Places]:
+        """Return where the stretch of each row begins, and where it ends."""
+        place = np.searchsorted(self.begins, rows, side="right") - 1
+        return self.begins[place], self.ends[place]
 
 
-def _edges(rises: Floats, least: float) -> tuple[Places, Flags]:
+def _signals(parts: Sequence[Flow], noise: Noise, expected_every_s: float | None) -> _Signals:
+    period = parts[0].stretch.period_s
+    # in fewer rows nothing shows
+    flows = [part.flow if len(part.flow) >= 3 else np.zeros(len(part.flow)) for part in parts]
+    more = float(np.sqrt(max(COARSE_S**2 - noise.smooth_s**2, 0.0))) / period
+    flow = np.concatenate(flows)
+    ends = np.cumsum([len(one) for one in flows])
+    return _Signals(
+        period,
+        np.concatenate([part.stretch.seconds for part in parts]),
+        flow,
+        np.concatenate([rate(one, period) for one in flows]),
+        np.concatenate([smooth(one, more) for one in flows]) if more > 0.1 else flow,
+        np.append(0, ends[:-1]),
+        ends,
+        noise,
+        expected_every_s,
+    )
+
+
+def _edges(signals: _Signals) -> tuple[Places, Flags]:
     """Return the rows of the edges beyond the noise, and whether each of them rises."""
+    rises, least = signals.rises, EDGE_NOISES * signals.noise.rate
     inner = rises[1:-1]
     top = (inner >= least) & (inner > rises[:-2]) & (inner >= rises[2:])
     bottom = (inner <= -least) & (inner < rises[:-2]) & (inner <= rises[2:])
-    rows = np.flatnonzero(top | bottom)
+    has_neighbours = np.ones(len(rises), dtype=np.bool_)
+    has_neighbours[signals.begins] = has_neighbours[signals.ends - 1] = False
+    rows = np.flatnonzero((top | bottom) & has_neighbours[1:-1])
     return rows + 1, top[rows]
 
 
@@ -146,21 +180,23 @@ def _parts(signals: _Signals) -> tuple[Places, Places]:
     """Return the runs above the low limit, cut at their valleys: first rows, and the rows after the
     last.
     """
-    first, last = runs(signals.flow > signals.low)
-    valleys = _valleys(signals, first, last)
-    return np.sort(np.concatenate([first, valleys])), np.sort(np.concatenate([valleys, last]))
+    above, begins = signals.flow > signals.low, signals.begins[1:]
+    first, last = _cut(*runs(above), begins[above[begins - 1] & above[begins]])
+    return _cut(first, last, _valleys(signals, first, last))
+
+
+def _cut(first: Places, last: Places, rows: Places) -> tuple[Places, Places]:
+    """Return the runs, cut before these rows of theirs."""
+    return np.sort(np.concatenate([first, rows])), np.sort(np.concatenate([rows, last]))
 
 
 def _valleys(signals: _Signals, first: Places, last: Places) -> Places:
     """Return the row at which a run is lowest between a falling and the next rising edge."""
-    run = np.searchsorted(first, signals.edges) - 1  # an edge in the first row of a run is outside
-    within = (run >= 0) & (signals.edges < np.append(last, 0)[run])
-    pairs = (
-        within[:-1] & within[1:] & (run[:-1] == run[1:]) & ~signals.upward[:-1] & signals.upward[1:]
-    )
-    return segments(signals.edges[:-1][pairs], signals.edges[1:][pairs] + 1).where_least(
-        signals.flow
-    )
+    edges, upward = _edges(signals)
+    run = np.searchsorted(first, edges) - 1  # an edge in the first row of a run is outside
+    within = (run >= 0) & (edges < np.append(last, 0)[run])
+    pairs = within[:-1] & within[1:] & (run[:-1] == run[1:]) & ~upward[:-1] & upward[1:]
+    return segments(edges[:-1][pairs], edges[1:][pairs] + 1).where_least(signals.flow)
 
 
 def _merged(signals: _Signals, first: Places, last: Places) -> tuple[Places, Places]:
@@ -169,7 +205,8 @@ def _merged(signals: _Signals, first: Places, last: Places) -> tuple[Places, Pla
     """
     if len(first) < 2:
         return first, last
-    apart = first[1:] - last[:-1] > signals.rows(FAR_S)
+    begins, _ = signals.stretch_of(first)
+    apart = (first[1:] - last[:-1] > signals.rows(FAR_S)) | (begins[1:] != begins[:-1])
     near = np.flatnonzero(~apart)
     between = segments(last[near] - 1, first[near + 1] + 1)
     lowest, lowest_coarse = between.least(signals.flow), between.least(signals.coarse)
@@ -221,31 +258,30 @@ def _contacts(signals: _Signals, first: Places, last: Places) -> list[Contact]:
     """Return the contacts with their edges: the steepest rise before the peak, and the most likely
     end.
     """
+    begin, end = signals.stretch_of(first)
     peak = segments(first, last).where_greatest(signals.flow)
-    start = segments(np.maximum(first - signals.rows(LOOK_S), 0), peak + 1).where_greatest(
+    start = segments(np.maximum(first - signals.rows(LOOK_S), begin), peak + 1).where_greatest(
         signals.rises
     )
-    end, end_s = _ends(signals, start, last, np.append(first[1:], len(signals.flow)))
-    starts_s = _refined_moments(signals.part, signals.rises, start)
-    columns = (starts_s.tolist(), end_s.tolist(), start.tolist(), end.tolist())
-    return [*map(Contact._make, zip(*columns, strict=True))]
+    until, until_s = _ends(signals, start, last, np.minimum(np.append(first[1:], end[-1:]), end))
+    starts_s = _refined_moments(signals, start)
+    columns = (starts_s, until_s, start, until, begin, end)
+    return [*map(Contact._make, zip(*(column.tolist() for column in columns), strict=True))]
 
 
 def _ends(
     signals: _Signals, start: Places, last: Places, next_first: Places
 ) -> tuple[Places, Floats]:
     """Return rows and moments of the ends: a fall from the last flow to zero is most likely there;
-    or the last row.
+    or the last row of the stretch.
+
+    `next_first` is where the next part begins, or where the stretch ends.
     """
-    flow, seconds, period = (
-        signals.flow,
-        signals.part.stretch.seconds,
-        signals.part.stretch.period_s,
-    )
+    flow, seconds, period = signals.flow, signals.seconds, signals.period_s
+    final = signals.stretch_of(start)[1] - 1
     fall = _steepest_falls(signals, start, last, next_first)
     until = np.minimum(
-        np.maximum(last + signals.rows(LOOK_S), fall + signals.rows(TAIL_S)),
-        np.minimum(next_first, len(flow)),
+        np.maximum(last + signals.rows(LOOK_S), fall + signals.rows(TAIL_S)), next_first
     )
     begin = np.maximum(fall - signals.rows(TAIL_S), start + 1)
     before = np.maximum(fall - signals.rows(LEVEL_S), start)
@@ -257,34 +293,35 @@ def _ends(
     is_long = until - begin >= 2
     end[is_long] = rows_of_highest_sum(flow, begin[is_long], until[is_long], half[is_long])
     # to a fraction of a row: where the flow crosses that half
-    here, after = flow[end], flow[np.minimum(end + 1, len(flow) - 1)]
+    here, after = flow[end], flow[np.minimum(end + 1, final)]
     falls = here > after
     share = np.clip((here - half) / np.where(falls, here - after, 1.0), 0.0, 1.0)
     fraction[is_long] = np.where(falls, share, 0.5)[is_long]
-    cut = last >= len(flow)
-    end[cut], fraction[cut] = len(flow) - 1, 0.0
-    return end, np.minimum(seconds[end] + fraction * period, seconds[-1])
+    cut = last > final
+    end[cut], fraction[cut] = final[cut], 0.0
+    return end, np.minimum(seconds[end] + fraction * period, seconds[final])
 
 
 def _steepest_falls(signals: _Signals, start: Places, last: Places, next_first: Places) -> Places:
     """Return the rows of the steepest falls at the ends of the parts."""
-    until = np.minimum(np.minimum(last + signals.rows(LOOK_S), next_first), len(signals.flow))
+    until = np.minimum(last + signals.rows(LOOK_S), next_first)
     begin = np.maximum(last - 1 - signals.rows(TAIL_S), start + 1)
     fall, seen = last - 1, until > begin
     fall[seen] = segments(begin[seen], until[seen]).where_least(signals.rises)
     return fall
 
 
-def _refined_moments(part: Flow, steepness: Floats, rows: Places) -> Floats:
-    """Return the moments of extremes to a fraction of a row: the top of a parabola through each and
-    its neighbours.
+def _refined_moments(signals: _Signals, rows: Places) -> Floats:
+    """Return the moments of the steepest rises to a fraction of a row: the top of a parabola
+    through each and its neighbours.
     """
-    seconds, inner = part.stretch.seconds, (rows > 0) & (rows < len(steepness) - 1)
-    near = np.clip(rows, 1, len(steepness) - 2)
-    before, here, after = steepness[near - 1], steepness[near], steepness[near + 1]
+    begin, end = signals.stretch_of(rows)
+    seconds, inner = signals.seconds, (rows > begin) & (rows < end - 1)
+    near = np.clip(rows, 1, len(signals.rises) - 2)
+    before, here, after = (signals.rises[near + away] for away in (-1, 0, 1))
     bend = before - 2 * here + after
     bent = inner & (bend < 0)
     beside = np.where(
         bent, np.clip(0.5 * (before - after) / np.where(bent, bend, -1.0), -0.5, 0.5), 0.0
     )
-    return np.clip(seconds[rows] + beside * part.stretch.period_s, seconds[0], seconds[-1])
+    return np.clip(seconds[rows] + beside * signals.period_s, seconds[begin], seconds[end - 1])

@@ -143,7 +143,7 @@ class _Variants:
             model, noise=replace(model.noise.times(assumed.limits), floors=assumed.limits)
         )
         flows = [Flow(one.stretch, -one.flow) for one in flows] if upside_down else flows
-        found = [draw for one in flows for draw in find_draws(one, model, self._settings)]
+        found = find_draws(flows, model, self._settings)
         return [draw for draw in found if is_joint(draw, self._settings)]
 
     def _flows_under(self, assumed: Assumption) -> tuple[ThermalModel, list[Flow]]:

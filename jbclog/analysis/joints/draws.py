@@ -88,25 +88,40 @@ def is_joint(draw: Draw, settings: JointSettings) -> bool:
     return draw.dwell_s >= settings.least_dwell_s or draw.cut is not None or bool(draw.fed)
 
 
-def find_draws(part: Flow, model: ThermalModel, settings: JointSettings) -> list[Draw]:
-    """Return the draws of a stretch in order of time: its contacts, merged where they are close."""
+def find_draws(parts: Sequence[Flow], model: ThermalModel, settings: JointSettings) -> list[Draw]:
+    """Return the draws of stretches, one stretch after the other, in order of time: their contacts,
+    merged where they are close.
+    """
     groups: list[list[Contact]] = []
-    for contact in find_contacts(part, model.noise, settings.expected_every_s):
-        if groups and contact.start_s - groups[-1][-1].end_s < settings.merge_gap_s:
+    for contact in find_contacts(parts, model.noise, settings.expected_every_s):
+        before = groups[-1][-1] if groups else None
+        if (
+            before is not None
+            and contact.begin == before.begin
+            and contact.start_s - before.end_s < settings.merge_gap_s
+        ):
             groups[-1].append(contact)
         else:
             groups.append([contact])
-    return [draw for draw in _as_draws(part, model, groups) if (draw.heat or 0.0) >= LEAST_HEAT]
+    return [draw for draw in _as_draws(parts, model, groups) if (draw.heat or 0.0) >= LEAST_HEAT]
 
 
-def _as_draws(part: Flow, model: ThermalModel, groups: Sequence[Sequence[Contact]]) -> list[Draw]:
+def _as_draws(
+    parts: Sequence[Flow], model: ThermalModel, groups: Sequence[Sequence[Contact]]
+) -> list[Draw]:
     """Return each group of contacts as a draw."""
-    flow, period, noise, late_s = part.flow, part.stretch.period_s, model.noise, model.delay.moved_s
+    if not groups:
+        return []
+    flow, period = np.concatenate([part.flow for part in parts]), parts[0].stretch.period_s
+    noise, late_s = model.noise, model.delay.moved_s
     margin = max(round(2 * noise.smooth_s / period), 1)
     first = np.array([group[0].first for group in groups], dtype=np.int64)
     last = np.array([group[-1].last for group in groups], dtype=np.int64)
-    begin = np.maximum(first - margin, np.append(0, last[:-1] + 1))
-    until = np.minimum(last + margin + 1, np.append(first[1:], len(flow)))
+    of_stretch = np.array([(group[0].begin, group[0].end) for group in groups], dtype=np.int64)
+    begin = np.maximum(first - margin, np.maximum(np.append(0, last[:-1] + 1), of_stretch[:, 0]))
+    until = np.minimum(
+        last + margin + 1, np.minimum(np.append(first[1:], len(flow)), of_stretch[:, 1])
+    )
     heats = segments(begin, np.maximum(until, begin)).total(flow) * period
     peaks = segments(first, last + 1).greatest(flow)
     over = np.maximum(peaks / max(HIGH_NOISES * noise.flow, HIGH_PERMILLE), 1.0)
@@ -117,7 +132,8 @@ def _as_draws(part: Flow, model: ThermalModel, groups: Sequence[Sequence[Contact
     ):
         start_s, end_s = group[0].start_s, group[-1].end_s
         few = (end_s - start_s) / period + 1 < FEW_READINGS
-        cut = ENDS if group[-1].last >= len(flow) - 2 else BEGINS if group[0].first <= 1 else None
+        ends, begins = group[-1].last >= group[-1].end - 2, group[0].first <= group[0].begin + 1
+        cut = ENDS if ends else BEGINS if begins else None
         dwell = (
             end_s - start_s
             if len(group) == 1

@@ -31,7 +31,7 @@ from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.contacts import Flow, find_contacts
+from jbclog.analysis.joints.contacts import Contact, Flow, find_contacts
 from jbclog.analysis.joints.delay import SLOWEST_S, delay_of
 from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.mixture import (
@@ -173,7 +173,7 @@ def _refined_candidate(
     fit, rest, score = Fit(start, np.full((4, 4), np.nan), 0.0), usable, -np.inf
     noise = _observed_noise(balanced, usable, start, reading)
     for _ in range(rounds):
-        rest = usable & np.concatenate([_rows_at_rest(one, fit.values, noise) for one in balanced])
+        rest = usable & _rows_at_rest(balanced, fit.values, noise)
         if rest.sum() < LEAST_REST_ROWS:
             break
         fit = fit_rest(balanced, rest, known, fit.values, reading.celsius)
@@ -266,15 +266,19 @@ def _rows(parts: Sequence[BalancedStretch], period_s: float, reading: _ReadingNo
     )
 
 
-def _rows_at_rest(one: BalancedStretch, values: Floats, noise: Noise) -> Flags:
-    """Return the rows of a stretch that are far enough from any contact."""
-    stretch = one.stretch
-    flow = _flow(one, values, noise.smooth_s)
-    rest = np.ones(len(stretch), dtype=np.bool_)
-    margin = max(round(MARGIN_S / stretch.period_s), 1)
-    for contact in find_contacts(Flow(stretch, flow), noise):
-        rest[max(contact.first - margin, 0) : contact.last + margin + 1] = False
+def _rows_at_rest(parts: Sequence[BalancedStretch], values: Floats, noise: Noise) -> Flags:
+    """Return the rows of all stretches that are far enough from any contact."""
+    rest = np.ones(sum(len(one.stretch) for one in parts), dtype=np.bool_)
+    margin = max(round(MARGIN_S / parts[0].stretch.period_s), 1)
+    for contact in _contacts(parts, values, noise):
+        first = max(contact.first - margin, contact.begin)
+        rest[first : min(contact.last + margin + 1, contact.end)] = False
     return rest
+
+
+def _contacts(parts: Sequence[BalancedStretch], values: Floats, noise: Noise) -> list[Contact]:
+    flows = [Flow(one.stretch, _flow(one, values, noise.smooth_s)) for one in parts]
+    return find_contacts(flows, noise)
 
 
 def _flow(one: BalancedStretch, values: Floats, smooth_s: float) -> Floats:
@@ -332,7 +336,7 @@ def _model_without_capacity(
     loss = float(np.median(power / np.maximum(above_air, 1.0)))
     candidates = [np.array([capacity, loss, 0.0, 0.0]) for capacity in USUAL_CAPACITIES]
     counts = [
-        _count_contacts(parts, values, _noise(period, values, reading)) for values in candidates
+        len(_contacts(parts, values, _noise(period, values, reading))) for values in candidates
     ]
     if max(counts) - min(counts) > AGREE_SHARE * max(counts):
         return Identification(
@@ -352,13 +356,6 @@ def _model_without_capacity(
             noise,
             reading.celsius,
         )
-    )
-
-
-def _count_contacts(parts: Sequence[BalancedStretch], values: Floats, noise: Noise) -> int:
-    return sum(
-        len(find_contacts(Flow(one.stretch, _flow(one, values, noise.smooth_s)), noise))
-        for one in parts
     )
 
 

@@ -95,7 +95,7 @@ def find_joints(series: Series, options: JointOptions | None = None) -> FoundJoi
     every = [
         draw
         for flow, model in zip(flows, models, strict=True)
-        for draw in find_draws(flow, model, settings)
+        for draw in find_draws([flow], model, settings)
     ]
     feeder = feeder_evidence(series, every, flows, options.wire_decides)
     settings = settings_for(options, series.period_s, feeder is not None and feeder.decides)

@@ -295,7 +295,9 @@ class PortSweeps:
         flows = [
             (flow_into_work(part.stretch, model, part.ready), model) for part, model in modelled
         ]
-        found = [draw for flow, model in flows for draw in find_draws(flow, model, self._settings)]
+        found = [
+            draw for flow, model in flows for draw in find_draws([flow], model, self._settings)
+        ]
         again_s = _seen_again_from(view, found, SETTLED_S)
         first, last = view.own(
             np.array([draw.start_s for draw in found]), until_s=_or_never(again_s)
