@@ -9,9 +9,9 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, sync_playwright
 from playwright.sync_api import Page as Tab
 
 PROGRAM = next(
@@ -54,7 +54,7 @@ class Page:
         self.tab.goto(address)
 
     def close(self) -> None:
-        self.tab.context.close()
+        self.tab.close()
 
     def js(self, expression: str) -> Any:
         """What an expression gives; a promise is awaited."""
@@ -142,25 +142,40 @@ class Page:
 
 
 class Chromium:
-    """A running browser."""
+    """A running browser. A page is a tab: a window of its own costs twice the time of the page."""
 
     def __init__(self, browser: Browser) -> None:
         self._browser = browser
+        self._windows: dict[tuple[bool, bool], BrowserContext] = {}
 
-    def page(self, width: int, height: int, phone: bool = False, **options: Any) -> Page:
-        """A new page in a window of this size; a phone's has fingers. `options`: those of
-        playwright's context.
-        """
-        context = self._browser.new_context(
-            viewport={"width": width, "height": height},
-            device_scale_factor=2 if phone else 1,
-            is_mobile=phone,
-            has_touch=phone,
-            # a reader far from the line: times are UTC all the same
-            timezone_id="America/New_York",
-            **options,
-        )
-        return Page(context.new_page())
+    def page(
+        self,
+        width: int,
+        height: int,
+        phone: bool = False,
+        scheme: Literal["light", "dark"] = "light",
+        scripts: bool = True,
+    ) -> Page:
+        """A new page of this size; a phone's has fingers."""
+        tab = self._window(phone, scripts).new_page()
+        tab.set_viewport_size({"width": width, "height": height})
+        tab.emulate_media(color_scheme=scheme)
+        return Page(tab)
+
+    def _window(self, phone: bool, scripts: bool) -> BrowserContext:
+        """A window that stays open."""
+        if (phone, scripts) not in self._windows:
+            window = self._browser.new_context(
+                device_scale_factor=2 if phone else 1,
+                is_mobile=phone,
+                has_touch=phone,
+                java_script_enabled=scripts,
+                # a reader far from the line: times are UTC all the same
+                timezone_id="America/New_York",
+            )
+            window.new_page()
+            self._windows[phone, scripts] = window
+        return self._windows[phone, scripts]
 
 
 @contextmanager

@@ -338,7 +338,7 @@ def test_beyond_the_share_of_a_port_readings_stand_around_the_alarm_and_extremes
 
 
 def test_without_scripts_the_static_figures_stand(browser: Chromium, run: Path) -> None:
-    page = browser.page(1200, 900, java_script_enabled=False)
+    page = browser.page(1200, 900, scripts=False)
     page.open(run / "report.html")
     assert page.js("document.querySelectorAll('.zoom-bar').length") == 0
     there = (

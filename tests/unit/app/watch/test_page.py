@@ -542,7 +542,7 @@ def test_axe_finds_no_fault(browser: Chromium, scheme: str) -> None:
     axe = Path(axe_core_python.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
     with page(live_states.run()) as served:
         served.queues = (live_states.QUEUE,)
-        opened = browser.page(1280, 900, color_scheme=scheme)
+        opened = browser.page(1280, 900, scheme=scheme)
         opened.visit(served.address)
         opened.until("document.querySelectorAll('article').length > 0")
         opened.js(f"{axe};0")
@@ -580,7 +580,7 @@ CONTRAST = """(() => {
 def test_texts_can_be_read(browser: Chromium, scheme: str) -> None:
     """WCAG 2.2, 1.4.3: a contrast of 4.5 to 1."""
     with page(live_states.run()) as served:
-        opened = browser.page(1280, 900, color_scheme=scheme)
+        opened = browser.page(1280, 900, scheme=scheme)
         opened.visit(served.address)
         opened.until("document.querySelectorAll('article').length > 0")
         assert opened.js(CONTRAST) == []
