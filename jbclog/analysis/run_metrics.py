@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, astuple, replace
 from itertools import groupby
-from typing import Final, NamedTuple
+from pathlib import Path
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -45,6 +46,8 @@ from jbclog.core.rows import StationFacts
 from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import manifest_sha256
 from jbclog.record.schema import FLOAT
+
+T = TypeVar("T")
 
 AS_THEY_ARE: Final = ("fed", "why", "recovered")
 FIELDS: Final = {"peak_permille": "peak", "heat_permille_s": "heat", "energy_permille_s": "energy"}
@@ -97,14 +100,7 @@ def metric_rows_of(run: RunTables, station: str | None = None) -> list[MetricRow
         return [
             MetricRow(**row) for row in published.to_pylist() if station in (None, row["station"])
         ]
-    try:
-        stored = (
-            stored_metrics(run.folder, manifest_sha256(run.folder))
-            if run.manifest.state == "sealed"
-            else None
-        )
-    except RecordError:
-        stored = None
+    stored = _stored(run, stored_metrics)
     if stored is not None:
         return [row for row in stored if station in (None, row.station)]
     return computed_metrics(run, station)
@@ -121,17 +117,20 @@ def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
     """
     stored = run.published("joints")
     if stored is None:
-        try:
-            stored = (
-                stored_joints(run.folder, manifest_sha256(run.folder))
-                if run.manifest.state == "sealed"
-                else None
-            )
-        except RecordError:
-            stored = None
+        stored = _stored(run, stored_joints)
     if stored is None:
         return joints_table(run, station)
     return stored if station is None else stored.filter(pc.equal(stored["station"], station))
+
+
+def _stored(run: RunTables, read: Callable[[Path, str], T | None]) -> T | None:
+    """Return what `read` finds stored with a sealed run; None where that cannot be read."""
+    try:
+        if run.manifest.state != "sealed":
+            return None
+        return read(run.folder, manifest_sha256(run.folder))
+    except RecordError:
+        return None
 
 
 def joints_frame(joints: pa.Table) -> pd.DataFrame:

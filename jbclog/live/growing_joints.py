@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -34,15 +35,16 @@ from jbclog.core.errors import RecordError
 from jbclog.core.locks import commit_status
 from jbclog.core.rows import StationFacts
 from jbclog.live.joint_numbers import Counted, Key, PortCount
-from jbclog.live.open_rows import AT_ONCE, OpenRows
 from jbclog.live.run_follower import stations_of
 from jbclog.live.states import OF_TIPS_ONLY
 from jbclog.live.store_follower import Sealed, StoreFollower
 from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import RunState, read_manifest
+from jbclog.record.parts import groups_of, part_paths, parts_through
 
 ENDED_S: Final = 1.5
 TRIES: Final = 5
+AT_ONCE: Final = 64  # batches: a commit of one station has few rows
 AGAIN_AND_AGAIN: Final = "was sealed again and again"
 
 
@@ -134,11 +136,14 @@ class GrowingJoints:
         self._stepped_s += sum(step.size_s for step in steps_in(events.select(EVENTS)))
 
 
-def _joined(store: StoreFollower, numbers: list[int]) -> Iterator[pa.Table]:
-    """Yield the rows of these batches, some batches together."""
+def _joined(
+    store: StoreFollower, numbers: list[int], columns: list[str] | None = None
+) -> Iterator[pa.Table]:
+    """Yield the rows of these batches, some batches together; None: all columns."""
     for first in range(0, len(numbers), AT_ONCE):
         read = [store.table(number) for number in numbers[first : first + AT_ONCE]]
-        rows = [one for one in read if one is not None]
+        there = [one for one in read if one is not None]
+        rows = there if columns is None else [one.select(columns) for one in there]
         if rows:
             yield pa.concat_tables(rows).combine_chunks()
 
@@ -205,3 +210,29 @@ def _port(facts: StationFacts, number: int, one: PortFound | None, ended_s: floa
 
 def _port_count(key: Key, found: int, why: str | None) -> PortCount:
     return PortCount(*key, found if why is None else None, found, why)
+
+
+@dataclass(frozen=True, slots=True)
+class OpenRows:
+    """The rows of the run in `folder` through the batch with the number `through` (None: all of
+    it), table by table: sealed parts first, then what only the live store has.
+
+    The run may be sealed meanwhile; `Sealed` then says that its rows must be read anew.
+    """
+
+    folder: Path
+    through: int | None
+
+    def groups(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
+        """Yield these columns of a table in order, in pieces. Raises Sealed, RecordError."""
+        store = StoreFollower(self.folder)
+        try:
+            # before the parts, so that no row moves between them unseen
+            batches = store.refresh(self.through)
+            parts = part_paths(self.folder, table)
+            sealed = parts_through(parts)
+            yield from groups_of(parts, columns)
+            live = [number for number, of in batches if of == table and number > sealed]
+            yield from _joined(store, live, columns)
+        finally:
+            store.close()

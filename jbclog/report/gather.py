@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from math import inf
@@ -20,22 +21,16 @@ from jbclog.analysis.verdict.clock_steps import Step, steps_of
 from jbclog.analysis.verdict.samples import KeptMeasures, Measuring
 from jbclog.core.rows import StationFacts
 from jbclog.report.alarms import alarm_facts
-from jbclog.report.facts import (
-    CROWD,
-    Facts,
-    FigureFacts,
-    StationReport,
-    VerdictFacts,
-)
+from jbclog.report.facts import CROWD, Facts, FigureFacts, StationReport, VerdictFacts
 from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.overview import Overview
 from jbclog.report.port_samples import PortSamples, columns_of
-from jbclog.report.ports import Context
-from jbclog.report.repeated import of_run
-from jbclog.report.stations import station_report
+from jbclog.report.ports import Context, port_facts
+from jbclog.report.repeated import of_run, of_station, ports_of
 from jbclog.report.verdict import add_reasons, verdict_facts
 from jbclog.report.zoom import share
 
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # docs/reference/configuration.md
 GROUPS_KEPT = 32  # of row groups, until what they took is given back
 MOST_ROWS = 8_000_000  # of several stations at once in memory, some 19 bytes each
 
@@ -88,7 +83,22 @@ def _stations(
     )
     for number, (facts, samples) in enumerate(_samples(run, steps), 1):
         context.has_overview = len(manifest.stations) > 1 or len(samples) > 1
-        yield station_report(facts, number, samples, context)
+        yield _station(facts, number, samples, context)
+
+
+def _station(
+    facts: StationFacts, number: int, samples: dict[int, PortSamples], context: Context
+) -> StationReport:
+    """Return station `number` of the run, from its part of the manifest and the rows of each port,
+    which are freed.
+    """
+    # the name in a manifest can be any text
+    stem = facts.name if NAME.fullmatch(facts.name) else f"station-{number}"
+    ports = [
+        port_facts(facts, port, f"{stem}-{port}", samples, context)
+        for port in ports_of(facts, sorted(samples))
+    ]
+    return StationReport(ports=ports, **of_station(facts, cut_off=context.cut_off))
 
 
 def _samples(

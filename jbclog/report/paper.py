@@ -32,9 +32,9 @@ from jbclog.report.paper_tables import (
     SUMMARY,
     UNITS,
     incomplete_readings,
+    merge_repeated,
     model_text,
 )
-from jbclog.report.repeated_events import merge_repeated
 from jbclog.report.text import stamp, together
 from jbclog.report.typeset import LACKING, LACKING_MEANS, drawable, pdf_of
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 from jbclog.analysis.figures.ticks import duration_text
@@ -244,6 +244,31 @@ FIGURES = Table(
 # -- what was read, set and counted ----------------------------------------------------------------
 
 
+GRAVE: Final = ("error", "critical")
+OFTEN: Final = 3  # repetitions from which on they are merged
+
+
+def merge_repeated(events: Sequence[RowView]) -> list[RowView]:
+    """Return the events in their order; of repeated warnings only the first, with `times` and
+    `until`.
+    """
+    alike: dict[tuple[object, ...], list[RowView]] = {}
+    for event in events:
+        alike.setdefault(_kind(event), []).append(event)
+    out: list[RowView] = []
+    for event in events:
+        these = alike[_kind(event)]
+        if event["severity"] in GRAVE or len(these) < OFTEN:
+            out.append(event)
+        elif event is these[0]:
+            out.append({**event, "times": len(these), "until": these[-1]["time"]})
+    return out
+
+
+def _kind(event: RowView) -> tuple[object, ...]:
+    return event["station"], event["port"], event["kind"], event["severity"], event["text"]
+
+
 def _event_row(event: RowView) -> Part:
     often = (
         f" {event['times']} times until {_day_time(event['until'])}." if "times" in event else ""
@@ -256,7 +281,7 @@ def _event_row(event: RowView) -> Part:
         str(event["kind"]),
         f"{event['text']}{often}",
     ]
-    return cells(words, "grave" if event["severity"] in ("error", "critical") else "")
+    return cells(words, "grave" if event["severity"] in GRAVE else "")
 
 
 EVENTS = Table(

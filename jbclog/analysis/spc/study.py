@@ -47,12 +47,7 @@ def control_chart(
     Raises `UsageError` if a value is infinite.
     """
     points = _known_values(values)
-    refused = first_refusal(
-        (
-            lambda: too_few(len(points), LEAST_POINTS, "values"),
-            lambda: unresolved(points, float(points.std(ddof=1)), resolution),
-        )
-    )
+    refused = _few_or_coarse(points, LEAST_POINTS, resolution)
     if refused is not None:
         return refused
     fit = fitting(points, _step(points, resolution))
@@ -168,17 +163,21 @@ class ProbabilityPlot:
     chance: float | None
 
 
+def _few_or_coarse(points: Floats, least: int, resolution: float | None) -> Refused | None:
+    return first_refusal(
+        (
+            lambda: too_few(len(points), least, "values"),
+            lambda: unresolved(points, float(points.std(ddof=1)), resolution),
+        )
+    )
+
+
 def _stable(points: Floats, resolution: float | None) -> Fit | Refused | None:
     """Return the distribution of a stable feature; None if none fits and there are enough values
     for their own percentiles.
     """
     step = _step(points, resolution)
-    refused = first_refusal(
-        (
-            lambda: too_few(len(points), LEAST_FOR_CAPABILITY, "values"),
-            lambda: unresolved(points, float(points.std(ddof=1)), resolution),
-        )
-    )
+    refused = _few_or_coarse(points, LEAST_FOR_CAPABILITY, resolution)
     if refused is not None:
         return refused
     fit = fitting(points, step)

@@ -21,10 +21,9 @@ from jbclog.core.clock import SystemClock
 from jbclog.core.locks import commit_status
 from jbclog.core.rows import EventRow, Severity
 from jbclog.live import Follower, RunState, joint_counter
-from jbclog.live.growing_joints import ENDED_S, GrowingJoints, count
+from jbclog.live.growing_joints import ENDED_S, GrowingJoints, OpenRows, count
 from jbclog.live.joint_counter import ALLOWED_S, BATCH_S, COUNT_S, LOOK_S, Schedule, _Counter
 from jbclog.live.joint_numbers import ENDED, Counted, JointCounting, JointNumbers
-from jbclog.live.open_rows import OpenRows
 from jbclog.live.store_follower import StoreFollower
 from jbclog.record.folder import create_run
 from jbclog.record.manifest import Manifest, write_manifest

@@ -21,7 +21,7 @@ from jbclog.core.rows import EventRow, Severity, TipCheck
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata, read_manifest, write_manifest
 from jbclog.report.joint_chart import draw_chart, recovery_chart
-from jbclog.report.repeated_events import merge_repeated
+from jbclog.report.paper_tables import merge_repeated
 from jbclog.report.safety import short, verification_facts
 from jbclog.report.write import write_report
 from support.readers.drawn import boxes, parts, texts
