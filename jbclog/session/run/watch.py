@@ -206,25 +206,13 @@ def _port_error(context: SessionContext, port: PortState, value: Value) -> None:
     if before == value or (before is None and value == 0):
         return
     errors = context.family.port_errors
+    kind, severity = "port.error", _severity(errors, value)
+    text = f"Port {port.number}: {errors.text(value)}."
     if value == 0:
-        context.note(
-            "port.ok",
-            Severity.INFO,
-            f"Port {port.number}: its error is gone.",
-            port=port.number,
-            code=0,
-        )
+        kind, severity, text = "port.ok", Severity.INFO, f"Port {port.number}: its error is gone."
     elif value in errors.states:
-        context.note(
-            "port.state",
-            Severity.WARNING,
-            f"Port {port.number}: {errors.text(value)}.",
-            port=port.number,
-            code=value,
-        )
-    else:
-        text = f"Port {port.number}: {errors.text(value)}."
-        context.note("port.error", _severity(errors, value), text, port=port.number, code=value)
+        kind, severity = "port.state", Severity.WARNING
+    context.note(kind, severity, text, port=port.number, code=value)
 
 
 def _severity(errors: ErrorTable, code: int) -> Severity:
