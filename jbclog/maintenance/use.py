@@ -135,8 +135,7 @@ def _joint_rates(past: Past, ports: Sequence[int], joints: Each) -> Iterator[Use
     made = [one for _, one in counted]
     yield _figure("joints_a_day", made, sum_of(made).per(made[0].days))
     work = [past.last_year(port, WORK) for port, _ in counted]
-    rate = ratio(sum_of(made), sum_of(work)) if are_all(work) else None
-    yield _figure("joints_a_work_h", made, rate, "hardly any working hours")
+    yield _figure("joints_a_work_h", made, _rate(made, work), "hardly any working hours")
 
 
 def _solder_wire(past: Past, ports: Sequence[int]) -> Iterator[UseFigure]:
@@ -144,11 +143,7 @@ def _solder_wire(past: Past, ports: Sequence[int]) -> Iterator[UseFigure]:
         [past.last_year(port, name) for port in ports]
         for name in ("dispensed_mm", "dispensed_cycles")
     )
-    pairs = [
-        (one, fed)
-        for one, fed in zip(wire, feeds, strict=True)
-        if one is not None and fed is not None
-    ]
+    pairs = _both_known(wire, feeds)
     if not pairs:
         yield from (
             unknown(name, "this station feeds no solder wire")
@@ -162,12 +157,7 @@ def _solder_wire(past: Past, ports: Sequence[int]) -> Iterator[UseFigure]:
     ]
     for name, some in (("mm_a_joint", late), ("mm_a_joint_before", early)):
         length, fed_often = [one for one, _ in some], [fed for _, fed in some]
-        known_mm = (
-            ratio(sum_of(length), sum_of(fed_often))
-            if are_all(length) and are_all(fed_often)
-            else None
-        )
-        yield _figure(name, length, known_mm, "no solder wire was fed")
+        yield _figure(name, length, _rate(length, fed_often), "no solder wire was fed")
 
 
 def lately(one: Stretch, now: str) -> Stretch:
@@ -183,6 +173,16 @@ def before(one: Stretch, later: Stretch) -> Stretch | None:
 def are_all(each: Each) -> TypeGuard[Sequence[Stretch]]:
     """Whether there are ports and each has a stretch."""
     return bool(each) and None not in each
+
+
+def _rate(part: Each, whole: Each) -> Interval | None:
+    return ratio(sum_of(part), sum_of(whole)) if are_all(part) and are_all(whole) else None
+
+
+def _both_known(each: Each, others: Each) -> list[tuple[Stretch, Stretch]]:
+    """Return the stretches of the ports where both are known."""
+    pairs = zip(each, others, strict=True)
+    return [(one, other) for one, other in pairs if one is not None and other is not None]
 
 
 def _figure(name: str, each: Each, value: Interval | None, otherwise: str = NOT_TWICE) -> UseFigure:
@@ -213,11 +213,7 @@ def idle_of(work: Each, joints: Each, rated_power_w: float | None) -> Iterator[U
     >>> [figure.why for figure in idle_of([None], [None], None)][0]
     'this station counts no joints, so its idle hours are not known'
     """
-    ports = [
-        (one, made)
-        for one, made in zip(work, joints, strict=True)
-        if one is not None and made is not None
-    ]
+    ports = _both_known(work, joints)
     if not ports:
         yield from (unknown(name, NO_IDLE_HOURS) for name in NAMES)
         return

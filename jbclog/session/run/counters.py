@@ -1,5 +1,6 @@
-"""Reads the hour and cycle counters, at the start and at the end of a run; each needs two equal
-answers.
+"""Rows of the hour and cycle counters.
+
+All are read at the start and at the end of a run, where each needs two equal answers.
 """
 
 from __future__ import annotations
@@ -48,6 +49,13 @@ def _keep(
 ) -> None:
     due = context.facts.due.setdefault(str(port.number), {})
     due[counter.name] = due.get(counter.name, 0) + 1
+    counter_row(context, port, counter, value, raw)
+
+
+def counter_row(
+    context: SessionContext, port: PortState, counter: UsageCounter, value: float | None, raw: str
+) -> None:
+    """Record a row of a counter; None with its reason in `raw` where it was not read."""
     time = context.utc.micros(context.now)
     context.journal.counter(
         CounterRow(time, context.name, port.number, counter.name, value, counter.unit, raw)

@@ -20,22 +20,14 @@ from jbclog.core.errors import (
 )
 from jbclog.core.io_requests import IoResult, Steps
 from jbclog.core.quantities import Value
-from jbclog.core.rows import (
-    COLUMN,
-    SAMPLE_COLUMNS,
-    CounterRow,
-    SampleRow,
-    Severity,
-    quality_of,
-    reasons_text,
-)
+from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SampleRow, Severity, quality_of, reasons_text
 from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.family import NEEDS_A_TOOL
-from jbclog.protocol.commands.signals import UsageCounter
 from jbclog.session.rates import IDENTITY_READS, WATCHED_SETTINGS
 from jbclog.session.run.alarms import AlarmWatch, bears_out
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.countdown import note_zero_countdown
+from jbclog.session.run.counters import counter_row
 from jbclog.session.run.identity import (
     expect_identity,
     expect_same,
@@ -182,20 +174,7 @@ def _count(context: SessionContext, port: PortState, reading: ScheduledRead, val
     if isinstance(value, int | float) and reading.counter is not None:
         port.counted[reading.counter.name] = value
         raw = reading.command.raw_text(context.station.data, value)
-        _counter_row(context, port, reading.counter, float(value), raw)
-
-
-def _counter_row(
-    context: SessionContext,
-    port: PortState,
-    counter: UsageCounter,
-    value: float | None,
-    raw: str,
-) -> None:
-    time = context.utc.micros(context.now)
-    context.journal.counter(
-        CounterRow(time, context.name, port.number, counter.name, value, counter.unit, raw)
-    )
+        counter_row(context, port, reading.counter, float(value), raw)
 
 
 Expect = Callable[[SessionContext, SignalRead, Value], None]
@@ -379,7 +358,7 @@ class Scanner:
             scan.reasons[column] = why
         counter = probe.reading.counter
         if counter is not None:
-            _counter_row(self._context, probe.port, counter, None, f"<{why}>")
+            counter_row(self._context, probe.port, counter, None, f"<{why}>")
         if probe.reading.name == "alarm_high" and sent:
             scan.alarms.lost(self._context.now, why)
         if why not in EXPECTED and not probe.failing:
