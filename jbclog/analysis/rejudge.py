@@ -10,6 +10,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from jbclog import __version__
 from jbclog.analysis.joints.evidence import joint_evidence
@@ -26,13 +27,14 @@ from jbclog.analysis.verdict import (
     judge,
 )
 from jbclog.analysis.verdict.samples import Measuring, measure
-from jbclog.config.load_recipe import load_recipe
-from jbclog.config.recipe import Recipe
 from jbclog.core.errors import Problems, UsageError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.rows import StationFacts
 from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import Manifest
+
+if TYPE_CHECKING:
+    from jbclog.config.recipe import Recipe
 
 Place = tuple[str, str | None, int | None]
 """A rule's name, station and port."""
@@ -178,6 +180,10 @@ def _recipes(
     folder: Path, manifest: Manifest
 ) -> tuple[dict[str, Recipe | None], list[StationFacts]]:
     """Return each station's recipe, and the stations whose recipe cannot be read."""
+    # a report of a run that these rules judged needs none, and to load the models takes a tenth of
+    # what a short run's report loads
+    from jbclog.config.load_recipe import load_recipe
+
     recipes: dict[str, Recipe | None] = {}
     unread: list[StationFacts] = []
     for facts in manifest.stations:

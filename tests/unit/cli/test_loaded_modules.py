@@ -165,6 +165,7 @@ def test_report(tmp_path: Path) -> None:
     assert foreign(modules) - COMMAND_LINE - MODELS - ARROW - DRAWN == set()
     assert {"rich", "serial", "matplotlib.pyplot", "pandas.plotting._matplotlib"} & modules == set()
     forbidden = ("session", "transport", "sim", "live", "app", "guard", "protocol.client")
+    forbidden += ("config.load_recipe", "config.recipe")  # the run has its verdict
     assert [name for name in own(modules) if name.startswith(forbidden)] == []
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from jbclog.analysis import rejudge
 from jbclog.analysis import rule_versions as versions
 from jbclog.analysis.rejudge import check_verdict, judge_again
 from jbclog.analysis.rule_versions import Version
@@ -188,7 +187,7 @@ def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(
     def refuse(path: Path, *, links: bool) -> object:
         raise OSError(path)
 
-    monkeypatch.setattr(rejudge, "load_recipe", refuse)
+    monkeypatch.setattr("jbclog.config.load_recipe.load_recipe", refuse)
     found = check_verdict(folder, manifest)
     assert found.differing == []
     assert found.notes == [
