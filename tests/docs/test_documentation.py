@@ -108,7 +108,8 @@ def test_the_sizes_of_foreign_files_are_the_limits() -> None:
         "metrics that a recorder left (`metrics.parquet`; 32 MiB unpacked)": (Kind.CACHE,),
         "file of a store's log": (Kind.STORE_LOG,),
         "a store's hint at a checkpoint": (Kind.CHECKPOINT_HINT,),
-        "index of runs in the user's cache folder": (Kind.INDEX,),
+        "index of runs in the user's cache folder"
+        " (32 MiB a run; 192 MiB and 1 000 000 rows of a folder and a kind)": (Kind.INDEX,),
         "guard's log, list of damage": (Kind.ACTION_LOG, Kind.DAMAGE),
         "lock; line, recipe or jobs file": (Kind.LOCK, Kind.SETTINGS),
         "store of a batch (100 000 rows a query), batch journal of an earlier release": (

@@ -54,7 +54,7 @@ def test_stretches_together_are_as_each_alone(expected_every_s: float | None) ->
 
 def test_no_draw_continues_in_the_next_stretch() -> None:
     settings = settings_for(JointOptions(), PERIOD_S, wire_decides=False)
-    model, found = ThermalModel(10, 0.3, 0, 0, (1, 0.1, 0, 0), NOISE, 0.3, 60), 0
+    model, found = ThermalModel(10, 0.3, 0, 0, (1, 0.1, 0, 0), NOISE, 0.3), 0
     for flows in map(some_flows, SEEDS):
         alone = [draw for one in flows for draw in find_draws([one], model, settings)]
         assert find_draws(flows, model, settings) == alone
