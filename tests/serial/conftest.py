@@ -5,8 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.sim import process
 from jbclog.sim.process import SimProcess
 from support.command import BENCH, WireLog
+from support.warm_start import fork_modules
+
+fork_modules(process)
 
 
 @pytest.fixture

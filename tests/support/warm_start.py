@@ -1,10 +1,10 @@
 """`jbclog` in a process that was forked from one with everything imported: half a second of CPU
 less for each command.
 
-`Warm` is a `subprocess.Popen` of the command's words; `warm_command.py` is a program for a shell.
-The process that forks serves all workers of a session and ends with the last one. What a test
-proves of how a process begins (its memory, its imports, its first descriptors) takes a fresh
-interpreter.
+`Warm` is a `subprocess.Popen` of the command's words; `warm_command.py` is a program for a shell;
+`fork_modules` has a module of the product fork what it would start with ``-P -m``. The process that
+forks serves all workers of a session and ends with the last one. What a test proves of how a
+process begins (its memory, its imports, its first descriptors) takes a fresh interpreter.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import importlib
 import io
 import json
 import os
+import runpy
 import select
 import selectors
 import signal
@@ -30,6 +31,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any, cast
 
 from support import program
@@ -53,47 +55,85 @@ IMPORTED = (
         "jbclog.app.discovery",
         "jbclog.app.replay",
     ),
+    *("jbclog.app.batch.child", "jbclog.record.seal", "jbclog.sim.serve", "jbclog.sim.setup"),
     *(f"jbclog.cli.{name}" for name in VERBS),
 )
+STARTING = ("jbclog.app.batch.processes", "jbclog.record.seal_child")
+"""Modules that start modules; a guard is an interpreter of its own, as on a line."""
 STATUS = struct.Struct("=i")
+ADDRESS = "JBCLOG_TESTS_WARM"
+ASKING = threading.Lock()  # an answer is that of the last question
 
 
-class Warm(subprocess.Popen[str]):
-    """The command with these words, in the folder and environment of the caller."""
+class Forked(subprocess.Popen[Any]):
+    """A module of the product that is started with ``-P -m``, in the folder and environment of the
+    caller; other programs are executed.
+    """
 
-    def __init__(self, words: Sequence[str], cwd: Path | None = None, **pipes: Any) -> None:
-        self._status, self._ending = os.pipe()
-        super().__init__(
-            words, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **pipes
-        )
+    _status = -1
 
     def _execute_child(self, args: Sequence[str], *rest: Any) -> None:
         """Have it forked instead of executed; the pipes are those that `Popen` made."""
-        cwd, ends = rest[4], rest[9:15]
-        asked = {"words": args, "cwd": str(cwd or Path.cwd()), "environment": dict(os.environ)}
+        if list(args[:3]) == [sys.executable, "-P", "-m"]:
+            self._fork({"module": args[3], "words": args[4:]}, rest)
+        else:
+            super()._execute_child(args, *rest)  # type: ignore[misc]
+
+    def _fork(self, asked: Mapping[str, object], rest: Sequence[Any]) -> None:
+        self._status, ending = os.pipe()
+        passed, cwd, ends, own_session = rest[3], rest[4], rest[9:15], rest[20]
         inner = [
             end if end >= 0 else number for number, end in enumerate((ends[0], ends[3], ends[5]))
         ]
-        server = _server(os.getpid())
-        socket.send_fds(server, [json.dumps(asked).encode()], [*inner, self._ending])
-        self.pid = int(server.recv(64))
-        os.close(self._ending)
+        words = {
+            **asked,
+            "cwd": str(cwd or Path.cwd()),
+            "environment": dict(os.environ),
+            "numbers": [0, 1, 2, *passed],
+            "own_session": own_session,
+        }
+        with ASKING:
+            server = _server(os.getpid())
+            socket.send_fds(server, [json.dumps(words).encode()], [*inner, *passed, ending])
+            self.pid = int(server.recv(64))
+        os.close(ending)
         self._child_created = True
         self._close_pipe_fds(*ends)  # type: ignore[attr-defined]
 
     def _try_wait(self, flags: int) -> tuple[int, int]:
+        if self._status < 0:
+            return super()._try_wait(flags)  # type: ignore[misc, no-any-return]
         if flags & os.WNOHANG and not select.select([self._status], [], [], 0)[0]:
             return 0, 0
         data = os.read(self._status, STATUS.size)
         os.close(self._status)
         return self.pid, STATUS.unpack(data)[0] if data else 255 << 8
 
-    def _internal_poll(self, *_: Any, **__: Any) -> int | None:
+    def _internal_poll(self, *given: Any, **named: Any) -> int | None:
+        if self._status < 0:
+            return super()._internal_poll(*given, **named)  # type: ignore[misc, no-any-return]
         if self.returncode is None:
             with self._waitpid_lock:  # type: ignore[attr-defined]
                 if self.returncode is None and (ended := self._try_wait(os.WNOHANG))[0]:
                     self._handle_exitstatus(ended[1])  # type: ignore[attr-defined]
         return self.returncode
+
+
+class Warm(Forked):
+    """The command with these words."""
+
+    def __init__(self, words: Sequence[str], cwd: Path | None = None, **pipes: Any) -> None:
+        super().__init__(
+            words, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **pipes
+        )
+
+    def _execute_child(self, args: Sequence[str], *rest: Any) -> None:
+        self._fork({"words": args}, rest)
+
+
+def fork_modules(of: ModuleType) -> None:
+    """Have a module of the product fork the modules that it starts."""
+    of.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": Forked})  # type: ignore[attr-defined]
 
 
 @cache
@@ -112,11 +152,11 @@ def _server(_of: int) -> socket.socket:
 
 
 def address() -> Path:
-    """Where the process that forks is asked: one for all workers of a session."""
-    return (
-        Path(tempfile.gettempdir())
-        / f"jbclog-warm-{os.environ.get('PYTEST_XDIST_TESTRUNUID', os.getpid())}"
-    )
+    """Where the process that forks is asked: one for all workers of a session, and for what it has
+    forked.
+    """
+    own = f"jbclog-warm-{os.environ.get('PYTEST_XDIST_TESTRUNUID', os.getpid())}"
+    return Path(os.environ.get(ADDRESS, Path(tempfile.gettempdir()) / own))
 
 
 def connected() -> Path:
@@ -176,7 +216,7 @@ class Server:
 
     def _answer(self, asking: socket.socket) -> Mapping[str, Any] | None:
         """In the child what was asked, None in the process that forks."""
-        data, received, _, _ = socket.recv_fds(asking, 1 << 20, 4)
+        data, received, _, _ = socket.recv_fds(asking, 1 << 20, 16)
         if not data:
             self._close(asking)
             return None
@@ -184,7 +224,7 @@ class Server:
         *inner, ending = received
         child = os.fork()
         if child == 0:
-            self._leave(inner, ending)
+            self._leave(inner, ending, asked.get("numbers", range(3)))
             return asked
         for descriptor in inner:
             os.close(descriptor)
@@ -221,20 +261,23 @@ class Server:
             self._at.unlink(missing_ok=True)
             return True
 
-    def _leave(self, inner: Sequence[int], ending: int) -> None:
-        """Have nothing in the child but its three descriptors."""
+    def _leave(self, inner: Sequence[int], ending: int, numbers: Sequence[int]) -> None:
+        """Have nothing in the child but its descriptors, at their numbers."""
         others = [
             descriptor
             for key in self._waiting.get_map().values()
             for descriptor in (key.fd, *(key.data or ())[1:])
         ]
         self._waiting.close()
-        for number, descriptor in enumerate(inner):
-            os.dup2(descriptor, number)
+        beyond = max(numbers) + 1
+        aside = [fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, beyond) for descriptor in inner]
         for descriptor in (*inner, ending, *others):
             os.close(descriptor)
         for connection in (self._listening, *self._connections):
             connection.detach()
+        for number, descriptor in zip(numbers, aside, strict=True):
+            os.dup2(descriptor, number)
+            os.close(descriptor)
 
 
 def _begin_streams() -> None:
@@ -250,25 +293,31 @@ def _begin_streams() -> None:
 
 
 def main() -> None:
-    """The process that forks, and then each of its children."""
+    """The process that forks, and then each of its children, whose jobs and sealing are forked,
+    too.
+    """
     for name in IMPORTED:
         importlib.import_module(name)
     gc.collect()
     gc.freeze()
-    asked = Server(Path(sys.argv[1]), socket.socket(fileno=int(sys.argv[2]))).serve()
+    at = sys.argv[1]
+    asked = Server(Path(at), socket.socket(fileno=int(sys.argv[2]))).serve()
     if asked is None:
         return
     os.environ.clear()
-    os.environ.update(asked["environment"])
+    os.environ.update(asked["environment"], **{ADDRESS: at})
     os.chdir(asked["cwd"])
     time.tzset()
+    if asked.get("own_session"):
+        os.setsid()
     _begin_streams()
-    sys.argv, sys.path[0] = ["-c", *asked["words"]], ""
-    sys.modules["__main__"].__package__ = None  # by which typer names the command
-    from jbclog.cli import main as jbclog
-
+    for name in STARTING:
+        fork_modules(importlib.import_module(name))
     try:
-        jbclog()
+        if "module" in asked:
+            _run_module(asked["module"], asked["words"])
+        else:
+            _run_command(asked["words"])
     # as the interpreter ends, but for taking its modules apart, which copies all of their memory
     except SystemExit as ended:
         threading._shutdown()  # type: ignore[attr-defined]
@@ -277,6 +326,20 @@ def main() -> None:
             with contextlib.suppress(OSError, ValueError):
                 stream.flush()
         os._exit(ended.code if isinstance(ended.code, int) else 0 if ended.code is None else 1)
+
+
+def _run_module(name: str, words: Sequence[str]) -> None:
+    sys.argv = [name, *words]
+    sys.modules.pop(name, None)  # or it would be said that it is run a second time
+    runpy.run_module(name, run_name="__main__", alter_sys=True)
+
+
+def _run_command(words: Sequence[str]) -> None:
+    sys.argv, sys.path[0] = ["-c", *words], ""
+    sys.modules["__main__"].__package__ = None  # by which typer names the command
+    from jbclog.cli import main as jbclog
+
+    jbclog()
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ the syntax tree itself.
 from __future__ import annotations
 
 import ast
+import functools
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -165,6 +166,7 @@ def _writes(call: ast.Call) -> bool:
     )
 
 
+@functools.cache
 def found_below(package: Path) -> dict[str, str]:
     """``FILE:CALL`` of each read outside of the one room, and where it stands."""
     files = (
