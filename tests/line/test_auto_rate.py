@@ -20,7 +20,7 @@ from jbclog.config.line import parse_line
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.errors import StartRefused
-from jbclog.core.rows import NoJournal
+from jbclog.core.rows import COLUMN, NoJournal
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.rates import readings_for
@@ -28,6 +28,7 @@ from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.pace import choose_pace
 from jbclog.session.scheduler import AUTO_RATES_HZ, CEILING, KEPT_BY_AUTO, Demand
 from support.command import PROFILES, RECIPE
+from support.virtual.lines import fault
 from support.virtual.virtual_run import RECIPE as SETTINGS
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
 from support.virtual.virtual_run import order_for as order_of
@@ -161,6 +162,23 @@ def test_each_station_has_a_link_and_so_a_rate_of_its_own() -> None:
         "dde-1": 5,
         "dde-2": 10,
     }
+
+
+def test_half_of_what_is_measured_is_the_temperature_and_the_rest_was_read_anyway() -> None:
+    """A station takes 6 ms longer for a temperature than for what it holds; at the rate that is
+    chosen no tick is skipped.
+    """
+    slow_to_measure = fault("late", at_s=0.0, by_s=0.006, command="tip_temperature", every=1)
+    run = prepare(line_text(slow_to_measure, "ports = [1]"), AUTO, duration_s=20).go()
+    before = [one.text for one in run.heard[: run.heard.index(run.writes[0])]]
+    assert (before.count("RTT1"), before.count("RSER")) == (6, 0)
+    assert run.facts.turnaround_us["n"] == 12
+    assert run.facts.turnaround_us["median"] == pytest.approx(4_000, abs=100)
+    assert run.facts.rate_hz == 10
+    ticks = [row[COLUMN["tick"]] for row in run.memory.samples]
+    assert ticks == [*range(ticks[0], ticks[0] + len(ticks))]
+    assert set(run.memory.column("quality")) == {"ok"}
+    assert run.facts.worst_slow_periods <= CEILING
 
 
 # -- what else is asked for ------------------------------------------------------------------------

@@ -92,7 +92,7 @@ def test_an_error_that_stays_is_told() -> None:
 
 def test_a_counter_that_only_one_answer_tells_is_not_recorded() -> None:
     run = one_port("counters = { work_hours = 120 }\n", duration_s=75)
-    say(run, "CW1", "00168", 1, 50)
+    say(run, "CW1", "00168", 0.5, 50)
     run.go()
     values = [one.value for one in run.memory.counters if one.counter == "work_h"]
     assert values == [120.0] * len(values)

@@ -273,3 +273,11 @@ def test_a_change_is_not_recorded_while_the_identity_cannot_be_read() -> None:
     run.go()
     (event,) = run.memory.of_kind("setting.changed")
     assert event.time / 1e6 - run.utc_s(run.t0) >= 35
+
+
+def test_hours_that_two_answers_told_are_asked_once_more_as_a_counter() -> None:
+    run = prepare(line_text("", "ports = [1]"), duration_s=1).go()
+    first = next(place for place, one in enumerate(run.heard) if one.text == "RPP1")
+    started = [one.text for one in run.heard[:first]]
+    assert (started.count("RCP1"), started.count("RCW1")) == (3, 2)
+    assert [one.counter for one in run.memory.counters][:1] == ["plugged_h"]

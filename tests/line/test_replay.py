@@ -12,6 +12,7 @@ import pytest
 from jbclog.core.rows import COLUMN
 from jbclog.protocol.client import timing
 from jbclog.record.capture import wire_path
+from jbclog.session.run import identify
 from jbclog.session.run.context import StationTask
 from support.readers.run_files import read_rows
 from support.virtual.captured_run import RECIPE_FILE, recorded, relived
@@ -120,6 +121,8 @@ def test_each_station_of_a_line(tmp_path: Path) -> None:
 def ask_less(monkeypatch: pytest.MonkeyPatch) -> None:
     """A program that measures the turnaround with two reads less."""
     monkeypatch.setattr(timing, "READS", timing.READS - 2)
+    monkeypatch.setattr(timing, "LEAST_READS", timing.LEAST_READS - 2)
+    monkeypatch.setattr(identify, "LEAST_ANSWERED", identify.LEAST_ANSWERED - 2)
 
 
 def values(memory: Memory, column: str, port: int = 1) -> list[object]:

@@ -494,7 +494,7 @@ def test_the_look_at_the_model_delays_the_safe_order_by_a_moment_at_most(answer:
     order.
     """
     run = prepare(duration_s=60)
-    ask, ended = run.station.device.answer, run.t0 + 12
+    ask, ended = run.station.device.answer, run.t0 + 13
     told = {
         "silence": None,
         "N 1": ("N", "SMN00001"),
@@ -510,7 +510,7 @@ def test_the_look_at_the_model_delays_the_safe_order_by_a_moment_at_most(answer:
         return told
 
     run.station.device.answer = respond  # type: ignore[method-assign]
-    run.at(12, lambda: run.driver.end("SIGTERM"))
+    run.at(13, lambda: run.driver.end("SIGTERM"))
     run.go()
     assert damaged
     orders = [one for one in run.writes if one.at > ended]

@@ -75,6 +75,7 @@ def in_pieces(link: str, gap_s: float) -> VirtualRun:
     return prepare(
         line_text(f"seed = 3\n{LINKS[link]}"),
         duration_s=12.0,
+        rate=5.0 if gap_s else None,
         pulled=lambda _order, session, cable: (session, InPieces(cable, gap_s)),
     )
 

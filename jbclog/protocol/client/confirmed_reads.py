@@ -18,7 +18,7 @@ from jbclog.core.errors import (
 )
 from jbclog.core.io_requests import Steps, T, Wait
 from jbclog.core.quantities import Value
-from jbclog.protocol.client.interface import Client
+from jbclog.protocol.client.interface import Client, PreparedRead
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import Family, foreign_reads
 
@@ -38,19 +38,21 @@ def read_confirmed(
     known: Value | None = None,
     grows: bool = False,
     doubted: Counter[str] | None = None,
+    answered: Callable[[PreparedRead], None] = lambda _: None,
 ) -> Steps[Value]:
     """Read until two answers are equal; one is enough if it equals `known`, which two answers have
     confirmed before.
 
     With `grows` (a counter, which may increase meanwhile) the middle one of three non-decreasing
     answers is enough: it is correct, or lies between two correct ones. `doubted` counts, by the
-    command's name, answers that the next one did not confirm. Raises `ImplausibleAnswer` where
-    `ANSWERS` answers do not agree, and what reading raises.
+    command's name, answers that the next one did not confirm; `answered` is called for each. Raises
+    `ImplausibleAnswer` where `ANSWERS` answers do not agree, and what reading raises.
     """
     question = client.question(command, port, tool)
     given: list[Value] = []
     while len(given) < ANSWERS:
         given.append((yield from client.ask(question)))
+        answered(question)
         value = confirmed_value(given, known, grows=grows)
         if value is not None:
             return value

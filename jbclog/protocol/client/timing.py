@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
+from typing import NamedTuple
 
 from jbclog.core.errors import AnswerTimeout, NotSupported, Refusal, StationError, StationSilent
 from jbclog.core.io_requests import Steps, Wait
@@ -21,12 +23,22 @@ from jbclog.protocol.commands.robot import COMMON
 
 READS = 12  # a median over these tolerates a late answer
 LEAST_ANSWERED = READS // 2  # with fewer the link is too bad for a run
+LEAST_READS = READS // 2  # where as many signals were read anyway
 TOLERANCE = 0.03  # both ends of a real line may differ by this share of the rate
+
+
+class AnswerTime(NamedTuple):
+    """How long an answer took from its request on, and their bytes at the stated line format, in
+    µs.
+    """
+
+    whole: float
+    wire: float
 
 
 @dataclass(frozen=True, slots=True)
 class ResponseTime:
-    """The result of up to `READS` harmless reads, in µs; at least one was answered.
+    """The result of `READS` answers or so to harmless reads, in µs; at least one was answered.
 
     `took` are the response times, sorted, none below 0. `whole` is the median time from request to
     complete answer, `wire` the median time of their bytes at the stated line format.
@@ -61,19 +73,23 @@ class ResponseTime:
 
 
 def response_time(
-    client: Client, family: Family, port: int
+    client: Client, family: Family, port: int, seen: Sequence[AnswerTime] = ()
 ) -> Steps[tuple[ResponseTime | None, int]]:
     """Measure with `READS` harmless reads; return the response time, None without any answer, and
-    the number of answers.
+    the number of answers to them.
 
-    Commands that the station does not support are left out and named. Stops once `LEAST_ANSWERED`
-    cannot be reached any more.
+    `seen` are answers to other signals of `port` that were read anyway, and count, too. Then all
+    reads are those of a fast signal, and fewer are enough, `LEAST_READS` at least, unless one is
+    not answered. Commands that the station does not support are left out and named. Stops once
+    `LEAST_ANSWERED` cannot be reached any more.
     """
-    names, ignored = list(family.harmless), []
-    heard: list[tuple[float, float]] = []
-    asked = 0
-    while names and asked < READS and asked - len(heard) <= READS - LEAST_ANSWERED:
-        name = names[asked % len(names)]
+    names, ignored = list(family.harmless), list[str]()
+    if seen:
+        names.sort(key=family.is_fast, reverse=True)
+    heard, asked, lost = [*seen], 0, 0
+    enough = max(READS - len(seen), LEAST_READS)
+    while names and asked < (READS if lost else enough) and lost <= READS - LEAST_ANSWERED:
+        name = names[0 if seen else asked % len(names)]
         question = _question(client, family, name, port)
         try:
             yield from client.ask(question)
@@ -82,20 +98,27 @@ def response_time(
             ignored.append(name)
             continue
         except StationError:
-            asked += 1
+            lost += 1
             client.unasked((yield Wait(client.now + SETTLE_S)))
-            continue
+        else:
+            heard.append(answer_time(client, question))
         asked += 1
-        heard.append(((client.heard - client.sent) * 1e6, question.wire_s * 1e6))
-    return _response_time_of(heard, ignored), len(heard)
+    return _response_time_of(heard, ignored), asked - lost
 
 
-def _response_time_of(heard: list[tuple[float, float]], ignored: list[str]) -> ResponseTime | None:
+def answer_time(client: Client, question: PreparedRead) -> AnswerTime:
+    """Return how long the answer took that `client` has just heard to `question`."""
+    return AnswerTime((client.heard - client.sent) * 1e6, question.wire_s * 1e6)
+
+
+def _response_time_of(heard: Sequence[AnswerTime], ignored: list[str]) -> ResponseTime | None:
     if not heard:
         return None
-    took = tuple(sorted(max(whole - wire, 0.0) for whole, wire in heard))
     return ResponseTime(
-        took, median(whole for whole, _ in heard), median(wire for _, wire in heard), tuple(ignored)
+        tuple(sorted(max(one.whole - one.wire, 0.0) for one in heard)),
+        median(one.whole for one in heard),
+        median(one.wire for one in heard),
+        tuple(ignored),
     )
 
 

@@ -25,6 +25,7 @@ from jbclog.protocol.commands.signals import (
     FEEDER_SIGNALS,
     HOUR_COUNTERS,
     SOLDERING_SIGNALS,
+    ReadInterval,
     Signal,
     UsageCounter,
 )
@@ -135,6 +136,12 @@ class Family:
     def signal_of(self, command: str) -> str | None:
         """Return the signal that `command` fills; None where there is none."""
         return next((one.name for one in self.signals if one.command == command), None)
+
+    def is_fast(self, command: str) -> bool:
+        """Whether `command` fills a signal that is read on every tick."""
+        return any(
+            one.command == command and one.interval is ReadInterval.FAST for one in self.signals
+        )
 
     @property
     def hours(self) -> str | None:

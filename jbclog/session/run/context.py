@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -14,8 +14,9 @@ from jbclog.core.quantities import Value
 from jbclog.core.rows import EventRow, Journal, Severity, StationFacts
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.confirmed_reads import read_confirmed, with_retries
-from jbclog.protocol.client.interface import Client
+from jbclog.protocol.client.interface import Client, PreparedRead
 from jbclog.protocol.client.make import client_for
+from jbclog.protocol.client.timing import AnswerTime, answer_time
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command
 from jbclog.protocol.commands.decisions import DECISIONS
 from jbclog.protocol.commands.family import Family
@@ -135,6 +136,8 @@ class SessionContext:
         self.is_proven = False  # the link has not broken since the station was identified
         # answers read again before being accepted, by command
         self.doubted: Counter[str] = Counter()
+        # of signals by port, until the response time is known
+        self.answer_times: defaultdict[int, list[AnswerTime]] | None = defaultdict(list)
         self.link_is_faster: str | None = None  # than its stated line format, in words
         # by port, with the time of the reading
         self.plugged_hours: dict[int, tuple[int, float]] = {}
@@ -261,8 +264,20 @@ class SessionContext:
 
         def ask() -> Steps[Value]:
             return read_confirmed(
-                self.station, command, port, tool, known=known, grows=grows, doubted=self.doubted
+                self.station,
+                command,
+                port,
+                tool,
+                known=known,
+                grows=grows,
+                doubted=self.doubted,
+                answered=answered,
             )
+
+        def answered(question: PreparedRead) -> None:
+            times = self.answer_times
+            if times is not None and port is not None and self.family.signal_of(command.name):
+                times[port].append(answer_time(self.station, question))
 
         return with_retries(self.station, ask, self.tries)
 

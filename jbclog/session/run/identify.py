@@ -43,7 +43,6 @@ def identify(context: SessionContext) -> Steps[None]:
     yield from _learn_family(context)
     yield from _learn_ports(context)
     yield from _accept_model(context)
-    yield from measure_turnaround(context)
     yield from _learn_who(context)
     context.publish()
 
@@ -221,10 +220,13 @@ def _require_tools(context: SessionContext) -> None:
 
 
 def measure_turnaround(context: SessionContext) -> Steps[None]:
-    """Measure the response time with harmless reads, in µs."""
-    measured, answered = yield from response_time(
-        context.station, context.family, min(context.ports)
-    )
+    """Measure the response time, in µs: with what has been read of the signals of a port, and with
+    harmless reads.
+    """
+    port = min(context.ports)
+    seen = [] if context.answer_times is None else context.answer_times[port]
+    context.answer_times = None
+    measured, answered = yield from response_time(context.station, context.family, port, seen)
     if measured is None or answered < LEAST_ANSWERED:
         raise StartRefused(
             f"{context.name}: only {answered} of {READS} questions were answered; the link is too"
@@ -233,7 +235,7 @@ def measure_turnaround(context: SessionContext) -> Steps[None]:
     context.facts.turnaround_us = {
         "median": round(measured.median, 1),
         "p99": round(measured.longest, 1),
-        "n": answered,
+        "n": len(measured.took),
     }
     for name in measured.ignored:
         context.not_supported.add(context.family.signal_of(name) or name)

@@ -32,6 +32,7 @@ def learn_identity(context: SessionContext) -> Steps[None]:
         hours = yield from _hours(context, number)
         if hours is not None:
             context.plugged_hours[number] = (hours, context.now)
+            context.ports[number].counted[context.family.counters[0].name] = hours
 
 
 def recognise(context: SessionContext, model: str | None) -> Steps[bool]:

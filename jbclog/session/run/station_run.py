@@ -27,7 +27,7 @@ from jbclog.session.run.condition import bring_condition, check_condition, look_
 from jbclog.session.run.context import EXAMINED, HEATED, PREPARED, SessionContext
 from jbclog.session.run.countdown import compare_countdowns
 from jbclog.session.run.counters import read_counters
-from jbclog.session.run.identify import StationAbsent, identify
+from jbclog.session.run.identify import StationAbsent, identify, measure_turnaround
 from jbclog.session.run.link_loss import report_flood
 from jbclog.session.run.omega_states import unreported_states_text
 from jbclog.session.run.outage import StationGone, outage
@@ -56,7 +56,7 @@ def learn_provisos(context: SessionContext) -> Steps[None]:
 
 # The start has three steps, each finished on all stations before the next begins on any:
 #
-# 1. Read and check everything: identity, tools, rate, settings, limits, cooling. Nothing is
+# 1. Read and check everything: identity, tools, settings, limits, cooling, rate. Nothing is
 #    written.
 # 2. Write what cannot heat (`config.recipe.CANNOT_HEAT`).
 # 3. Write what can: setpoints, then the tools' status.
@@ -75,6 +75,8 @@ def start(context: SessionContext) -> Steps[SamplingPlan]:
     it took too long.
     """
     yield from identify(context)
+    wanted = yield from examine(context)
+    yield from measure_turnaround(context)
     pace = choose_pace(context)
     context.note(
         "station.ready",
@@ -87,7 +89,6 @@ def start(context: SessionContext) -> Steps[SamplingPlan]:
             " run it is left as it is."
         )
         context.note("safety.not_available", Severity.WARNING, text)
-    wanted = yield from examine(context)
     condition = yield from look_at_condition(context)
     yield from _wait_for_others(context, EXAMINED)
     yield from apply(context, wanted, heats=False)

@@ -1,4 +1,6 @@
-"""How long a station takes to answer: what is made of twelve harmless reads."""
+"""How long a station takes to answer: what is made of twelve harmless reads, or of six and of what
+was read anyway.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,14 @@ import pytest
 from jbclog.core.io_requests import Steps
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.robot import Station
-from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, ResponseTime, response_time
+from jbclog.protocol.client.timing import (
+    LEAST_ANSWERED,
+    LEAST_READS,
+    READS,
+    AnswerTime,
+    ResponseTime,
+    response_time,
+)
 from jbclog.protocol.commands.family import FAMILIES
 from support.clients.talk import Answer, Talk
 
@@ -88,3 +97,44 @@ def test_one_late_answer_does_not_hide_a_faster_link() -> None:
     assert found.is_faster
     assert found.median == 0.0
     assert found.longest == pytest.approx(42_000, abs=1_000)
+
+
+# -- with signals that were read anyway ------------------------------------------------------------
+
+
+def with_seen(late_s: list[float | None], seen_ms: list[float]) -> tuple[Measured, list[str]]:
+    """What is measured by a client that has heard signals so many ms after their bytes, and what it
+    asks.
+    """
+    seen = [AnswerTime((14 + one) * 1000, 14_000) for one in seen_ms]
+    talk = talk_with(late_s)
+    found = talk.do(lambda station: response_time(station, FAMILIES["dde"], 1, seen))
+    return found, talk.end.heard
+
+
+def test_six_reads_of_the_temperature_are_enough_where_six_signals_were_read() -> None:
+    """Of twelve reads it was six before, too: a station that takes longer to measure than to tell
+    what it holds is not taken for a fast one.
+    """
+    (found, answered), asked = with_seen([0.05], 6 * [1.0])
+    assert asked == LEAST_READS * ["RTT1"]
+    assert answered == LEAST_READS
+    assert found is not None
+    assert len(found.took) == READS
+    assert found.took[:6] == pytest.approx(6 * [1000])
+    assert found.median == pytest.approx((found.took[5] + found.took[6]) / 2)
+    assert found.median > 20_000
+
+
+def test_fewer_signals_before_mean_more_reads() -> None:
+    assert with_seen([0.0], [1.0, 1.0])[1] == (READS - 2) * ["RTT1"]
+    assert len(with_seen([0.0], 20 * [1.0])[1]) == LEAST_READS
+
+
+def test_one_lost_answer_brings_all_reads_back() -> None:
+    """What was read before proves nothing of a link that loses answers now."""
+    (found, answered), _ = with_seen([0.0, None, *20 * [0.0]], 6 * [1.0])
+    assert found is not None
+    assert LEAST_ANSWERED <= answered < READS
+    assert len(found.took) == answered + 6
+    assert with_seen([None], 6 * [1.0])[0][1] == 0
