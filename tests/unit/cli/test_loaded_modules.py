@@ -37,7 +37,12 @@ SHOWN = """
 import atexit, gc, pathlib, sys
 def tell():
     passes = sum(one["collections"] for one in gc.get_stats()) - before
-    pathlib.Path("modules").write_text(" ".join([*sys.modules, f"passes={passes}"]))
+    built = [f"built={name}" for name in models() if models()[name].__pydantic_complete__]
+    pathlib.Path("modules").write_text(" ".join([*sys.modules, f"passes={passes}", *built]))
+def models():
+    files = [sys.modules[name] for name in sys.modules if name.startswith("jbclog.config.")]
+    found = [one for file in files for one in vars(file).values()]
+    return {one.__name__: one for one in found if "__pydantic_complete__" in dir(one)}
 before = sum(one["collections"] for one in gc.get_stats())
 atexit.register(tell)
 """
@@ -147,6 +152,8 @@ def test_plan(words: list[str], tmp_path: Path) -> None:
     assert foreign(modules) - COMMAND_LINE - MODELS == set()
     assert OF_PACKAGES & modules == set()
     (passes,) = (int(one.removeprefix("passes=")) for one in modules if one.startswith("passes="))
+    built = {one.removeprefix("built=") for one in modules if one.startswith("built=")}
+    assert built == {"LineTables", "StationTable", "RecipeTables"}  # not each table within them
     assert passes < 12  # of the garbage collector, before and after the plan; 59 if it never rests
 
 
