@@ -403,11 +403,13 @@ def test_a_station_that_takes_its_time_to_store_is_not_given_up(by_s: float) -> 
 
 
 def test_three_tries_within_seconds() -> None:
-    """Three seconds for a station, and at least one try for each of its tools."""
+    """Three seconds for a station, and at least one try for each of its tools; what is not
+    acknowledged is ordered up to three times more when the time is over.
+    """
     run = prepare(line_text(fault("silence", at_s=5)), duration_s=60)
     run.at(6, lambda: run.driver.end("SIGTERM"))
     run.go()
-    assert 2 <= [one.text for one in run.writes].count("WPS100001") <= 3
+    assert 3 <= [one.text for one in run.writes].count("WPS100001") <= 6
     assert [one.text for one in run.writes].count("WPS200001") >= 1
     assert run.heard[-1].at - (run.t0 + 6) < 5
 

@@ -10,6 +10,7 @@ nor the result. A tool that stays hot is worse, so the order that needs no proof
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 
 from jbclog.core.errors import (
     AnswerTimeout,
@@ -32,26 +33,53 @@ from jbclog.session.safety.tools import SafetyTask, ToolSafety
 ORDER_PER_LOOK = 1.5  # duration of an order and two answers, relative to two answers
 UNHURRIED_S = 1.5  # remaining time needed to wait for an acknowledgement in full
 REOPEN_EVERY_S = 0.25
+FIRST_S = 0.2  # for an answer in the first round, at least,
+PATIENCE = 4  # or so many times as long as the quickest answer took
+ANSWERS = 3  # of a read-back: two, and one that is lost
+LAST_ORDERS = 3
+LEAST_SHARE_S = 0.3  # to ask again after a lost answer; most tools need a tenth of it
 
 
 def order(task: SafetyTask, orders: Sequence[tuple[ToolSafety, StatusWord]]) -> Steps[None]:
     """Order each tool's state once, then read each back, while there is time for the fallback
     states.
 
-    After one acknowledgement has timed out in full, later ones are not waited for.
+    After one acknowledgement has timed out, later ones are not waited for.
     """
     failures = []
-    for tool, word in orders:
+    for done, (tool, word) in enumerate(orders):
         hurry = task.is_silent or task.has_waited or task.end - task.client.now < UNHURRIED_S
-        failures.append((yield from _send(task, tool, word, hurry=hurry)))
+        answers = 1 if hurry else inf
+        until = share_ends(task, task.end, 2 * (len(orders) - done), answers)
+        until = until if hurry else min(task.client.now + UNHURRIED_S, task.end)
+        sending = _send(task, tool, word, hurry=hurry)
+        failures.append((yield from in_time(sending, task.client.now, until)))
         task.has_waited |= isinstance(failures[-1], AnswerTimeout)
     end = task.latest(sum(word != task.words(tool)[-1] for tool, word in orders))
-    for (tool, word), failure in zip(orders, failures, strict=True):
+    for done, ((tool, word), failure) in enumerate(zip(orders, failures, strict=True)):
         if isinstance(failure, LinkError):
             continue
-        yield from in_time(_read_back(task, tool, word, failure), task.client.now, end)
-        if task.is_silent or task.client.now >= end:
+        was_silent = task.is_silent
+        until = share_ends(task, end, len(orders) - done, answers=ANSWERS)
+        yield from in_time(_read_back(task, tool, word, failure), task.client.now, until)
+        if (was_silent and task.is_silent) or task.client.now >= end:
             return
+
+
+def share_ends(task: SafetyTask, end: float, parts: int, answers: float = inf) -> float:
+    """Return until when to wait: for one of so many equal parts of the time that is left, and for
+    no longer than so many answers usually take.
+
+    The client would wait longer for a lost answer after a single slow one, and meanwhile other
+    tools had no order. Each round is twice as patient. An acknowledgement may take its time
+    (docs/reference/contradictions.md, B-13).
+    """
+    client = task.client
+    if client.heard > client.sent:
+        task.answer_s = min(task.answer_s, client.heard - client.sent)
+    patience_s = max(FIRST_S, PATIENCE * task.answer_s) * float(1 << task.rounds)
+    share_s = max((end - client.now) / parts, LEAST_SHARE_S)
+    return min(client.now + min(share_s, answers * patience_s), end)
 
 
 def _send(
@@ -141,6 +169,26 @@ def look_at_feeder(task: SafetyTask) -> Steps[None]:
         task.feeds = not (yield from stop_feeder(task))
 
 
+def order_at_last(task: SafetyTask, end: float) -> Steps[None]:
+    """Order by `end` what is not proven, when no time is left to prove it; again what was not
+    acknowledged.
+    """
+    client, tools = task.client, [tool for tool in task.tools if not tool.is_safe]
+    for _ in range(LAST_ORDERS):
+        if task.feeds and task.is_proven:
+            until = client.now + (end - client.now) / (2 + len(tools))
+            task.feeds = not (yield from in_time(stop_feeder(task), client.now, until))
+        lost = []
+        for done, tool in enumerate(tools):
+            if not task.is_proven:
+                return
+            until = client.now + (end - client.now) / (1 + len(tools) - done)
+            sending = _send(task, tool, task.words(tool)[-1], hurry=True)
+            if isinstance((yield from in_time(sending, client.now, until)), StationError):
+                lost.append(tool)
+        tools = lost
+
+
 def order_blindly(task: SafetyTask) -> Steps[None]:
     """Stop the feeder, order the state that always can be, unproven; earlier readings are void."""
     if task.is_stranger:
@@ -211,7 +259,10 @@ def _reach_again(task: SafetyTask, error: LinkError | StationError) -> Steps[Non
             task.is_proven = False
         except StationError:
             pass  # not ready yet
-        client.unasked((yield Wait(client.now + REOPEN_EVERY_S)))
+        before = client.now
+        client.unasked((yield Wait(before + REOPEN_EVERY_S)))
+        if client.now <= before:
+            return  # the share of the time is over (`in_time`)
 
 
 def in_time(steps: Steps[T], now: float, end: float) -> Steps[T]:

@@ -19,10 +19,13 @@ from jbclog.core.states import SafetyResult
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.cooling import is_cold, watch
 from jbclog.session.safety.orders import (
+    ANSWERS,
     in_time,
     look_at_feeder,
     order,
+    order_at_last,
     order_blindly,
+    share_ends,
     status_now,
     stop_feeder,
 )
@@ -32,6 +35,7 @@ ALLOWED_S = 3.0  # for one station (docs/reference/faults.md, S-2)
 # of these, to ask whether the station is still the one that was identified; it may be silent and
 # still hear
 LOOK_S = 0.3
+LAST_S = 0.25  # of these, to order again what is not proven by then
 TRIES = 3
 
 
@@ -41,16 +45,19 @@ def secure(task: SafetyTask) -> Steps[None]:
     """
     task.client.unasked((yield Wait(0.0)))
     begun = task.client.now
-    task.end = begun + ALLOWED_S
+    task.end = begun + ALLOWED_S - LAST_S
     if task.look is not None and task.is_proven and not task.client.flow.is_flooded:
         task.is_proven = yield from in_time(task.look(), begun, begun + LOOK_S)
     yield from in_time(_in_rounds(task), task.client.now, task.end)
+    if not task.is_done:
+        yield from order_at_last(task, begun + ALLOWED_S)
 
 
 def _in_rounds(task: SafetyTask) -> Steps[None]:
     if task.client.flow.is_flooded:
         yield from order_blindly(task)
     for round_ in range(TRIES):
+        task.rounds = round_
         if round_:
             yield from _spread(task, TRIES - round_)
         task.is_flooded = False
@@ -69,7 +76,8 @@ def _spread(task: SafetyTask, rounds_left: int) -> Steps[None]:
 
 def _round(task: SafetyTask, *, is_first: bool) -> Steps[None]:
     if task.feeds:
-        task.feeds = not (yield from stop_feeder(task))
+        until = share_ends(task, task.end, 2 * (len(task.tools) + 1), ANSWERS)
+        task.feeds = not (yield from in_time(stop_feeder(task), task.client.now, until))
     if task.spare:
         yield from _look(task)
     yield from _put(task, [tool for tool in task.tools if not tool.is_safe], is_first=is_first)

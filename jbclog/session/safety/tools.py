@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import inf
 
 from jbclog.core.errors import LinkFlooded
 from jbclog.core.io_requests import Steps
@@ -106,6 +107,8 @@ class SafetyTask:
     is_silent: bool = False
     has_waited: bool = field(init=False, default=False)  # an acknowledgement timed out
     order_s: float = field(init=False, default=ORDER_S)  # duration of one order with its read-back
+    answer_s: float = field(init=False, default=inf)  # of the quickest answer
+    rounds: int = field(init=False, default=0)  # that are over
     has_fed: bool = field(init=False)
     is_flooded: bool = field(init=False, default=False)  # in this round
     end: float = field(init=False, default=0.0)
