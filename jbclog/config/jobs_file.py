@@ -25,8 +25,8 @@ from jbclog.config.schema import (
     shown,
     unknown,
 )
-from jbclog.config.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
+from jbclog.core.foreign.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.protocol.commands.family import FAMILIES
 
 IS_NO_BATCH: Final = (

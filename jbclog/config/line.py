@@ -27,8 +27,8 @@ from jbclog.config.schema import (
     unknown,
 )
 from jbclog.config.sim_spec import SimSpec
-from jbclog.config.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
+from jbclog.core.foreign.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.core.serial_line import BAUDRATES, SCHEMES, LineFormat, scheme_of
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family, model_problem
 

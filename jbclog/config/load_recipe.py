@@ -10,8 +10,8 @@ from typing import Final
 from jbclog.config.recipe import COMMAND_OF, Asked, Recipe, asked_in
 from jbclog.config.recipe_sections import RecipeTables
 from jbclog.config.schema import read_file, read_table
-from jbclog.config.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.core.errors import Problem, Problems
+from jbclog.core.foreign.toml_reader import KeyPath, TomlText, parse, read_text, shortened
 from jbclog.core.quantities import OFF
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.ranges import range_problem

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from jbclog.config.recipe_sections import PortSettings, RecipeTables
 from jbclog.config.schema import CheckedFile, Table
-from jbclog.config.toml_reader import KeyPath
+from jbclog.core.foreign.toml_reader import KeyPath
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.family import FAMILIES, Family
 

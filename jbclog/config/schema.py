@@ -24,8 +24,8 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from jbclog.config.toml_reader import MAX_PROBLEMS, KeyPath, TomlText, hidden
 from jbclog.core.errors import Problem
+from jbclog.core.foreign.toml_reader import MAX_PROBLEMS, KeyPath, TomlText, hidden
 from jbclog.core.quantities import OFF, Off
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.omega import CONDITIONS, is_condition

@@ -5,15 +5,15 @@ from __future__ import annotations
 import re
 import secrets
 import shutil
-import tomllib
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
 from jbclog.core.durable_files import sync_folder, write_whole
-from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, NotReadable, expect_answer, read_foreign
+from jbclog.core.errors import Problems, RecordError
+from jbclog.core.foreign.files import NotReadable, expect_answer
+from jbclog.core.foreign.toml_reader import parse, read_text
 from jbclog.core.rows import StationFacts
 
 FOLDER: Final = "recipes"
@@ -26,9 +26,13 @@ def recipe_copy(folder: Path, file: str) -> Path:
     return _copies(folder) / Path(file).name
 
 
-def recipe_texts(folder: Path) -> list[bytes]:
-    """Return the bytes of each recipe copy. Raises OSError."""
-    return [read_foreign(path, Kind.SETTINGS) for path in sorted(_copies(folder).glob("*.toml"))]
+def recipe_copies(folder: Path) -> list[dict[str, object]]:
+    """Return the tables of each recipe copy. Raises OSError or Problems."""
+    return [_tables_in(path) for path in sorted(_copies(folder).glob("*.toml"))]
+
+
+def _tables_in(copy: Path) -> dict[str, object]:
+    return parse(read_text(copy, links=False), copy.name).tables
 
 
 def _copies(folder: Path) -> Path:
@@ -50,9 +54,8 @@ def recipe_table(folder: Path, facts: StationFacts, name: str) -> Mapping[str, o
     if facts.recipe is None:
         return {}
     try:
-        data = read_foreign(recipe_copy(folder, facts.recipe), Kind.SETTINGS)
-        table = tomllib.loads(data.decode()).get(name)
-    except (OSError, ValueError):
+        table = _tables_in(recipe_copy(folder, facts.recipe)).get(name)
+    except (OSError, ValueError, Problems):
         return {}
     return table if isinstance(table, dict) else {}
 

@@ -8,7 +8,6 @@ form; the manifest states what is missing.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -19,7 +18,7 @@ from typing import Final
 
 import pyarrow as pa
 
-from jbclog.core.errors import RecordError, Unsafe
+from jbclog.core.errors import Problems, RecordError, Unsafe
 from jbclog.core.foreign.files import expect_answer
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, StationFacts
@@ -40,7 +39,7 @@ from jbclog.record.conclude import (
     unknown_tools,
     with_unknown,
 )
-from jbclog.record.folder import RUN_NAME, expect_no_links, recipe_texts
+from jbclog.record.folder import RUN_NAME, expect_no_links, recipe_copies
 from jbclog.record.live import AT_RISK_S
 from jbclog.record.manifest import (
     NAME,
@@ -345,8 +344,8 @@ def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
     if manifest.verdict is not None:
         return manifest.verdict != "NOT JUDGED"
     try:
-        return any("acceptance" in tomllib.loads(text.decode()) for text in recipe_texts(folder))
-    except (OSError, ValueError, RecursionError):
+        return any("acceptance" in tables for tables in recipe_copies(folder))
+    except (OSError, Problems):
         return True
 
 

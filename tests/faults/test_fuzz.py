@@ -32,9 +32,9 @@ from hypothesis import strategies as st
 from jbclog.config.line import parse_line
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.config.recipe_settings import settings_for, station_settings_for
-from jbclog.config.toml_reader import MAX_PROBLEMS
 from jbclog.core.errors import Problems, RecordError
 from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.foreign.toml_reader import MAX_PROBLEMS
 from jbclog.core.rows import TABLES
 from jbclog.core.serial_line import BAUDRATES
 from jbclog.guard.lease import NAME as LEASE

@@ -15,8 +15,8 @@ from jbclog.config.durations import span_s
 from jbclog.config.job_order import Turn, read_at
 from jbclog.config.jobs_file import JobsFile, JobTable
 from jbclog.config.line import AUTO, Line, load_line
-from jbclog.config.toml_reader import shortened
 from jbclog.core.errors import Problem, Problems, UsageError
+from jbclog.core.foreign.toml_reader import shortened
 from jbclog.transport.typed_lines import is_plain_file
 
 KEYS: Final = {

@@ -62,7 +62,7 @@ PLAN = {
     *("cli", "cli.app", "cli.front_page", "cli.help", "cli.loading", "cli.names", "cli.options"),
     *("cli.output", "cli.streams", "config", "config.line", "config.load_recipe", "config.recipe"),
     *("config.recipe_sections", "config.recipe_settings", "config.schema", "config.sim_spec"),
-    *("config.toml_reader", "core", "core.errors", "core.foreign", "core.foreign.files"),
+    *("core", "core.errors", "core.foreign", "core.foreign.files", "core.foreign.toml_reader"),
     *("core.goal", "core.outcome", "core.quantities", "core.serial_line", "core.states"),
     *("core.text", "protocol", "protocol.commands", "protocol.commands.command"),
     *("protocol.commands.defaults", "protocol.commands.error_tables", "protocol.commands.family"),

@@ -82,8 +82,9 @@ ALLOWED = {
     "analysis/store/rows.py:open_input_file": "looked at by `Store.bounded` before",
     "analysis/store/parts.py:make_fragment": "files of `Store.dataset`, which looks through them",
     "config/load_recipe.py:read_text": (
-        "the function of `config/toml_reader.py`, which reads through `read_foreign`"
+        "the function of `core/foreign/toml_reader.py`, which reads through `read_foreign`"
     ),
+    "record/folder.py:read_text": "the same",
     "config/line.py:read_text": "the same",
     "config/tasks_file.py:read_text": "the same",
     "config/jobs_file.py:read_text": "the same",

@@ -4,6 +4,7 @@ all the same.
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from shutil import copytree
 
@@ -11,8 +12,9 @@ import pytest
 from typer.testing import CliRunner
 
 from jbclog.cli.app import app
+from jbclog.core.errors import Problems
 from jbclog.core.foreign.files import NotReadable
-from jbclog.record.folder import joints_asked, recipe_copy, recipe_texts
+from jbclog.record.folder import joints_asked, recipe_copies, recipe_copy
 from jbclog.record.manifest import read_manifest
 from support.records.small_run import make_run
 
@@ -34,10 +36,28 @@ def linked(made: Path, tmp_path: Path) -> Path:
 def test_they_are_not_read_behind_a_link(linked: Path) -> None:
     facts = read_manifest(linked).stations[0]
     assert facts.recipe is not None
-    for read in (lambda: recipe_copy(linked, facts.recipe or ""), lambda: recipe_texts(linked)):
+    for read in (lambda: recipe_copy(linked, facts.recipe or ""), lambda: recipe_copies(linked)):
         with pytest.raises(NotReadable, match="recipes/ is a link, not a folder"):
             read()
     assert joints_asked(linked, facts) == {}
+
+
+BOMBS = {
+    "nested": "joints = " + "[" * 30_000 + "]" * 30_000,
+    "dotted": ".".join("a" * 32_000) + " = 1",  # 6 s of CPU each time without a limit
+}
+
+
+@pytest.mark.parametrize("bomb", BOMBS.values(), ids=BOMBS)
+def test_a_bomb_in_their_place_is_no_recipe(made: Path, tmp_path: Path, bomb: str) -> None:
+    folder = copytree(made, tmp_path / "runs" / made.name)
+    facts = read_manifest(folder).stations[0]
+    recipe_copy(folder, facts.recipe or "").write_text(bomb, encoding="utf-8")
+    began = time.process_time()
+    assert joints_asked(folder, facts) == {}
+    with pytest.raises(Problems):
+        recipe_copies(folder)
+    assert time.process_time() - began < 1
 
 
 @pytest.mark.parametrize("verb", ["check", "report --verify", "report", "replay", "compare"])
