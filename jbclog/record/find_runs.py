@@ -22,7 +22,7 @@ from typing import Final
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
-from jbclog.core.foreign.json_reader import decoder, expect_period, expect_year
+from jbclog.core.foreign.json_reader import decoder, expect_period, expect_time
 from jbclog.core.locks import is_held
 from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.core.text import shortened
@@ -213,12 +213,11 @@ class Filter:
         return found is not None and self._has_ended(found[1].decode())
 
     def _has_ended(self, ended: str | None) -> bool:
-        """Raise ValueError for text that is no time."""
-        return (
-            self.ended_since is not None
-            and ended is not None
-            and datetime.fromisoformat(ended) < self.ended_since
-        )
+        """Raise ValueError for text that is no time, or has no zone."""
+        if self.ended_since is None or ended is None:
+            return False
+        expect_time(ended)
+        return datetime.fromisoformat(ended) < self.ended_since
 
     def _is_within(self, started: str | None) -> bool:
         if self.since is None and self.until is None:
@@ -265,8 +264,8 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
         summary = _read_summary(data)
         if summary.state not in set(RunState) or summary.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
-        if summary.started is not None:
-            expect_year(datetime.fromisoformat(summary.started).year)
+        for time in (summary.started, summary.ended):
+            expect_time(time)
         for station in summary.stations:
             expect_period(station.period_s)
         return _found(folder, summary, changed, hashlib.sha256(data).hexdigest())

@@ -7,7 +7,6 @@ import json
 import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
-from datetime import datetime
 from enum import StrEnum
 from itertools import accumulate, islice
 from pathlib import Path
@@ -21,7 +20,7 @@ from jbclog.core.foreign.json_reader import (
     builder,
     expect_moment,
     expect_period,
-    expect_year,
+    expect_time,
     json_of,
     read_json,
 )
@@ -308,7 +307,7 @@ def read_manifest(folder: Path) -> Manifest:
         expect_counts(manifest.counts(), manifest.stations)
         _expect_signals(manifest.stations)
         for time in (manifest.started, manifest.ended):
-            _expect_time(time)
+            expect_time(time)
         expect_moment(manifest.t0_utc)
         for station in manifest.stations:
             expect_period(station.period_s)
@@ -329,16 +328,6 @@ def _expect_signals(stations: Iterable[StationFacts]) -> None:
         unknown = next((name for name in one.signals if name not in SIGNAL_COLUMNS), None)
         if unknown is not None:
             raise ValueError(f"station {one.name}: {unknown!r:.60} is no signal")
-
-
-def _expect_time(text: str | None) -> None:
-    """Raise ValueError for text that is no time, or has no zone."""
-    if text is None:
-        return
-    moment = datetime.fromisoformat(text)
-    expect_year(moment.year)
-    if moment.tzinfo is None:
-        raise ValueError(f"{text!r:.60} does not say which zone it is of")
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:

@@ -7,6 +7,8 @@ import math
 import re
 from collections.abc import Callable
 from contextlib import suppress
+from datetime import datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -18,8 +20,10 @@ T = TypeVar("T")
 
 # Python's JSON accepts NaN, infinity and numbers of any length. Here a number is finite and at most
 # `LARGEST`: a whole one fits 64 bits, may become a float and be read again, and later arithmetic
-# does not fail. objects and lists; an empty one takes three bytes in the file and 64 in memory
-MOST_OBJECTS: Final = 400_000
+# does not fail.
+MOST_OBJECTS: Final = 400_000  # and lists; an empty one takes three bytes in the file, 64 in memory
+# a recorder's files have one in 25 bytes, so fewer; one of three bytes takes 30 in memory
+MOST_VALUES: Final = 1_400_000
 WHOLE: Final = 1 << 62
 LONGEST: Final = 20  # digits
 LARGEST: Final = float(WHOLE)
@@ -36,6 +40,8 @@ def json_of(data: bytes | str, *, in_utf8: bool = False) -> Any:
     text = data if isinstance(data, str) else data.decode()
     if text.count("{") + text.count("[") > MOST_OBJECTS:
         raise ValueError(f"it has more than {MOST_OBJECTS} objects and lists")
+    if text.count(",") > MOST_VALUES:
+        raise ValueError(f"it has more than {MOST_VALUES} values")
     try:
         parsed = (_CAREFUL if _is_doubtful(text.encode(errors="surrogatepass")) else _PLAIN).decode(
             text
@@ -72,6 +78,15 @@ def _no_number(text: str) -> float:
 _PLAIN: Final = json.JSONDecoder(parse_constant=_no_number)
 # it takes thrice the time
 _CAREFUL: Final = json.JSONDecoder(parse_int=_whole, parse_float=_finite, parse_constant=_no_number)
+
+
+def _has_few(data: bytes) -> bool:
+    """Whether it has no more objects and values than `json_of` takes."""
+    return len(data) <= MOST_OBJECTS or (
+        data.count(b"{") + data.count(b"[") <= MOST_OBJECTS and data.count(b",") <= MOST_VALUES
+    )
+
+
 _SHAPES: Final = bytes.maketrans(b"123456789E \t\r\n:,[", b"000000000e" + b" " * 7)
 _MANY_DIGITS: Final = b"0" * 19
 _EXPONENT: Final = re.compile(rb"0e\+?0")  # begins with plain text, for which `re` searches fast
@@ -116,6 +131,18 @@ def expect_year(year: int) -> None:
         raise ValueError(f"{year} is no year between {YEARS[0]} and {YEARS[-1]}")
 
 
+def expect_time(text: str | None) -> None:
+    """Raise ValueError for a text that is no time of these centuries, or has no zone: it could not
+    be compared.
+    """
+    if text is None:
+        return
+    moment = datetime.fromisoformat(text)
+    expect_year(moment.year)
+    if moment.tzinfo is None:
+        raise ValueError(f"{text!r:.60} does not say which zone it is of")
+
+
 def builder(kind: type[T]) -> Callable[[object], T]:
     """Return what converts parsed JSON to `kind`, and raises ValueError naming the key. To be
     called at import.
@@ -140,12 +167,16 @@ def decoder(kind: type[T]) -> Callable[[bytes], T]:
     """
     build, typed = builder(kind), msgspec.json.Decoder(kind)
 
+    @lru_cache(maxsize=1)  # a command reads the same manifest several times
+    def careful(data: bytes) -> T:
+        return build(json_of(data, in_utf8=True))
+
     def decode(data: bytes) -> T:
-        if len(data) <= MOST_OBJECTS and b"\\u" not in data and not _is_doubtful(data):
+        if _has_few(data) and b"\\u" not in data and not _is_doubtful(data):
             # then `json_of` accepts it, or states what is wrong
             with suppress(ValueError, RecursionError):
                 data.decode()
                 return typed.decode(data)
-        return build(json_of(data, in_utf8=True))
+        return careful(data)
 
     return decode

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import jbclog
-from jbclog.core.foreign.json_reader import MOST_OBJECTS, builder, decoder, json_of
+from jbclog.core.foreign.json_reader import MOST_OBJECTS, MOST_VALUES, builder, decoder, json_of
 
 PACKAGE = Path(jbclog.__file__).parent
 DESCRIBE = {"builder", "decoder", "Decoder"}
@@ -134,3 +134,11 @@ def test_two_threads_never_describe_a_type_at_once() -> None:
         assert path.name == "json_reader.py" or not list(calls(tree, CONVERT)), path
         described += len(found)
     assert described >= 16
+
+
+def test_a_list_of_millions_of_values_is_refused_before_it_is_parsed() -> None:
+    text = "[" + "1," * (MOST_VALUES + 1) + "1]"
+    with pytest.raises(ValueError, match="more than 1400000 values"):
+        json_of(text)
+    with pytest.raises(ValueError, match="more than 1400000 values"):
+        read_part(f'{{"name": "a", "more": {text}}}'.encode())

@@ -130,6 +130,21 @@ def test_what_does_not_fit_whole_is_not_found(runs: Path, wanted: Filter) -> Non
     assert names(find(runs, wanted)) == []
 
 
+NO_TIMES = ["x\ny", "0001-01-01T00:00:00Z", "2026-11-21T01:59:59", "9999-99-99T99:99:99Z"]
+
+
+@pytest.mark.parametrize("time", NO_TIMES)
+@pytest.mark.parametrize("key", ["started", "ended"])
+def test_a_time_that_is_none_is_a_finding_of_its_folder_alone(
+    runs: Path, key: str, time: str
+) -> None:
+    write_manifest(runs / FULL.run, replace(FULL, **{key: time}))
+    for wanted in (Filter(), Filter(ended_since=utc("2026-01-01"), since=utc("2026-01-01"))):
+        found = [*find(runs, wanted)]
+        assert [type(one) for one in found] == [Unreadable, Found]
+        assert names(iter(found)) == [FULL.run, OTHER.run]
+
+
 def test_without_a_filter_all_are_told_in_the_order_of_time(runs: Path) -> None:
     assert names(find(runs)) == [FULL.run, OTHER.run]
 
