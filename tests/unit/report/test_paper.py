@@ -10,6 +10,8 @@ import os
 import re
 import subprocess
 import sys
+import time
+from dataclasses import replace
 from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
@@ -22,7 +24,7 @@ from fontTools.ttLib import TTFont
 from jbclog.analysis.figures import style
 from jbclog.core.text import clean
 from jbclog.record.annotations import append
-from jbclog.record.manifest import Metadata
+from jbclog.record.manifest import Metadata, read_manifest, write_manifest
 from jbclog.report.maker import tools
 from jbclog.report.typeset import FONTS, LACKING, LACKING_MEANS, drawable
 from jbclog.report.verify import verified
@@ -330,3 +332,18 @@ def test_a_report_of_other_tools_is_compared_by_its_hashes(
     assert held.agrees is (None if names else True)
     (run / "report.pdf").write_bytes(b"%PDF-")
     assert any("report.pdf" in text for text in verified(run).differing)
+
+
+def test_long_texts_of_others_are_set_in_seconds_and_whole_in_the_page(tmp_path: Path) -> None:
+    folder = make_run(tmp_path, 4.0)
+    manifest = read_manifest(folder)
+    tags = {f"t{at}": "word " * 200 for at in range(1000)}
+    write_manifest(
+        folder, replace(manifest, metadata=Metadata(operator="x" * 1_000_000, tags=tags))
+    )
+    began = time.process_time()
+    write_report(folder)
+    assert time.process_time() - began < 15  # 50 s and more for the first text alone
+    text = " ".join(page_texts(folder / "report.pdf"))
+    assert "characters are left out" in clean(text)
+    assert "x" * 1_000_000 in (folder / "report.html").read_text(encoding="utf-8")
