@@ -176,3 +176,27 @@ def test_a_log_names_no_file_elsewhere(store: Path, path: str) -> None:
     for reads in (Store.runs, lambda store: store.newest("x")):
         with pytest.raises(StoreError, match="its log names a file elsewhere"):
             reads(Store(place_of(store)))
+
+
+@pytest.mark.parametrize("between", ["\n", "", " \t"])
+def test_a_commit_that_names_files_without_end_is_refused(store: Path, between: str) -> None:
+    log = store / "runs" / "_delta_log"
+    last = max(int(path.stem) for path in log.glob("*.json"))
+    added = {
+        "path": "x.parquet",
+        "partitionValues": {"line": "a", "month": "b"},
+        "size": 9,
+        "modificationTime": 1,
+        "dataChange": True,
+    }
+    line = json.dumps({"add": added}) + between
+    (log / f"{last + 1:020}.json").write_text(line * 110_000, encoding="utf-8")
+    with pytest.raises(
+        StoreError, match=r"commits since the last checkpoint have 1[01]\d{4} lines"
+    ):
+        Store(place_of(store)).runs()
+    # an incomplete checkpoint in parts is none: the library would read the commits all the same
+    part = log / f"{last + 5:020}.checkpoint.0000000001.0000000002.parquet"
+    shutil.copy(data_file(store, "runs"), part)
+    with pytest.raises(StoreError, match="lines"):
+        Store(place_of(store)).runs()
