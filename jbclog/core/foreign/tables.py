@@ -51,9 +51,9 @@ def open_table(
     with open_foreign(path, Kind.PART) as data, ExitStack() as opened:
         groups = groups_in(footer_of(data))
         try:
-            file = pq.ParquetFile(
+            file = _parquet(
                 path,
-                read_dictionary=list(coded) or None,
+                coded,
                 page_checksum_verification=True,
                 thrift_container_size_limit=MOST_ITEMS,
             )
@@ -62,6 +62,16 @@ def open_table(
             raise NotReadable("has a column whose name is no text") from error
         _expect_plausible(file.metadata, groups, expect_regular(path, Kind.PART))
         yield table
+
+
+def _parquet(
+    source: Path | pa.NativeFile, coded: Sequence[str], **options: object
+) -> pq.ParquetFile:
+    try:
+        return pq.ParquetFile(source, read_dictionary=list(coded) or None, **options)
+    except KeyError as error:  # it is missing, or a structure or a list
+        name = error.args[0].decode(errors="replace")
+        raise NotReadable(f"has no column {name} of plain values") from error
 
 
 def metadata_of(path: Path) -> pq.FileMetaData:
@@ -106,7 +116,7 @@ def batches_in(
     """Yield the columns that are there of some row groups of an open file, some rows at a time,
     texts of the columns `coded` as dictionaries. The file must have been looked at (`sizes_of`).
     """
-    with pq.ParquetFile(source, read_dictionary=list(coded) or None) as file:
+    with _parquet(source, coded) as file:
         there = [name for name in columns if name in file.schema_arrow.names]
         for group in groups:  # over all at once the library reads ahead
             yield from file.iter_batches(rows, [group], there, use_threads=False)

@@ -27,7 +27,13 @@ from jbclog.core.foreign.parquet_footer import (
     groups_in,
 )
 from jbclog.core.foreign.parquet_pages import IN_FULL, TAIL, pages_of
-from jbclog.core.foreign.tables import _texts_in, bounds_of, open_table, read_small
+from jbclog.core.foreign.tables import (
+    _texts_in,
+    batches_in,
+    bounds_of,
+    open_table,
+    read_small,
+)
 
 ROWS = pa.table(
     {
@@ -215,3 +221,19 @@ def test_texts_that_repeat_the_beginning_of_the_one_before_are_bounded(tmp_path:
     assert path.stat().st_size < 100_000
     with pytest.raises(NotReadable, match="MiB of text"):
         read_small(path)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [pa.table({"b": [1]}), pa.table({"a": [{"x": 1}]}), pa.table({"a": [["x"]]})],
+    ids=["missing", "structure", "list"],
+)
+def test_a_column_to_be_coded_that_is_none_of_plain_values(tmp_path: Path, rows: pa.Table) -> None:
+    path = written(tmp_path / "x.parquet", rows)
+    with (
+        pytest.raises(NotReadable, match="has no column a of plain values"),
+        open_table(path, ["a"]),
+    ):
+        pass
+    with pa.OSFile(os.fspath(path)) as data, pytest.raises(NotReadable, match="no column a"):
+        [*batches_in(data, [0], ["a"], 10, ["a"])]
