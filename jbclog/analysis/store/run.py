@@ -69,6 +69,8 @@ class StoredRun(Run):
             path = self.folder / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
+        if not (self.folder / MANIFEST).is_file():
+            raise RecordError(f"{self.place}: its manifest is not in the store")
 
 
 def _condition(selection: Selection) -> pc.Expression | None:

@@ -14,11 +14,12 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.analysis.opening import open_run
 from jbclog.analysis.store.place import Place, place_of
 from jbclog.analysis.store.reader import Store
 from jbclog.app.publish.publisher import Publisher
 from jbclog.app.publish.upkeep import check, compact, vacuum
-from jbclog.core.errors import StoreError
+from jbclog.core.errors import RecordError, StoreError
 from support.records.many_runs import many_runs
 
 LONG_AGO_S = 1_000_000_000
@@ -176,6 +177,19 @@ def test_a_log_names_no_file_elsewhere(store: Path, path: str) -> None:
     for reads in (Store.runs, lambda store: store.newest("x")):
         with pytest.raises(StoreError, match="its log names a file elsewhere"):
             reads(Store(place_of(store)))
+
+
+def test_a_run_without_its_manifest_is_refused(store: Path, run: Path) -> None:
+    """The statistics in the log say that no file has it."""
+    for path in (store / "runs" / "_delta_log").glob("*.json"):
+        lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+        for line in lines:
+            if "add" in line:
+                deep = '{"a":' * 100_000 + "1" + "}" * 100_000
+                line["add"]["stats"] = f'{{"numRecords":1,"minValues":{deep}}}'
+        path.write_text("\n".join(map(json.dumps, lines)), encoding="utf-8")
+    with pytest.raises(RecordError, match="manifest is not in the store"):
+        open_run(store / run.name)
 
 
 @pytest.mark.parametrize("between", ["\n", "", " \t"])
