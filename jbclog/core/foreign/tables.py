@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_regular, open_foreign
+from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_opened, open_foreign
 from jbclog.core.foreign.parquet_footer import MOST_ITEMS, ColumnChunk, RowGroup, groups_in
 from jbclog.core.foreign.parquet_pages import CODES, IN_FULL, Page, footer_of, pages_of
 from jbclog.core.foreign.values import expect_values
@@ -51,8 +51,8 @@ def open_table(
     with open_foreign(path, Kind.PART) as data, ExitStack() as opened:
         groups = groups_in(footer_of(data))
         try:
-            file = _parquet(
-                path,
+            file = _parquet(  # by its descriptor: another file may have its name by now
+                Path(f"/proc/self/fd/{data.fileno()}"),
                 coded,
                 page_checksum_verification=True,
                 thrift_container_size_limit=MOST_ITEMS,
@@ -60,7 +60,7 @@ def open_table(
             table = ParquetTable(opened.enter_context(file), groups, data, most_bytes)
         except UnicodeDecodeError as error:
             raise NotReadable("has a column whose name is no text") from error
-        _expect_plausible(file.metadata, groups, expect_regular(path, Kind.PART))
+        _expect_plausible(file.metadata, groups, expect_opened(data.fileno(), Kind.PART))
         yield table
 
 

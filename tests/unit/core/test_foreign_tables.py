@@ -8,11 +8,13 @@ import io
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from jbclog.core.foreign import tables
 from jbclog.core.foreign.files import NotReadable
 from jbclog.core.foreign.parquet_footer import (
     BINARY,
@@ -237,3 +239,19 @@ def test_a_column_to_be_coded_that_is_none_of_plain_values(tmp_path: Path, rows:
         pass
     with pa.OSFile(os.fspath(path)) as data, pytest.raises(NotReadable, match="no column a"):
         [*batches_in(data, [0], ["a"], 10, ["a"])]
+
+
+def test_a_file_that_is_replaced_by_a_pipe_once_it_is_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = written(tmp_path / "x.parquet")
+    footer = tables.footer_of
+
+    def replaced(data: BinaryIO) -> bytes:
+        path.unlink()
+        os.mkfifo(path)
+        return footer(data)
+
+    monkeypatch.setattr(tables, "footer_of", replaced)
+    with open_table(path) as table:
+        assert pa.concat_tables(table.groups()) == ROWS
