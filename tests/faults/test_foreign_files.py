@@ -234,6 +234,9 @@ SLICE = [
     (NAME, "link to /dev/zero", BAD),
     ("samples/part-0000.parquet", "many rows", BAD),
     (NAME, "t0_utc = 1e308", BAD),
+    (NAME, "ended = no time", BAD),
+    ("recipes/sn100c-tht.toml", "dotted key", BAD),
+    ("samples/part-0000.parquet", "nested station", BAD),
     ("live.sqlite", "endless views", CRASHED),
     ("live.lock", "pipe", CRASHED),
 ]

@@ -117,7 +117,23 @@ def other_bytes(path: Path) -> None:
     )
 
 
+def nested_station(path: Path) -> None:
+    """A structure in the place of the stations' names."""
+    with pq.ParquetFile(path) as file:
+        rows, more = file.read(), dict(file.metadata.metadata or {})
+    if "station" not in rows.schema.names:
+        return
+    at = rows.schema.names.index("station")
+    station = pa.array([{"a": 1}] * rows.num_rows)
+    rows = rows.set_column(at, pa.field("station", station.type, nullable=False), station)
+    with pq.ParquetWriter(path, rows.schema) as writer:
+        writer.write_table(rows)
+        more.pop(b"ARROW:schema", None)
+        writer.add_key_value_metadata(more)
+
+
 PARTS: Final[dict[str, Bomb]] = {
+    "nested station": nested_station,
     "many rows": many_rows,
     "many groups": many_groups,
     "long pages": long_pages,
@@ -195,6 +211,14 @@ MANIFESTS: Final[dict[str, Bomb]] = {
         for place in ("started", "ended")
         for year in ("0001", "9999", "2262")
     },
+    "ended = no time": _told(ended="x"),
+    "started without a zone": _told(started="2026-11-21T01:30:00"),
+    "an operator of a million letters": _told(metadata__operator="x" * 1_000_000),
+    "1000 tags of 1000 letters": _told(
+        metadata__tags={f"t{at}": "word " * 200 for at in range(1000)}
+    ),
+    "900 000 keys": _told(more={f"k{at}": 1 for at in range(900_000)}),
+    "15 MB of numbers": _text('{"run": "x", "more": [', "1.5,", 3_900_000, "1]}"),
     "15 MB of lists": _text('{"run": "x", "stations": [', "[],", 5_000_000, "[]]}"),
     "15 MB of texts": _text('{"run": "x", "units": [', '"a",', 3_700_000, '"a"]}'),
     "nested": _text("", "[", 2_000_000),
@@ -299,6 +323,14 @@ WIRES: Final[dict[str, Bomb]] = {
     "noise": lambda path: path.write_bytes(np.random.default_rng(1).bytes(100_000)) and None,
 }
 
+RECIPES: Final[dict[str, Bomb]] = {
+    **LINES,
+    "nested lists": _text("joints = ", "[", 30_000, "]" * 30_000),
+    "nested tables": _text("joints = ", "{a=", 15_000, "1" + "}" * 15_000),
+    "dotted key": _text("a", ".a", 31_999, " = 1"),  # 6 s and gigabytes in `tomllib`
+    "huge numbers": _text("[joints]\nmin_depth_c = 1e400\nsettle_s = ", "9", 60_000),
+}
+
 BOMBS: Final[dict[str, dict[str, Bomb]]] = {
     NAME: MANIFESTS,
     "annotations.jsonl": LINES,
@@ -309,6 +341,7 @@ BOMBS: Final[dict[str, dict[str, Bomb]]] = {
     "report.json": {
         **LINES,
         "a list": _text("[]"),
+        "31 MB of numbers": _text('{"more": [', "1.5,", 7_500_000, "1]}"),
         "written": _text('{"manifest_sha256": 1, "written": [1]}'),
     },
     "samples/part-0000.parquet": PARTS,
@@ -320,7 +353,7 @@ BOMBS: Final[dict[str, dict[str, Bomb]]] = {
     "live.sqlite": STORES,
     "live.lock": LINES,
     "wire/a.tsv.gz": WIRES,
-    "recipes/sn100c-tht.toml": LINES,
+    "recipes/sn100c-tht.toml": RECIPES,
 }
 """File of a run -> what is put in its place, by name."""
 

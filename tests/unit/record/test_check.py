@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import timedelta
@@ -83,6 +84,15 @@ def test_a_part_cut_short(run: Path, share: float) -> None:
     found = texts(run)
     assert any("events/part-0000.parquet: has" in text for text in found)
     assert any("events/part-0000.parquet: cannot be read" in text for text in found)
+
+
+def test_a_part_of_another_size_is_not_read_to_hash_it(run: Path) -> None:
+    path = run / "samples" / "part-0000.parquet"
+    with path.open("r+b") as file:
+        file.truncate(4 << 30)  # a sparse file: its hash takes more than 5 s of CPU
+    began = time.process_time()
+    assert any("was changed: its SHA-256" in text for text in texts(run))
+    assert time.process_time() - began < 2
 
 
 def test_files_missing_added_and_changed(run: Path) -> None:
