@@ -6,8 +6,10 @@ from __future__ import annotations
 
 import os
 import shutil
+import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -278,3 +280,71 @@ def test_one_bad_folder_is_a_finding_in_its_place(kept: Path, tmp_path: Path, pa
             verb,
             ended,
         )
+
+
+def _gone(path: Path) -> None:
+    path.unlink(missing_ok=True)
+
+
+def _longer(path: Path) -> None:
+    with path.open("ab") as file:
+        file.write(b" " * 200_000)
+
+
+REPLACED = {
+    "pipe": SPECIAL["pipe"],
+    "link to /dev/zero": SPECIAL["link to /dev/zero"],
+    "gone": _gone,
+    "longer": _longer,
+}
+
+
+@contextmanager
+def replaced_without_end(path: Path, made: Callable[[Path], None]) -> Iterator[None]:
+    """Another program's doing: the file, and something else under its name, in turns."""
+    data, new, is_over = path.read_bytes(), path.parents[2] / "new", threading.Event()
+
+    def replace() -> None:
+        while not is_over.is_set():
+            with suppress(OSError):  # the command removes or makes it at the same time
+                made(path) if made in (_gone, _longer) else put(path, made)
+                new.write_bytes(data)
+                new.replace(path)
+
+    swapping = threading.Thread(target=replace)
+    swapping.start()
+    try:
+        yield
+    finally:
+        is_over.set()
+        swapping.join()
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("kind", REPLACED)
+@pytest.mark.parametrize(
+    "path",
+    [
+        NAME,
+        "annotations.jsonl",
+        "samples/part-0000.parquet",
+        "events/part-0000.parquet",
+        "report.json",
+        "recipes/sn100c-tht.toml",
+        "live.sqlite",
+        "live.lock",
+    ],
+)
+def test_every_verb_answers_while_a_file_is_replaced(
+    kept: Path, tmp_path: Path, pairs: Pairs, path: str, kind: str
+) -> None:
+    of = CRASHED if path.startswith("live") else BAD
+    wrong = []
+    for verb in VERBS if of == BAD else VERBS_OF_CRASHED:
+        place = Place(kept, tmp_path / "home", of)
+        with replaced_without_end(place.bad / path, REPLACED[kind]):
+            trouble = is_answer(place, verb, place.run(pairs, verb))
+        if trouble:
+            wrong.append(f"{verb}: {trouble}")
+    assert wrong == []
