@@ -28,6 +28,8 @@ MOST: Final = {
 """The maximum number of entries of each list, generous against the longest run."""
 MOST_OF_STATION: Final = 1000  # entries of each list of a station
 
+LONGEST_NAME: Final = 200  # a line file takes 64; each figure and table has them
+
 
 def expect_counts(counts: Mapping[str, int], stations: Iterable[StationFacts]) -> None:
     """Raise ValueError for a list that is too long; `counts` has those of `Manifest.counts`."""
@@ -35,6 +37,10 @@ def expect_counts(counts: Mapping[str, int], stations: Iterable[StationFacts]) -
         if count > MOST[name]:
             raise ValueError(f"{count} {name}, at most {MOST[name]}")
     for station in stations:
+        if len(station.name) > LONGEST_NAME:
+            raise ValueError(
+                f"a station's name of {len(station.name)} characters, at most {LONGEST_NAME}"
+            )
         for one in fields(station):
             value = getattr(station, one.name)
             if isinstance(value, list | dict) and len(value) > MOST_OF_STATION:

@@ -41,7 +41,9 @@ from jbclog.report.typeset import LACKING, LACKING_MEANS, drawable, pdf_of
 MOST_REASONS: Final = 6
 MOST_FINDINGS: Final = 60
 SHORT: Final = 300  # characters of a text: nearly all have fewer
-LONGEST: Final = 20_000  # that of 500 serials
+# that of 500 serials. The typesetter panics where it cuts a document's title after 65 535 bytes
+# within a letter; it puts a break of three bytes behind each letter of four or fewer
+LONGEST: Final = 9_000
 ALL_LONG: Final = 100_000  # of all texts that are not short, together
 UNKNOWN: Final = datetime(1970, 1, 1, tzinfo=UTC)
 BOUNDS: Final = (

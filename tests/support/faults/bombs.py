@@ -213,6 +213,8 @@ MANIFESTS: Final[dict[str, Bomb]] = {
     },
     "ended = no time": _told(ended="x"),
     "started without a zone": _told(started="2026-11-21T01:30:00"),
+    "a station of a million letters": _told(stations__0__name="x" * 1_000_000),
+    "a verdict of a million letters": _told(verdict="x" * 1_000_000),
     "an operator of a million letters": _told(metadata__operator="x" * 1_000_000),
     "1000 tags of 1000 letters": _told(
         metadata__tags={f"t{at}": "word " * 200 for at in range(1000)}
