@@ -254,6 +254,9 @@ def test_every_signal_of_every_family_is_a_column() -> None:
 
 STATION = StationFacts("a", "url", "dde")
 TOO_LONG = {
+    "a station's name of 201 characters, at most 200": replace(
+        FULL, stations=[replace(STATION, name="x" * 201)]
+    ),
     "513 stations, at most 512": replace(FULL, stations=[STATION] * 513),
     "1001 tags, at most 1000": replace(
         FULL, metadata=Metadata(tags={f"t{number}": "v" for number in range(1001)})
