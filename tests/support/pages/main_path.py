@@ -69,7 +69,7 @@ def svg() -> str:
         imported = graph.find_modules_directly_imported_by(f"jbclog.{importer}")
         lines += [_arrow(importer, other) for other in BOXES if f"jbclog.{other}" in imported]
     for importer, other in CHAINS:
-        chain = graph.find_shortest_chain(f"jbclog.{importer}", f"jbclog.{other}") or ()
+        chain = _shortest_chain(graph, f"jbclog.{importer}", f"jbclog.{other}")
         between = ", ".join(
             f"{name.removeprefix('jbclog.').replace('.', '/')}.py" for name in chain[1:-1]
         )
@@ -84,6 +84,21 @@ def svg() -> str:
         ' d="M0 0L8 4L0 8z"'
         f' style="fill:#555;stroke:none;marker-end:none"/></marker></defs>\n{drawn}\n</svg>\n'
     )
+
+
+def _shortest_chain(graph: grimp.ImportGraph, importer: str, imported: str) -> list[str]:
+    """Return the first by name of the shortest ways from one module to another; the library's own
+    is any of them.
+    """
+    chains = [[importer]]
+    seen = {importer}
+    for chain in chains:
+        for name in sorted(graph.find_modules_directly_imported_by(chain[-1]) - seen):
+            if name == imported:
+                return [*chain, name]
+            seen.add(name)
+            chains.append([*chain, name])
+    return []
 
 
 def _box(name: str, box: Box) -> str:
