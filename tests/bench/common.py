@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import resource
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -22,6 +23,8 @@ from typing import ParamSpec, TypeVar
 
 from jbclog.core.serial_line import LineFormat
 from jbclog.sim.process import SimProcess
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # `support`: a script has only its own folder
 
 LINE = LineFormat()
 READ_S = LINE.read_s()  # 14.06 ms: an addressed read and its answer at 19200 8N1

@@ -42,3 +42,30 @@ def test_short_form_holds_its_claims(name: str) -> None:
     )
     print(done.stdout)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+LOAD_EACH = """
+import runpy, sys
+tests, folder, *scripts = sys.argv[1:]
+others = sys.path[1:]
+for script in scripts:
+    sys.path[:] = [folder, *others]
+    for name, module in [*sys.modules.items()]:
+        if (getattr(module, "__file__", None) or "").startswith(tests):
+            del sys.modules[name]
+    runpy.run_path(script)
+"""
+
+
+def test_every_benchmark_can_be_loaded_as_a_script() -> None:
+    """Each with its own folder on the path, and no other of the tests: nothing else runs them all."""
+    folder = Path(__file__).parent
+    scripts = sorted(map(str, folder.glob("bench_*.py")))
+    loaded = subprocess.run(
+        [sys.executable, "-c", LOAD_EACH, str(folder.parent), str(folder), *scripts],
+        cwd="/",
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    assert (loaded.returncode, loaded.stderr) == (0, "")
