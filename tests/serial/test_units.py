@@ -4,6 +4,7 @@ give them.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pty
 import re
@@ -199,8 +200,6 @@ class Terminal:
         self._reader.start()
 
     def _take(self) -> None:
-        import fcntl
-
         fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
     def _read(self) -> None:
@@ -229,7 +228,7 @@ def test_a_reader_types_beside_the_table_without_spoiling_it(bench: Bench, tmp_p
     out = tmp_path / "runs"
     terminal = Terminal(*arguments(line, out, "--units", "-", "--until-units", "9"))
     try:
-        assert until(lambda: is_sampling(out))
+        assert until(lambda: is_sampling(out)), (terminal.run.poll(), terminal.shown)
         assert not terminal.echoes
         terminal.type("SN-1\r")
         assert until(lambda: b"Unit SN-1 begins" in terminal.shown)
