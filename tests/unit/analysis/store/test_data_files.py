@@ -5,7 +5,6 @@ refused.
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 import pandas as pd
@@ -17,31 +16,12 @@ import jbclog
 from jbclog.analysis.store import data_files, rows
 from jbclog.analysis.store.place import place_of
 from jbclog.analysis.store.reader import Store
-from jbclog.app.publish.publisher import Publisher
 from jbclog.app.publish.upkeep import compact
 from jbclog.core.errors import RecordError, StoreError
+from jbclog.core.foreign.parquet_sizes import sizes_of
 from support.faults.store_bombs import WORD, data_file, told
-from support.records.many_runs import many_runs
 
 ROWS = 300
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return many_runs(tmp_path_factory.mktemp("runs"), [0.2])[0]
-
-
-@pytest.fixture(scope="module")
-def filled(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = place_of(tmp_path_factory.mktemp("plant") / "store")
-    with Publisher(place) as publisher:
-        publisher.publish(run)
-    return Path(place.url)
-
-
-@pytest.fixture
-def store(filled: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(filled, tmp_path / "store")
 
 
 def rewritten(store: Path, table: str, **columns: pa.Array | None) -> None:
@@ -132,3 +112,14 @@ def test_the_library_s_own_checkpoint_is_read(store: Path) -> None:
     Store(place_of(store)).table("runs").create_checkpoint()
     assert [*(store / "runs" / "_delta_log").glob("*.parquet")] != []
     assert len(Store(place_of(store)).runs()) == 1
+
+
+@pytest.mark.parametrize("encoding", ["PLAIN", "DELTA_LENGTH_BYTE_ARRAY", "DELTA_BYTE_ARRAY"])
+def test_what_texts_take_is_no_less_than_they_do(tmp_path: Path, encoding: str) -> None:
+    """In the last encoding each repeats the beginning of the one before: 2 MB of text in a page of
+    10 kB.
+    """
+    path, texts = tmp_path / "a.parquet", pa.table({"name": ["x" * 10_000] * 200})
+    pq.write_table(texts, path, use_dictionary=False, column_encoding={"name": encoding})
+    with path.open("rb") as data:
+        assert sizes_of(data).written(["name"]) >= 200 * 10_000

@@ -20,28 +20,9 @@ from jbclog.analysis.store.reader import Store
 from jbclog.app.publish.publisher import Publisher
 from jbclog.app.publish.upkeep import check, compact, vacuum
 from jbclog.core.errors import RecordError, StoreError
-from support.records.many_runs import many_runs
 
 LONG_AGO_S = 1_000_000_000
 HINT = "runs/_delta_log/_last_checkpoint"
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return many_runs(tmp_path_factory.mktemp("runs"), [0.2])[0]
-
-
-@pytest.fixture(scope="module")
-def filled(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = place_of(tmp_path_factory.mktemp("plant") / "store")
-    with Publisher(place) as publisher:
-        publisher.publish(run)
-    return Path(place.url)
-
-
-@pytest.fixture
-def store(filled: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(filled, tmp_path / "store")
 
 
 @pytest.fixture
