@@ -344,12 +344,12 @@ family = "dde"
 [station.sim]
 [[station.sim.fault]]
 kind = "late"
-at_s = 5.0
+at_s = 10.0
 for_s = 0.3
 by_s = 0.5
 [[station.sim.fault]]
 kind = "silence"
-at_s = 6.0
+at_s = 11.0
 for_s = 9.0
 
 [[station]]
@@ -369,7 +369,7 @@ def test_on_real_terminals_a_neighbour_bears_out_that_only_one_station_was_silen
     (tmp_path / "line").mkdir()
     with ServedLine(tmp_path / "line", REAL, READ_ONLY) as served:
         ended = jbclog(
-            "run", served.recipe, "--line", served.path, "--out", tmp_path / "runs", "-d", "13s"
+            "run", served.recipe, "--line", served.path, "--out", tmp_path / "runs", "-d", "18s"
         )
     folder = Path(ended.stdout.splitlines()[-1])
     events = pd.read_parquet(folder / "events")

@@ -14,7 +14,7 @@ from jbclog.sim.process import SimProcess
 from support.command import RECIPE, WireLog, is_sampling, jbclog, started, until
 
 Bench = tuple[Path, WireLog]
-OUTAGE = "[[station.sim.fault]]\nkind = 'dropout'\nat_s = 2.5\nfor_s = 3600\n"
+OUTAGE = "[[station.sim.fault]]\nkind = 'dropout'\nat_s = 8\nfor_s = 3600\n"
 
 
 def by_hand(*words: str | Path) -> Result:
@@ -72,7 +72,7 @@ def test_while_a_run_holds_the_station_it_is_refused_and_the_run_named(
 
 @pytest.fixture
 def leaving(tmp_path: Path) -> Iterator[Path]:
-    """A station that is unplugged for good three seconds after its first question; the line file
+    """A station that is unplugged for good eight seconds after its first question; the line file
     for a run.
     """
     source = tmp_path / "source.toml"

@@ -31,7 +31,8 @@ STATION = (
     '[[station]]\nname = "{name}"\nurl = "{name}"\nfamily = "dde"\nports ='
     " [1]\n[station.sim]\n{sim}\n"
 )
-DROPOUT = '[[station.sim.fault]]\nkind = "dropout"\nat_s = 4\nfor_s = 1.0\n'
+# a busy machine takes seconds until the first sample
+DROPOUT = '[[station.sim.fault]]\nkind = "dropout"\nat_s = 10\nfor_s = 1.0\n'
 
 
 @pytest.fixture
@@ -72,7 +73,7 @@ def test_a_whole_run_of_two_stations_of_which_one_drops_out(served: Callable[...
     memory, clock, reactor = Memory(), SystemClock(), Reactor()
     recipe = parse_recipe(RECIPE + 'on_difference = "continue"\n')
     contexts = [
-        SessionContext(order_for(spec, recipe, clock, 8.0, None), memory, UtcOffset(clock))
+        SessionContext(order_for(spec, recipe, clock, 14.0, None), memory, UtcOffset(clock))
         for spec in line.stations
     ]
     for context, spec in zip(contexts, line.stations, strict=True):

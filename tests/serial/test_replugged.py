@@ -18,7 +18,7 @@ from jbclog.record.check import check
 from support.command import started, until
 from support.virtual.served_line import ServedLine
 
-OUT_S, FOR_S, RUN_S = 5.0, 2.5, 12  # a busy machine takes seconds until its first sample
+OUT_S, FOR_S, RUN_S = 9.0, 2.5, 16  # a busy machine takes seconds until its first sample
 STATION = """
 [[station]]
 name = "{name}"

@@ -50,7 +50,7 @@ family = "dde"
 ports = [1]
 [[station.sim.fault]]
 kind = "dropout"
-at_s = 6.0
+at_s = 10.0
 for_s = 4.0
 """
 RECIPE = """
@@ -108,7 +108,7 @@ def until(follower: Follower, holds: Callable[[RunState], bool]) -> RunState:
 
 
 def test_a_run_from_its_start_to_its_report(tmp_path: Path) -> None:
-    with running(tmp_path, "15s") as (process, runs), Follower(runs) as follower:
+    with running(tmp_path, "19s") as (process, runs), Follower(runs) as follower:
         until(
             follower,
             lambda run: (
