@@ -4,8 +4,13 @@ late is each tick, and what does a run cost?
     git worktree add --detach /tmp/other a5e78687
     python tests/bench/bench_other_tree.py /tmp/other
 
-a5e78687 is the last commit on asyncio's loop. Both run in this Python. CPU is of a whole run, its
-start and its sealed record included.
+a5e78687 is the last commit on asyncio's loop. Both run in this Python, with all their processes
+from their own tree, and leave no metrics: those would be computed during the next run. CPU is of a
+whole run, its start and its sealed record included.
+
+Whether 10 Hz fit a wire is decided by the response time at the start, when all stations are asked
+at once, and one station that is refused keeps all others from starting. So a run that recorded
+nothing is shown with the end of its output and made again, `TRIES` times in all.
 """
 
 from __future__ import annotations
@@ -21,13 +26,19 @@ from statistics import median
 import pyarrow.parquet as pq
 from common import Bench, at_most, judge, percentile, show, virtual_stations
 
+from jbclog.app.run.metrics_cache import OFF
+
 HERE = Path(__file__).parents[2]
 COLUMNS = ("medians of rounds", "late ms 50 %", "99 %", "latest", "skipped", "CPU s")
 NOT_IN_IT_S = 2.0  # the first ticks, while a run's code is new to the processor
+TRIES = 3
+LINES = 12  # of a run's output: a station's refusal stands there
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
+    """What a run recorded, and what it took."""
+
     late_ms: tuple[float, float, float]  # of each tick's first question: 50 %, 99 %, the latest
     skipped: int
     cpu_s: float
@@ -36,16 +47,21 @@ class Run:
         return [*self.late_ms, float(self.skipped), self.cpu_s]
 
 
+class RecordedNothing(Exception):
+    """A run without a sample that counts."""
+
+
 def main() -> int:
     wanted = _wanted()
-    runs: dict[Path, list[Run]] = {HERE: [], wanted.tree.resolve(): []}
+    trees = (HERE, wanted.tree.resolve())
+    runs: tuple[list[Run], list[Run]] = ([], [])
     with virtual_stations(wanted.stations) as stations:
         recipe = stations.recipe(alarms_every_s=0.2)
         for turn in range(wanted.rounds):
-            for tree in list(runs)[:: 1 if turn % 2 else -1]:
-                out = stations.folder / f"{turn}-{len(runs[tree])}-{tree.name}"
-                runs[tree].append(_run(tree, stations, recipe, out, wanted.seconds))
-    ours, others = runs.values()
+            for which in (0, 1) if turn % 2 else (1, 0):
+                out = stations.folder / f"{turn}-{which}"
+                runs[which].append(_run(trees[which], stations, recipe, out, wanted.seconds))
+    ours, others = runs
     show(
         f"{wanted.stations} stations, {wanted.rounds} rounds of {wanted.seconds:g} s",
         COLUMNS,
@@ -77,29 +93,60 @@ def _wanted() -> argparse.Namespace:
 
 
 def _run(tree: Path, stations: Bench, recipe: Path, out: Path, seconds: float) -> Run:
-    command = [sys.executable, "-m", "jbclog", "run", str(recipe), "--line", str(stations.line)]
-    process = subprocess.Popen(
-        [*command, "--duration", f"{seconds:g}s", "--out", str(out)],
-        cwd=tree,  # `-m` takes the package from there
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+    for number in range(TRIES):
+        try:
+            return _tried(tree, stations, recipe, out / f"{number}", seconds)
+        except RecordedNothing as nothing:
+            print(nothing, file=sys.stderr, flush=True)
+    sys.exit(f"{tree}: {TRIES} runs recorded nothing")
+
+
+def _tried(tree: Path, stations: Bench, recipe: Path, out: Path, seconds: float) -> Run:
+    """Make one run. Raises `RecordedNothing`."""
+    # PYTHONPATH holds for the guard and the sealing child, too; the current folder does not
+    command = [sys.executable, "-P", "-m", "jbclog", "run", str(recipe), "--line"]
+    said = out.with_suffix(".log")
+    said.parent.mkdir(exist_ok=True)
+    with said.open("wb") as log:
+        process = subprocess.Popen(
+            [*command, str(stations.line), "--duration", f"{seconds:g}s", "--out", str(out)],
+            env=os.environ | {"PYTHONPATH": str(tree), OFF: "1"},
+            stdout=log,
+            stderr=log,
+        )
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    late, skipped = _lateness(out)
+    if not late:
+        last = said.read_text(errors="replace").splitlines()[-LINES:]
+        raise RecordedNothing(
+            f"{tree}: a run of {seconds:g} s recorded no tick later than {NOT_IN_IT_S:g} s and"
+            f" ended with {process.returncode}. The end of its output:\n  "
+            + "\n  ".join(last or ["(it has none)"])
+        )
+    return Run(
+        (percentile(late, 50), percentile(late, 99), max(late)),
+        skipped,
+        used.ru_utime + used.ru_stime,
     )
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    (folder,) = out.glob("*-bench-*")
-    table = pq.read_table(folder / "samples", columns=["time", "late_us", "reasons"])
+
+
+def _lateness(out: Path) -> tuple[list[float], int]:
+    """How late each tick was that counts, in ms, of the run below `out`, and how many ticks were
+    skipped; nothing where there is no run.
+    """
+    parts = [*out.glob("*-bench-*/samples/*.parquet")]
+    if not parts:
+        return [], 0
+    table = pq.read_table(parts[0].parent, columns=["time", "late_us", "reasons"])
     times = table["time"].cast("int64").to_pylist()
-    begun = min(times) + NOT_IN_IT_S * 1e6
+    begun = min(times, default=0) + NOT_IN_IT_S * 1e6
     late = [
         us / 1000
         for time, us in zip(times, table["late_us"].to_pylist(), strict=True)
         if us is not None and time >= begun
     ]
-    return Run(
-        (percentile(late, 50), percentile(late, 99), max(late)),
-        sum("skipped" in reasons for reasons in table["reasons"].to_pylist() if reasons),
-        used.ru_utime + used.ru_stime,
-    )
+    return late, sum("skipped" in reasons for reasons in table["reasons"].to_pylist() if reasons)
 
 
 if __name__ == "__main__":

@@ -69,3 +69,36 @@ def test_every_benchmark_can_be_loaded_as_a_script() -> None:
         check=False,
     )
     assert (loaded.returncode, loaded.stderr) == (0, "")
+
+
+def other_tree(tree: Path, stations: int, seconds: int) -> subprocess.CompletedProcess[str]:
+    """One round of this tree and `tree`."""
+    script = Path(__file__).with_name("bench_other_tree.py")
+    wanted = {"--stations": stations, "--rounds": 1, "--seconds": seconds, "--most": 100}
+    options = [str(part) for pair in wanted.items() for part in pair]
+    return subprocess.run(
+        [sys.executable, str(script), str(tree), *options],
+        capture_output=True,
+        text=True,
+        timeout=LONGEST_S,
+        check=False,
+    )
+
+
+@pytest.mark.bench
+@pytest.mark.timeout(LONGEST_S)
+def test_a_tree_can_be_compared_with_itself() -> None:
+    done = other_tree(Path(__file__).parents[2], stations=2, seconds=5)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("PASS") == 2
+
+
+def test_a_tree_that_records_nothing_is_named_with_the_end_of_its_output(tmp_path: Path) -> None:
+    tree = tmp_path.resolve()
+    (tree / "jbclog").mkdir()
+    (tree / "jbclog/__init__.py").touch()
+    (tree / "jbclog/__main__.py").write_text("raise SystemExit('10 Hz does not fit its wire')")
+    done = other_tree(tree, stations=1, seconds=1)
+    assert done.returncode == 1
+    assert done.stderr.count("ended with 1. The end of its output:\n  10 Hz does not fit") == 3
+    assert f"{tree}: 3 runs recorded nothing" in done.stderr
