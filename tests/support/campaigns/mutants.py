@@ -3,7 +3,7 @@ cover its line.
 
 ::
 
-    python tests/support campaigns.mutants cover WORK            # once: a copy of the tree, and which test runs which line
+    python tests/support campaigns.mutants cover WORK            # once: a copy of the tree, and which test runs which line; again to go on
     python tests/support campaigns.mutants run WORK safety,guard 600   # try mutants of these packages for 600 s; again to go on
     python tests/support campaigns.mutants run WORK safety,guard 600 40   # and those that survived again, with 40 s of tests
     python tests/support campaigns.mutants again WORK safety tests/unit/session/safety/test_secure.py   # survivors, tests of today
@@ -21,6 +21,11 @@ What is changed outside functions (a constant, a default) is tried in a fork tha
 the project yet. A test that takes far longer than usual has noticed. A test that runs in real time
 has to fail twice: a busy machine alone may fail it once. So the share that was noticed may be
 smaller than it is with all tests, hardly greater. WORK/PACKAGE.jsonl holds the outcome of each.
+
+`cover` and `run` may be ended at any time, and go on where they ended. `run` takes a mutant of each
+package in turn, so that all have as many by then, but for one. SIGINT, SIGTERM or SIGHUP to the
+tool end the trial in hand as well, with its process group, and put the file that it changed back.
+After SIGKILL the trial runs to its end, and the next command puts the file back.
 """  # noqa: E501  # commands are copied as one line
 
 from __future__ import annotations
@@ -28,6 +33,7 @@ from __future__ import annotations
 import ast
 import compileall
 import copy
+import fcntl
 import gc
 import importlib
 import json
@@ -44,12 +50,12 @@ import sys
 import threading
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from itertools import chain, zip_longest
 from pathlib import Path
 from types import CodeType, FrameType, FunctionType
-from typing import Any
+from typing import Any, Self
 
 HERE = Path(__file__).resolve().parents[3]
 # and where they are
@@ -133,6 +139,8 @@ ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "ARROW_NUM_THREADS")
 # in the environment of all that a test starts: what outlives the test is ended by it
 MARK = "JBCLOG_MUTANT"
 TRACE = "JBCLOG_MUTANTS_TRACE"
+IN_HAND = "in-hand.json"  # the file that a mutant replaces, as it was
+ENDED_BY = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 Mutant = tuple[str, int, str, int, int]
 """File, line, word, number of the node, number of the change."""
@@ -373,6 +381,82 @@ def copied(work: Path) -> Path:
     return tree
 
 
+def begin(work: Path) -> None:
+    """Be the only one to work in WORK as long as this process lives, and put right what a killed
+    one has left there: a changed file, a part of a row.
+    """
+    lock = os.open(work / "lock", os.O_RDWR | os.O_CREAT)
+    try:
+        fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        sys.exit(f"another process works in {work}")
+    restore(work)
+    for path in work.glob("*.jsonl"):
+        os.truncate(path, path.read_bytes().rfind(b"\n") + 1)
+
+
+@contextmanager
+def changed(work: Path, name: str, text: str) -> Iterator[None]:
+    """Have `text` in this file of the tree for as long as the `with` lasts."""
+    path, kept = work / "tree" / name, work / IN_HAND
+    before = path.stat()
+    times = [before.st_atime_ns, before.st_mtime_ns]  # by which compiled files are known
+    aside = kept.with_suffix(".new")
+    aside.write_text(json.dumps({"name": name, "text": path.read_text(), "times": times}))
+    aside.replace(kept)
+    try:
+        path.write_text(text)
+        yield
+    finally:
+        restore(work)
+
+
+def restore(work: Path) -> None:
+    """Put back what `changed` has replaced."""
+    kept = work / IN_HAND
+    if not kept.exists():
+        return
+    was = json.loads(kept.read_text())
+    path = work / "tree" / was["name"]
+    with suppress(FileNotFoundError):  # the tree was removed, to be copied anew
+        path.write_text(was["text"])
+        os.utime(path, ns=tuple(was["times"]))
+    kept.unlink()
+
+
+def whole_rows(path: Path) -> list[dict[str, Any]]:
+    """The rows of a file of JSON lines, without one that is being written."""
+    text = path.read_text() if path.exists() else ""
+    return [json.loads(row) for row in text[: text.rfind("\n") + 1].splitlines()]
+
+
+def add_row(path: Path, row: Mapping[str, Any]) -> None:
+    with path.open("a") as file:
+        file.write(json.dumps(row) + "\n")
+
+
+def interrupted(number: int, _frame: FrameType | None) -> None:
+    """End the work here, once: what puts things right is not ended again."""
+    for one in ENDED_BY:
+        signal.signal(one, signal.SIG_IGN)
+    raise KeyboardInterrupt(signal.Signals(number).name)
+
+
+def end_when_asked() -> None:
+    """Call `interrupted` on the signals of `ENDED_BY` that are not ignored (`nohup`)."""
+    for number in ENDED_BY:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, interrupted)
+
+
+def take_signals_as_usual() -> None:
+    """Undo `end_when_asked`: tests expect what a new process does."""
+    for number in ENDED_BY:
+        if signal.getsignal(number) is interrupted:
+            usual = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+            signal.signal(number, usual)
+
+
 def enter(work: Path) -> None:
     """Be in the copy, with everything imported that is not the project's."""
     tree = work / "tree"
@@ -427,6 +511,8 @@ class Child:
         self.pid = os.fork()
         if self.pid:
             os.close(write)
+            with suppress(OSError):  # here as well: it may not have begun when it is ended
+                os.setpgid(self.pid, self.pid)
             return
         try:
             self._live(act, write, trace)
@@ -438,6 +524,7 @@ class Child:
     ) -> None:
         # in the same session: where the system groups by session, its nice value holds
         os.setpgid(0, 0)
+        take_signals_as_usual()
         quiet = os.open(os.devnull, os.O_RDWR)
         for number in (0, 1, 2):
             os.dup2(quiet, number)
@@ -471,10 +558,10 @@ class Child:
                 yield last
 
     def end(self) -> int:
-        """End it, and all that was started in it; give how it ended."""
+        """End it with its process group, and all that was started in it; give how it ended."""
         os.close(self._end)
         with suppress(ProcessLookupError):
-            os.kill(self.pid, signal.SIGKILL)
+            os.killpg(self.pid, signal.SIGKILL)
         _, status, used = os.wait4(self.pid, 0)
         self.cpu_s = used.ru_utime + used.ru_stime
         mark = f"{MARK}={self.pid}".encode()
@@ -586,41 +673,64 @@ def one_by_one(
 
 
 def cover(work: Path) -> None:
-    """Measure which test runs which line, and what each costs: seconds, and seconds of CPU time."""
+    """Measure which test runs which line, and what each costs: seconds, and seconds of CPU time.
+
+    What was copied and measured before stays: another commit takes another WORK.
+    """
     work.mkdir(parents=True, exist_ok=True)
-    copied(work)
+    begin(work)
+    path, is_whole = work / "cover.jsonl", False
+    if not (work / "tree/COMMIT").exists():
+        path.unlink(missing_ok=True)
+        copied(work)
     enter(work)
-    lines: dict[str, dict[int, list[str]]] = defaultdict(lambda: defaultdict(list))
-    took: dict[str, list[float]] = {}
+    known = {row["test"] for row in whole_rows(path)}
 
     def measure(items: dict[str, Any]) -> None:
-        trace = work / "trace"
+        nonlocal is_whole
         for item in chosen(list(items.values())):
-            trace.write_text("")
-            began, status, passed = time.monotonic(), 0, False
-
-            def act(say: Callable[[str], None], item: Any = item) -> None:
-                traced_here()
-                if one_by_one([item], {item.nodeid: [99.0, 99.0]}, say):
-                    cpu = resource.getrusage(resource.RUSAGE_CHILDREN)
-                    say(f"done {time.process_time() + cpu.ru_utime + cpu.ru_stime}")
-
-            child, cpu = Child(work, act, trace), 0.0
-            for text in child.said(lambda _: 100.0):
-                if text.startswith("done "):
-                    passed, cpu = True, float(text.split()[1])
-            status = child.end()
-            if not passed:
-                print("left out", item.nodeid, status, flush=True)
-                continue
-            took[item.nodeid] = [round(time.monotonic() - began, 3), round(cpu, 3)]
-            for place in set(trace.read_text().split()):
-                name, _, line = place.rpartition(":")
-                lines[name][int(line)].append(item.nodeid)
+            if item.nodeid not in known:
+                add_row(path, measured(work, item))
+        is_whole = bool(items)
 
     collected(measure, [name for name in COVERING if Path(name).exists()])
+    if not is_whole:
+        sys.exit("not all tests were measured")
+    rows = [row for row in whole_rows(path) if row["took"]]
+    lines: dict[str, dict[int, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for row in rows:
+        for place in row["ran"]:
+            name, _, line = place.rpartition(":")
+            lines[name][int(line)].append(row["test"])
+    took = {row["test"]: row["took"] for row in rows}
     (work / "cover.json").write_text(json.dumps({"lines": lines, "took": took}))
     print(f"{len(took)} tests, {sum(cpu for _, cpu in took.values()):.0f} s of CPU time")
+
+
+def measured(work: Path, item: Any) -> dict[str, Any]:
+    """The lines that this test runs, and what it costs; None where it fails while it is watched."""
+    trace = work / "trace"
+    trace.write_text("")
+    began, cpu = time.monotonic(), None
+
+    def act(say: Callable[[str], None]) -> None:
+        traced_here()
+        if one_by_one([item], {item.nodeid: [99.0, 99.0]}, say):
+            used = resource.getrusage(resource.RUSAGE_CHILDREN)
+            say(f"done {time.process_time() + used.ru_utime + used.ru_stime}")
+
+    child = Child(work, act, trace)
+    try:
+        for text in child.said(lambda _: 100.0):
+            if text.startswith("done "):
+                cpu = float(text.split()[1])
+    finally:
+        status = child.end()
+    if cpu is None:
+        print("left out", item.nodeid, status, flush=True)
+        return {"test": item.nodeid, "took": None, "ran": []}
+    took = [round(time.monotonic() - began, 3), round(cpu, 3)]
+    return {"test": item.nodeid, "took": took, "ran": sorted(set(trace.read_text().split()))}
 
 
 def lines_of(tree: Path, name: str, line: int) -> list[tuple[str, int]]:
@@ -715,25 +825,40 @@ class Trial:
         os.close(ask)
         os.close(answer)
         self._answers = os.fdopen(self._answer, "r")
-        self._answers.readline()  # it has collected
+
+    def __enter__(self) -> Self:
+        try:
+            if not self._answers.readline():
+                sys.exit("the tests could not be collected")
+        except BaseException:
+            self._end(signal.SIGTERM)
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._end(None if kind is None else signal.SIGTERM)
+
+    def _end(self, how: signal.Signals | None) -> None:
+        """End the process that has collected, with the trial that it is at where `how` says so."""
+        if how is not None:
+            os.kill(self._warm, how)
+        os.close(self._ask)
+        self._answers.close()
+        os.waitpid(self._warm, 0)
 
     def outcome(self, mutant: Mutant, tests: Sequence[str]) -> dict[str, Any]:
         """Its result. Done again with the test alone that noticed, where that runs in real time."""
         began, self._cpu_s = time.monotonic(), 0.0
         name, _, _, node, which = mutant
         path, left = self.tree / name, list(tests)
-        before = path.stat()
-        text = path.read_text()
-        function = function_at(path, node)
-        try:
-            changed = mutated(path, node, which)
-            code = (
-                None
-                if function is None or function[0] in called_as_it_loads(text)
-                else (str(path), *function, node, which)
-            )
-            path.write_text(ast.unparse(changed))
-            by, why = "", ""
+        text, function = path.read_text(), function_at(path, node)
+        code = (
+            None
+            if function is None or function[0] in called_as_it_loads(text)
+            else (str(path), *function, node, which)
+        )
+        by, why = "", ""
+        with changed(self.work, name, ast.unparse(mutated(path, node, which))):
             while left:
                 by, why = self._tried(code, text, left)
                 if not by or not by.startswith(REAL):
@@ -741,9 +866,6 @@ class Trial:
                 if self._tried(code, text, [by])[0]:
                     break
                 left, by, why = left[left.index(by) + 1 :], "", ""
-        finally:
-            path.write_text(text)
-            os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
         word = "not covered" if not tests else "noticed" if by else "survived"
         seconds = round(time.monotonic() - began, 1)
         return {
@@ -780,6 +902,8 @@ class Trial:
         os._exit(0)
 
     def _serve(self, items: dict[str, Any], ask: int, answer: int) -> None:
+        if not items:
+            return
         gc.unfreeze()
         functions: dict[tuple[str, str, int], list[FunctionType]] = defaultdict(list)
         for one in gc.get_objects():
@@ -813,11 +937,6 @@ class Trial:
             )
             os.write(answer, (json.dumps(found) + "\n").encode())
 
-    def end(self) -> None:
-        os.close(self._ask)
-        self._answers.close()
-        os.waitpid(self._warm, 0)
-
 
 def codes(code: CodeType) -> Iterator[CodeType]:
     """This and all within."""
@@ -830,9 +949,11 @@ def codes(code: CodeType) -> Iterator[CodeType]:
 def judged(child: Child, took: dict[str, list[float]]) -> tuple[str, str, float]:
     """The test that noticed, and how, both empty where all passed; seconds of CPU time."""
     last = "begun nothing"
-    for text in child.said(patience(took)):
-        last = text
-    status = child.end()
+    try:
+        for text in child.said(patience(took)):
+            last = text
+    finally:
+        status = child.end()
     test = last.partition(" ")[2]
     if last == "done":
         return "", "", child.cpu_s
@@ -844,15 +965,21 @@ def judged(child: Child, took: dict[str, list[float]]) -> tuple[str, str, float]
 
 def rows_of(work: Path, package: str) -> list[dict[str, Any]]:
     """The result of each mutant, at the last try."""
-    path = work / f"{package}.jsonl"
-    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    rows = whole_rows(work / f"{package}.jsonl")
     return list({tuple(row["mutant"]): row for row in rows}.values())
+
+
+def in_turn(mutants: Mapping[str, Sequence[Mutant]]) -> Iterator[tuple[str, Mutant]]:
+    """Yield one of each package, then the next of each."""
+    each = [[(package, one) for one in some] for package, some in mutants.items()]
+    return filter(None, chain.from_iterable(zip_longest(*each)))
 
 
 def run(work: Path, packages: Sequence[str], seconds: float, most_s: float = MOST_S) -> None:
     """Try mutants of the samples that have not been tried yet, or survived less than this, of each
-    package in turn, for so long.
+    package in turn, for so long. A package that was tried less comes first.
     """
+    begin(work)
     known, tree, end = (
         json.loads((work / "cover.json").read_text()),
         work / "tree",
@@ -867,38 +994,37 @@ def run(work: Path, packages: Sequence[str], seconds: float, most_s: float = MOS
     noticed: dict[str, Counter[str]] = defaultdict(Counter)
     for row in before:
         noticed[row["mutant"][0]][row["by"]] += 1
-    left = [
-        [(package, one) for one in sample(tree, package) if one not in done] for package in packages
-    ]
+    samples = {package: sample(tree, package) for package in packages}
     enter(work)
-    trial = Trial(work, known)
-    for package, one in filter(None, chain.from_iterable(zip_longest(*left))):
-        if time.monotonic() > end:
-            break
-        outcome = trial.outcome(one, covering(known, tree, one, noticed[one[0]], most_s))
-        noticed[one[0]][outcome["by"]] += 1
-        with (work / f"{package}.jsonl").open("a") as file:
-            file.write(json.dumps({"mutant": one, "most_s": most_s, **outcome}) + "\n")
-        print(
-            outcome["outcome"], one, outcome["seconds"], outcome["cpu"], outcome["by"], flush=True
-        )
-    trial.end()
+    with Trial(work, known) as trial:
+        for package, one in in_turn(samples):
+            if one in done:
+                continue
+            if time.monotonic() > end:
+                break
+            outcome = trial.outcome(one, covering(known, tree, one, noticed[one[0]], most_s))
+            noticed[one[0]][outcome["by"]] += 1
+            add_row(work / f"{package}.jsonl", {"mutant": one, "most_s": most_s, **outcome})
+            print(
+                *(outcome["outcome"], one, outcome["seconds"], outcome["cpu"], outcome["by"]),
+                flush=True,
+            )
 
 
 def again(work: Path, package: str, words: Sequence[str]) -> None:
     """Try those that survived with tests as they are in the repository by now; what notices one is
     written to its row.
     """
+    begin(work)
     tree, rows = work / "tree", rows_of(work, package)
     for path in [*(HERE / "tests/support").rglob("*.py"), *(HERE / word for word in words)]:
         shutil.copy2(path, tree / path.relative_to(HERE))
     enter(work)
-    trial = Trial(work, {"took": {}}, words)
-    for row in rows:
-        if row["outcome"] != "noticed" and not row.get("since"):
-            row["since"] = trial.outcome(tuple(row["mutant"]), words)["by"]
-            print(row["mutant"], row["since"], flush=True)
-    trial.end()
+    with Trial(work, {"took": {}}, words) as trial:
+        for row in rows:
+            if row["outcome"] != "noticed" and not row.get("since"):
+                row["since"] = trial.outcome(tuple(row["mutant"]), words)["by"]
+                print(row["mutant"], row["since"], flush=True)
     (work / f"{package}.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
 
 
@@ -940,6 +1066,14 @@ def report(work: Path) -> None:
 
 
 def main() -> None:
+    end_when_asked()
+    try:
+        act()
+    except KeyboardInterrupt as signalled:
+        sys.exit(f"ended by {signalled}; the same command goes on")
+
+
+def act() -> None:
     match sys.argv[1:]:
         case ["cover", work]:
             cover(Path(work).resolve())
