@@ -160,7 +160,7 @@ class TakeOver:
             )
             return
         what = (
-            "was sent its safe state by the guard and does not confirm it"
+            "was ordered into its safe state by the guard and does not confirm it"
             if tool.reached == SafetyResult.SENT
             else "could not be made safe"
         )

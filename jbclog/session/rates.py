@@ -111,9 +111,9 @@ def rate_problem(name: str, rate_hz: float, demand: Demand, turnaround_s: float)
         return nothing_left(name, demand, turnaround_s)
     if demand.is_too_slow(rate_hz):
         return (
-            f"{name}: at {rate_hz:g} Hz a tick is too rare for the readings that are due more"
-            f" often; the lowest rate is {demand.slowest_rate_hz:.3g} Hz: raise it, or"
-            " alarms_every_s in the recipe's [sampling]"
+            f"{name}: {rate_hz:g} Hz is too slow for the readings that are due more often; the"
+            f" lowest rate is {demand.slowest_rate_hz:.3g} Hz: raise the rate, or alarms_every_s in"
+            " the recipe's [sampling]"
         )
     return (
         None
@@ -129,16 +129,16 @@ def too_fast(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> 
     why = (
         "95 % is the limit"
         if load > 1 - KEPT_FOR_REPEATS
-        else "which leaves the slow signals too little to come round in time"
+        else "which leaves too little time for the slow signals"
     )
     limit = (
-        f"the turnaround may be {most:.2f} ms at most"
+        f"the response time may be {most:.2f} ms at most"
         if most >= 0
-        else "its bytes alone are too many"
+        else "the bytes alone are too many for the link"
     )
     return (
-        f"{name}: {rate_hz:g} Hz does not fit its wire: {load:.1%} in use with"
-        f" {turnaround_s * 1000:.2f} ms of turnaround, {why}; at this rate {limit}. The best rate"
+        f"{name}: {rate_hz:g} Hz does not fit its serial link: {100 * load:.1f} % of it in use at"
+        f" {turnaround_s * 1000:.2f} ms response time, {why}; at this rate {limit}. The best rate"
         f" is {best:g} Hz: --rate {best:g}, or --rate fit"
     )
 
@@ -148,9 +148,8 @@ def nothing_left(name: str, demand: Demand, turnaround_s: float) -> str:
     best = demand.best_rate_hz(turnaround_s)
     by_hand = "" if demand.is_too_slow(best) else f", or name a rate: {best:g} Hz is the best"
     return (
-        f'{name}: "auto" finds no rate: none of {SOME_RATES} Hz from {demand.slowest_rate_hz:.3g}'
-        " Hz on, which its slow readings "
-        f"need, leaves a fifth of its link free with {turnaround_s * 1000:.2f} ms of response time;"
-        " raise alarms_every_s in the "
-        f"recipe's [sampling]{by_hand}"
+        f'{name}: "auto" finds no rate: its slow readings need {demand.slowest_rate_hz:.3g} Hz or'
+        f" more, and none of {SOME_RATES} Hz leaves a fifth of its link free at"
+        f" {turnaround_s * 1000:.2f} ms response time; raise alarms_every_s in the recipe's"
+        f" [sampling]{by_hand}"
     )

@@ -208,7 +208,10 @@ def test_one_that_is_late_as_the_run_ends_gets_its_chance(for_s: float, family: 
     assert facts.outages == 1
     if for_s > 10:
         assert facts.outcome == "gone"
-        away = re.search(r"away for (\d+\.\d) s, still 3 s after the end of the run", facts.reason)
+        away = re.search(
+            r"not reachable for the last (\d+\.\d) s; waited 3 s after the end of the run",
+            facts.reason,
+        )
         assert away is not None, facts.reason
         assert 3.3 < float(away[1]) < 8.0
     else:

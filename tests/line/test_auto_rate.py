@@ -223,7 +223,7 @@ def test_where_no_rate_is_left_the_refusal_says_what_would_be() -> None:
     context = desk_of("dde", (1, 2), 25, 25, "alarms_every_s = 0.1\n")
     with pytest.raises(
         StartRefused,
-        match=r'"auto" finds no rate: .*3\.33 Hz.*25\.00 ms of response time; raise alarms_every_s',
+        match=r'"auto" finds no rate: .*3\.33 Hz.*25\.00 ms response time; raise alarms_every_s',
     ):
         choose_pace(context)
     run = prepare(slow(25.0), AUTO + "alarms_every_s = 0.1\n", duration_s=2).go()

@@ -169,7 +169,7 @@ def test_on_and_cooling_at_once_is_not_on() -> None:
     )
     run.go()
     assert run.facts.outcome == "refused"
-    assert "00001 was asked, 00011 was read back" in run.facts.reason
+    assert "requested 00001, but 00011 was read back" in run.facts.reason
 
 
 # -- samples ---------------------------------------------------------------------------------------

@@ -139,7 +139,7 @@ def test_cables_that_were_swapped_between_two_questions_are_known_by_the_next_ho
     # since then it may have been another
     assert lost.earliest == pytest.approx(hours[-1], abs=100_000)
     assert lost.text.startswith(
-        f"The station may be another now: the plugged hours of port 1 are {HOURS + 50}, and were"
+        f"This may be another station now: the plugged hours of port 1 are {HOURS + 50}, and were"
         f" {HOURS}."
     )
     assert_gone(run, f"a DDE with {HOURS + 50} plugged hours on port 1, not the one with {HOURS}")
@@ -165,7 +165,7 @@ def test_another_station_in_mid_run_is_known_at_the_next_reading_of_the_counters
     run.go()
     lost, *_ = run.memory.of_kind("link.lost")
     assert lost.text.startswith(
-        f"The station may be another now: its {name} is {said}, and was {before}."
+        f"This may be another station now: its {name} is {said}, and was {before}."
     )
     assert lost.earliest is not None
     assert (

@@ -56,7 +56,7 @@ def test_an_older_station_with_the_limits_of_002_refuses_and_its_number_is_recor
     run = run_of(OLD_JOB, sim=STRICT)
     assert run.facts.outcome == "refused"
     assert (
-        "sleep delay of port 1: 300 min was asked, the station refused it with N 00003"
+        "sleep delay of port 1: requested 300 min, but the station refused it with N 00003"
         in run.facts.reason
     )
     assert [(row.setting, row.nak) for row in run.memory.settings if row.outcome == "refused"] == [
@@ -86,7 +86,7 @@ def test_a_sleep_temperature_below_the_minimum_of_the_setting_is_the_station_s_t
         if row.setting == "sleep_temperature" and row.requested
     ] == ["confirmed"]
     refused = run_of(recipe, family, STRICT)
-    assert "80 °C was asked, the station refused it with N 00003" in refused.facts.reason
+    assert "requested 80 °C, but the station refused it with N 00003" in refused.facts.reason
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,8 @@ def test_one_that_goes_away_as_the_run_ends_is_sought_for_three_seconds(
     else:
         assert run.facts.outcome == "gone"
         away = re.search(
-            r"away for (\d+\.\d) s, still 3 s after the end of the run", run.facts.reason
+            r"not reachable for the last (\d+\.\d) s; waited 3 s after the end of the run",
+            run.facts.reason,
         )
         assert away is not None, run.facts.reason
         assert 2.9 < float(away[1]) < 8.0

@@ -88,7 +88,7 @@ def test_nothing_drifts() -> None:
 def test_a_rate_that_does_not_fit_is_refused_before_the_first_write_and_names_the_best() -> None:
     run = prepare(duration_s=5, rate=12).go()
     assert run.facts.outcome == "refused"
-    assert "12 Hz does not fit its wire" in run.facts.reason
+    assert "12 Hz does not fit its serial link: " in run.facts.reason
     assert "--rate fit" in run.facts.reason
     assert run.writes == []
 
@@ -271,7 +271,7 @@ def test_a_rate_is_held_against_the_longest_answer_where_answers_vary(
     if fits:
         assert choose_pace(context).period_s == pytest.approx(1 / 3)
         return
-    with pytest.raises(StartRefused, match=r"250\.00 ms of turnaround"):
+    with pytest.raises(StartRefused, match=r"250\.00 ms response time"):
         choose_pace(context)
 
 

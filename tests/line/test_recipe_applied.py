@@ -185,9 +185,9 @@ def test_a_value_that_did_not_take_stops_the_run() -> None:
     assert_stopped_before_sampling(
         run,
         "alarm high limit of port 1",
-        "380 °C was asked",
+        "requested 380 °C, but ",
         "375 °C was read back",
-        "before it was 400 °C",
+        "previous value: 400 °C",
     )
     assert rows(run, "alarm_high_limit", 2) == []  # nothing more is tried
 
@@ -200,7 +200,11 @@ def test_a_refusal_stops_the_run(code: int) -> None:
     (row,) = rows(run, "alarm_high_limit")
     assert (row.written, row.readback, row.nak, row.outcome) == ("380", None, code, "refused")
     assert_stopped_before_sampling(
-        run, "alarm high limit of port 1", "380 °C was asked", f"N {code:05d}", "before it was off"
+        run,
+        "alarm high limit of port 1",
+        "requested 380 °C, but ",
+        f"N {code:05d}",
+        "previous value: off",
     )
     sent = 1 + REPEATS if code in (1, 2) else 1  # what was not understood was not done
     assert [one.text for one in run.writes].count("WHA100380") == sent
@@ -215,7 +219,11 @@ def test_a_setting_that_is_told_and_not_taken_is_refused_and_stops_the_run() -> 
     (row,) = rows(run, "selected_temperature")
     assert (row.requested, row.nak, row.outcome) == ("350", 4, "refused")
     assert_stopped_before_sampling(
-        run, "selected temperature of port 1", "350 °C was asked", "N 00004", "before it was 400 °C"
+        run,
+        "selected temperature of port 1",
+        "requested 350 °C, but ",
+        "N 00004",
+        "previous value: 400 °C",
     )
 
 
@@ -265,7 +273,7 @@ def test_a_write_that_cannot_be_read_back_is_unconfirmed_and_stops_the_run() -> 
     assert_stopped_before_sampling(
         run,
         "alarm high limit of port 1",
-        "380 °C was asked",
+        "requested 380 °C, but ",
         "could not be read back",
         "in 4 writes",
     )
@@ -563,7 +571,7 @@ def test_a_delay_that_the_station_does_not_tell_is_not_taken_to_be_on(
     line = line_text(fault("nak", code=4, command=command)).replace('"dde"', f'"{family}"')
     run = prepare(line, duration_s=1).go()
     assert run.facts.outcome == "refused"
-    assert f"{name} of port 1 not told by the station" in run.facts.reason
+    assert f"{name} of port 1 not reported by the station" in run.facts.reason
     assert run.writes == []
     allowed = prepare(line, RECIPE + "allow_no_cooldown = true\n", duration_s=1).go()
     assert allowed.facts.outcome == "completed"
@@ -711,5 +719,8 @@ def test_whether_such_a_tool_cools_is_not_known_and_so_it_is_not_put_to_work() -
     say(run, "CT1", "00012", 0, times=1000)
     run.go()
     assert run.facts.outcome == "refused"
-    assert "sleep delay and hibernation delay of port 1 not told by the station" in run.facts.reason
+    assert (
+        "sleep delay and hibernation delay of port 1 not reported by the station"
+        in run.facts.reason
+    )
     assert run.writes == []

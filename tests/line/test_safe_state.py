@@ -359,7 +359,7 @@ def test_a_delay_that_is_off_is_no_less_refused_than_with_stand() -> None:
     recipe = recipe.replace('families = ["soldering", ', "families = [")
     run = prepare(line_text(sim), recipe, duration_s=5).go()
     assert (run.facts.outcome, run.writes) == ("refused", [])
-    assert "sleep delay of port 1 off, so a tool told to stand never cools down" in run.facts.reason
+    assert "sleep delay of port 1 off, so a tool in stand never cools down" in run.facts.reason
 
 
 # -- what cannot be made safe ----------------------------------------------------------------------
@@ -484,7 +484,8 @@ def test_a_stranger_on_a_standing_link_is_not_written_to(
     assert run.facts.safe_state == {1: "failed", 2: "failed"}
     assert len(run.facts.unsafe) == 2
     for sentence in run.facts.unsafe:
-        assert f"(on its cable is now {said}" in sentence
+        assert f"({said}" in sentence
+        assert ", is now on its cable), its " in sentence
         assert "may be hot (its temperature is not known); switch the station off" in sentence
     (event,) = run.memory.of_kind("identity.changed")
     assert event.severity == "critical"

@@ -136,7 +136,7 @@ def test_what_the_station_made_late_is_not_the_hosts() -> None:
     assert run.memory.of_kind("host.busy") == []
     events = run.memory.of_kind("station.slow")
     assert sum(event.value or 0 for event in events) == skipped(run) / 2  # two ports
-    assert events[0].text.startswith("The station was slow to answer, or did not: ")
+    assert events[0].text.startswith("The station answered slowly or not at all: ")
 
 
 def test_a_question_that_is_never_answered_costs_ticks_and_an_event_says_so() -> None:
@@ -148,7 +148,7 @@ def test_a_question_that_is_never_answered_costs_ticks_and_an_event_says_so() ->
     (event,) = run.memory.of_kind("station.slow")
     assert (event.severity, event.station) == ("warning", "dde-1")
     assert event.value == skipped(run) / 2 > 0  # two ports
-    assert "of 0.1 s not run" in event.text
+    assert "skipped (one is due every 0.1 s), up to " in event.text
     assert (run.facts.skipped_by_host, run.memory.of_kind("host.busy")) == (0, [])
     assert_account_holds(run)
 
@@ -187,7 +187,12 @@ def test_the_delay_of_skipped_ticks_is_the_part_that_was_given_and_the_greatest(
     late.add(3, 10.0, 0.2, 10.5)
     late.add(1, 20.0, 0.15, 20.3)
     assert late == SkippedTicks(ticks=4, places=2, late_s=0.2, since=10.0, last=20.3)
-    assert "4 ticks of 0.1 s not run in 2 places, 0.20 s late at most" in late.text(0.1)
+    assert (
+        "4 sampling times were skipped in 2 places (one is due every 0.1 s), up to 0.20 s late."
+        in late.text(0.1)
+    )
+    once = SkippedTicks(ticks=1, places=1, late_s=0.2)
+    assert "1 sampling time was skipped (one is due every 0.5 s)" in once.text_of_station(0.5)
 
 
 # -- the measure itself ----------------------------------------------------------------------------

@@ -253,7 +253,7 @@ def test_one_that_fails_in_step_two_heats_nothing_and_what_was_written_is_named(
     assert "step 2 of 3" in run.contexts["b"].facts.reason
     for name in NAMES:
         assert (
-            "written before that and left as it is: sleep delay of port 1 5 min (was 9 min)"
+            "settings written before that remain: sleep delay of port 1 5 min (was 9 min)"
             in run.contexts[name].facts.reason
         )
         station = run.stations[name]
@@ -284,7 +284,7 @@ def test_a_tool_that_rests_when_step_two_fails_is_not_told_to_stand(state: str) 
     assert (COOLS in writes(run, "a")) == (state == "working")
     told = {event.station: event.text for event in run.memory.of_kind("safety.safe_state")}
     assert run.contexts["c"].facts.safe_state == {1: "verified"}
-    assert ("rests already and is left as it is" in told["c"]) == rests
+    assert ("is at rest already and is left as it is" in told["c"]) == rests
 
 
 # -- step three ------------------------------------------------------------------------------------

@@ -131,7 +131,7 @@ def test_a_guard_tells_a_flooded_station_and_the_others_in_time(tmp_path: Path) 
     _, said = run.communicate(timeout=60)
     assert "dde-2 port 1: the tool was put in its safe state by the guard" in said
     assert re.search(
-        r"dde-1 port 1: the tool was told .* does not confirm it \(its link is flooded\)", said
+        r"dde-1 port 1: the tool was ordered .* does not confirm it \(its link is flooded\)", said
     )
 
 

@@ -84,7 +84,7 @@ REFUSED = {
         ),
         "",
         RECIPE,
-        "380 °C was asked",
+        "requested 380 °C, but ",
     ),
 }
 

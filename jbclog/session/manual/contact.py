@@ -270,7 +270,7 @@ def check_place(
     if place.tool is not None and place.tool not in TOOLS_WITH_A_PLACE:
         known = "; ".join(f"{code} {family.tools[code]}" for code in tools_of(family))
         raise UsageError(
-            f"no command has a place for tool {place.tool}; 1 to 9. Manual {family.manual} prints"
+            f"no command can address tool {place.tool}, only 1 to 9. Manual {family.manual} prints"
             f" {known}"
         )
 
@@ -310,7 +310,7 @@ def _place(contact: Contact, command: Command, port: int, tool: int | None) -> S
         )
     if connected not in TOOLS_WITH_A_PLACE:
         raise StartRefused(
-            f"{contact.name}: {command.name} belongs to a tool, and no command has a place for tool"
+            f"{contact.name}: {command.name} belongs to a tool, and no command can address tool"
             f" {connected}"
         )
     return Place(port, connected)

@@ -368,8 +368,8 @@ def _stays_hot(cooling: Cooling, code: int | None) -> str | None:
     """
     if cooling.follows and code is not None and code not in TOOLS_WITH_A_PLACE:
         return (
-            "whether it will cool down is not known, because no command has a place for tool"
-            f" {code}: look at it, or {SWITCH_OFF}"
+            f"whether it will cool down is not known, because no command can address tool {code}:"
+            f" look at it, or {SWITCH_OFF}"
         )
     if cooling.never is None:
         return (

@@ -28,7 +28,7 @@ from jbclog.session.run.countdown import compare_countdowns
 from jbclog.session.run.setting import keep_row, read_setting, title_of, touch, write_setting
 
 COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
-NOT_REPORTED = "not told by the station"  # so the recipe's value cannot be confirmed
+NOT_REPORTED = "not reported by the station"  # so the recipe's value cannot be confirmed
 
 
 Wanted = tuple[Setting, PortState | None]
@@ -112,7 +112,7 @@ def read_tool(context: SessionContext, port: PortState) -> Steps[None]:
     """Read the settings of the tool in `port`; a tool whose number fits no command has none."""
     if not port.can_be_spoken_to:
         text = (
-            f"Tool {port.tool} in port {port.number}: no command has a place for this number, so"
+            f"Tool {port.tool} in port {port.number}: no command can address this tool number, so"
             " its settings are not known."
         )
         context.note("tool.unknown", Severity.WARNING, text, port=port.number, code=port.tool)
@@ -189,7 +189,7 @@ def _cooling_problems(context: SessionContext, port: PortState, wanted: list[Wan
     if not found:
         return []
     text = (
-        f"{' and '.join(found)}, so a tool told to stand"
+        f"{' and '.join(found)}, so a tool in stand"
         f" {'never cools' if off else 'may never cool'} down"
     )
     if not context.recipe.run.allow_no_cooldown:

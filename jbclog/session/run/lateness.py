@@ -7,6 +7,7 @@ from math import inf
 from typing import Final, NamedTuple
 
 from jbclog.core.io_requests import Ask, IoResult, Listen, Request, Steps, T, Wait, relay
+from jbclog.core.text import count_text
 
 # Skipped ticks are reported together, so that a busy hour does not become thousands of events:
 # after `QUIET_S` without one, and every `LONGEST_S` during a long series.
@@ -44,22 +45,29 @@ class SkippedTicks:
         return self.ticks > 0 and (now - self.last >= QUIET_S or now - self.since >= LONGEST_S)
 
     def text(self, period_s: float) -> str:
-        why = "the computer was busy, or something stopped the recorder for a moment"
+        why = "the computer was busy, or something paused the recorder"
         return (
-            f"The recorder was too late ({why}): {self._what(period_s)}; less work beside the run"
+            f"The recorder was late ({why}): {self._what(period_s)}. Less load on the computer"
             " helps."
         )
 
     def text_of_station(self, period_s: float) -> str:
         return (
-            f"The station was slow to answer, or did not: {self._what(period_s)}; a lower rate"
+            f"The station answered slowly or not at all: {self._what(period_s)}. A lower rate"
             " leaves more time."
         )
 
     def _what(self, period_s: float) -> str:
-        ticks = f"{self.ticks} tick{'' if self.ticks == 1 else 's'} of {period_s:g} s"
+        skipped = f"{sampling_times(self.ticks)} {'was' if self.ticks == 1 else 'were'} skipped"
         places = "" if self.places == 1 else f" in {self.places} places"
-        return f"{ticks} not run{places}, {self.late_s:.2f} s late at most"
+        return (
+            f"{skipped}{places} (one is due every {period_s:g} s), up to {self.late_s:.2f} s late"
+        )
+
+
+def sampling_times(ticks: int) -> str:
+    """Return how many ticks, in the words of messages."""
+    return count_text(ticks, "sampling time")
 
 
 # A station that hangs makes a tick late, and so does a suspended host, which is an event of its own

@@ -38,7 +38,7 @@ def report_loss(context: SessionContext, cause: LinkError | StationError) -> Non
         return
     severity, warning = _heat(context)
     if isinstance(cause, OtherStation):
-        text = f"The station may be another now: {cause}.{warning}"
+        text = f"This may be another station now: {cause}.{warning}"
         context.note("link.lost", severity, text, since=cause.since)
     else:
         context.note("link.lost", severity, f"The station cannot be reached: {cause}.{warning}")
@@ -58,7 +58,7 @@ def report_flood(context: SessionContext, flood: LinkFlooded) -> None:
     severity, warning = _heat(context)
     what = str(flood)
     text = (
-        f"{what[0].upper()}{what[1:]}. It counts as lost and is opened again from time to"
+        f"{what[0].upper()}{what[1:]}. The link counts as lost and is reopened from time to"
         f" time.{warning}"
     )
     context.note(

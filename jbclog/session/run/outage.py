@@ -72,11 +72,11 @@ def _live_through(
     if (yield from _seek_at_end(context, reopen=why == LinkError.reason)):
         _resume(context, began, why, held)
         return tick
-    away = (
-        f"away for {context.now - last_heard:.1f} s, still {context.now - over:.0f} s after the end"
-        " of the run"
+    silent_s, waited_s = context.now - last_heard, context.now - over
+    raise StationGone(
+        f"{context.name}: not reachable for the last {silent_s:.1f} s; waited {waited_s:.0f} s"
+        f" after the end of the run ({lost})"
     )
-    raise StationGone(f"{context.name}: {away} ({lost})")
 
 
 def _seek_at_end(context: SessionContext, *, reopen: bool) -> Steps[bool]:

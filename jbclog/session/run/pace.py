@@ -57,8 +57,8 @@ def _rate_hz(
 ) -> float:
     if demand.best_rate_hz(response.longest_s) <= 0:
         raise StartRefused(
-            f"{context.name}: with {response.longest_s * 1000:.1f} ms of turnaround no rate at all"
-            " fits its wire"
+            f"{context.name}: no rate fits its serial link at"
+            f" {response.longest_s * 1000:.1f} ms response time"
         )
     taken = taken_rate_hz(asked, context.recipe, context.family, demand, response)
     problem = (

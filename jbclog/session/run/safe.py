@@ -27,9 +27,7 @@ def make_safe(context: SessionContext) -> Steps[None]:
     task = yield from _put(context, touched, feeds=context.may_feed)
     may_feed = task.feeds
     context.feeder_stopped = not may_feed
-    context.facts.unsafe = (
-        [f"{context.name}: the feeder could not be told to stop"] if may_feed else []
-    )
+    context.facts.unsafe = [f"{context.name}: the feeder could not be stopped"] if may_feed else []
     context.facts.unsafe += [
         _unsafe_text(context, port) for port in touched if not _is_verified(context, port)
     ]
@@ -94,8 +92,8 @@ def _report(context: SessionContext, port: PortState, tool: ToolSafety) -> None:
         )
         if tool.was_spared:
             text = (
-                f"Port {port.number}: the tool rests already and is left as it is, as read back:"
-                f" {_state_of(context, port)}"
+                f"Port {port.number}: the tool is at rest already and is left as it is, as read"
+                f" back: {_state_of(context, port)}"
             )
         if tool.fell_back:
             text, severity = f"{text}; {tool.fell_back}", Severity.WARNING
@@ -119,14 +117,14 @@ def _unsafe_text(context: SessionContext, port: PortState) -> str:
         last = "its temperature is not known"
     sent = context.facts.safe_state.get(port.number) == SafetyResult.SENT
     what = (
-        "was told to go to its safe state and does not confirm it"
+        "was ordered into its safe state and does not confirm it"
         if sent
         else "could not be put in its safe state"
     )
     if context.is_flooded:
         what += " (its link is flooded)"
     if context.stranger:
-        what += f" (on its cable is now {context.stranger})"
+        what += f" ({context.stranger}, is now on its cable)"
     return (
         f"{context.name} port {port.number}: {what}, its {context.family.hot_part} may be hot"
         f" ({last}); switch the station off"

@@ -19,7 +19,14 @@ from jbclog.protocol.commands.command import Scope
 from jbclog.session.run.alarms import AlarmWatch
 from jbclog.session.run.apply import read_tool, readable_settings
 from jbclog.session.run.context import PortState, ReadingCount, SessionContext
-from jbclog.session.run.lateness import KIND, SLOW_KIND, WHY_STILL, SkippedTicks, Standstill
+from jbclog.session.run.lateness import (
+    KIND,
+    SLOW_KIND,
+    WHY_STILL,
+    SkippedTicks,
+    Standstill,
+    sampling_times,
+)
 from jbclog.session.run.omega_states import report_completions
 from jbclog.session.run.safe import put_in_safe_state
 from jbclog.session.run.scan import SKIPPED, PortScan, Scanner, SignalRead
@@ -271,8 +278,8 @@ class Sampler:
         for begin, end in self._standstill.spans:
             count = sum(begin < self.grid.due(tick) <= end for tick in ticks)
             text = (
-                f"The recorder stood still for {end - begin:.1f} s ({WHY_STILL}); {count} ticks"
-                " have no rows."
+                f"The recorder stood still for {end - begin:.1f} s ({WHY_STILL});"
+                f" {sampling_times(count)} {'has' if count == 1 else 'have'} no rows."
             )
             if count:
                 self.context.note(

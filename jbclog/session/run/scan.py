@@ -398,8 +398,8 @@ def _sentence(probe: SignalRead, why: str) -> str:
     texts = {
         "timeout": "no answer came in time",
         "bcc": "the check byte of every answer was wrong",
-        "format": "what came back was no answer to it",
-        "implausible": "the value cannot be true, or was another when asked again",
+        "format": "the reply does not fit the question",
+        "implausible": "the value is impossible, or changed when it was read again",
     }
     refused = f"the station refused it ({why})" if why.startswith("nak") else why
     return f"The {probe.question.title()} could not be read: {texts.get(why, refused)}."

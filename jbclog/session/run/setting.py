@@ -386,8 +386,8 @@ def _failed(
     why: str,
 ) -> str:
     return (
-        f"{context.name}: {title_of(command, port)}: {command.shown(value)} was asked, {why};"
-        f" before it was {_shown(command, before)}"
+        f"{context.name}: {title_of(command, port)}: requested {command.shown(value)}, but {why};"
+        f" previous value: {_shown(command, before)}"
     )
 
 
@@ -419,14 +419,14 @@ def _report_repeated(
     stands = (
         "it could not be read back"
         if one.found is None
-        else f"{command.shown(one.found)} still stands"
+        else f"{command.shown(one.found)} is still set"
     )
     lost = "acknowledged" if one.lost is None else str(one.lost)
     what = title_of(command, port)
     text = (
-        f"{what[:1].upper()}{what[1:]}: {command.shown(value)} was not taken ({lost}; {stands}). "
+        f"{what[:1].upper()}{what[1:]}: {command.shown(value)} did not take effect"
+        f" ({lost}; {stands}). It is written again (write {number + 1} of at most {1 + REPEATS})."
     )
-    text += f"Write {number + 1} of at most {1 + REPEATS} follows."
     context.note(
         "setting.repeated",
         Severity.WARNING,

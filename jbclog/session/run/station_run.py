@@ -151,7 +151,7 @@ def run_station(context: SessionContext) -> Steps[StationFacts]:
         facts.outcome = StationOutcome.COMPLETED
     except NotStarted as others:
         facts.outcome = StationOutcome.NOT_STARTED
-        facts.reason = f"{context.name}: it was ready; the run did not start because of {others}"
+        facts.reason = f"{context.name}: ready, but the run did not start because of {others}"
     except LeftOut as why:
         facts.outcome, facts.reason = StationOutcome.GONE, f"{context.name}: {why}"
     except RunEnded as end:
@@ -184,7 +184,7 @@ def _give_up(context: SessionContext) -> Steps[None]:
     """
     facts = context.facts
     if context.written:
-        facts.reason += f"; written before that and left as it is: {', '.join(context.written)}"
+        facts.reason += f"; settings written before that remain: {', '.join(context.written)}"
     if facts.outcome in (StationOutcome.GONE, StationOutcome.REFUSED):
         facts.reason += (
             f" (step {context.step} of {START_STEPS} of the start)" if context.step > 1 else ""
@@ -201,7 +201,7 @@ def _ended(context: SessionContext, why: str) -> tuple[StationOutcome, str]:
         return StationOutcome.COMPLETED, why
     if context.facts.first_tick is None:
         return StationOutcome.COMPLETED, f"{context.name}: {why} before it had answered"
-    return StationOutcome.GONE, f"{context.name}: away when the run was ended"
+    return StationOutcome.GONE, f"{context.name}: not reachable when the run ended"
 
 
 def _record(context: SessionContext) -> Steps[None]:

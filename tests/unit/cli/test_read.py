@@ -315,7 +315,7 @@ def test_the_family_may_be_learnt(make: Make) -> None:
         (("dde-1", "power", "--tool", "1"), "power belongs to no tool: leave --tool out"),
         (
             ("dde-1", "adjust", "--tool", "0"),
-            "no command has a place for tool 0; 1 to 9. Manual 002 prints 1 T210; 2 T245",
+            "no command can address tool 0, only 1 to 9. Manual 002 prints 1 T210; 2 T245",
         ),
         (
             ("dde-1", "power", "--condition", "101"),

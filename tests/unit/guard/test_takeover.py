@@ -106,7 +106,7 @@ FELL_BACK = (
     "The tool was put in its safe state by the guard, as read back: stand; extractor was refused.",
 )
 HOT = "it may be hot: switch the station off."
-UNCONFIRMED = "The tool was sent its safe state by the guard and does not confirm it"
+UNCONFIRMED = "The tool was ordered into its safe state by the guard and does not confirm it"
 NOT_SAFE = ("safety.not_safe", "critical")
 
 

@@ -115,7 +115,7 @@ def test_a_refusal_names_the_best_rate_and_the_greatest_turnaround() -> None:
     text = too_fast("dde-1", 10, profile, 0.003)
     assert f"best rate is {best:g} Hz" in text
     assert f"{most * 1000:.2f} ms at most" in text
-    assert "its bytes alone are too many" in too_fast("dde-1", 20, profile, 0.003)
+    assert "the bytes alone are too many" in too_fast("dde-1", 20, profile, 0.003)
 
 
 # -- what is promised, on a wire that is simulated -------------------------------------------------
