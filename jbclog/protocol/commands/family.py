@@ -334,9 +334,8 @@ def accept_line(model: str) -> str:
 def unknown_model_text(model: str) -> str:
     """Describe what to write in the line file for a name that no table has."""
     return (
-        f"it says model {model!r}, which no table has. If you know what it is, name its family in"
-        " the line file in place of "
-        f'"auto", and add {accept_line(model)}'
+        f"it reports model {model!r}, which jbclog does not know. If you know what it is, name its"
+        f' family in the line file in place of "auto", and add {accept_line(model)}'
     )
 
 

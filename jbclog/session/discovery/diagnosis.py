@@ -22,7 +22,7 @@ from jbclog.session.discovery.scan import address_of
 SHOWN_BYTES = 12
 
 SWITCH_ON = "switch Robot mode on in the station's menu"
-IS_IT_ON = "see that the station is on and that Robot mode is on in its menu; if so, "
+IS_IT_ON = "check that the station is on and that Robot mode is on in its menu; if so, "
 # docs/reference/contradictions.md, B-2
 EXCHANGE = f"{IS_IT_ON}exchange transmit and receive in the cable (RJ12: pins 3 and 4)"
 ALL = tuple(range(1, 100))
@@ -33,8 +33,8 @@ BREAKS: tuple[tuple[type[LinkError], str], ...] = (
     (LinkFlooded, "link.flooded"),
     (LinkError, "port.broken"),
 )
-FIRMLY = "see that both plugs sit firmly, and keep the cable away from power lines"
-PLUG_IN = "pull the adapter out and plug it in again, or start the server behind it"
+FIRMLY = "push both plugs fully in, and keep the cable away from power lines"
+PLUG_IN = "unplug the adapter and plug it in again, or start the server behind it"
 
 
 def diagnose(report: PortReport) -> list[ScanFinding]:
@@ -65,7 +65,7 @@ def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]
         return ScanFinding(
             "line.noisy",
             url,
-            f"{who}, and says something else each time: {station.trouble}",
+            f"{who}, and gives a different answer each time: {station.trouble}",
             FIRMLY,
         )
     if station.robot_mode is False:
@@ -78,26 +78,29 @@ def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]
         and (station.refusal or station.trouble)
     ):
         step = (
-            f"ask it: `jbclog scan {url} --addresses {station.address}`; in a line file it is"
-            f" `address = {station.address}`"
+            f"scan that address: `jbclog scan {url} --addresses {station.address}`; in the line"
+            f" file, set `address = {station.address}`"
         )
         does = (
-            f"refuses what was not for it ({station.refusal})"
+            f"and refuses questions to other addresses ({station.refusal})"
             if station.refusal
-            else f"then does not: {station.trouble}"
+            else f"but not reliably: {station.trouble}"
         )
-        return ScanFinding("line.address", url, f"{who}, and {does}", step)
+        return ScanFinding("line.address", url, f"{who}, {does}", step)
     if station.refusal is not None:
-        step = "set the addresses of its menu to the usual ones (01, or none), and scan again"
+        step = "set the address in its menu to the usual one (01, or none), and scan again"
         return ScanFinding(
-            "station.refuses", url, f"{who}, and does not say its model ({station.refusal})", step
+            "station.refuses",
+            url,
+            f"{who}, and does not report its model ({station.refusal})",
+            step,
         )
     if station.trouble is not None:
         return ScanFinding(
             "station.silent",
             url,
-            f"{who}, and then does not: {station.trouble}",
-            "see that its plug sits firmly",
+            f"{who}, but not reliably: {station.trouble}",
+            "push its plug fully in",
         )
     driven = ", ".join(name for name, family in FAMILIES.items() if family.models)
     step = (
@@ -105,7 +108,10 @@ def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]
         f" {accept_line(str(station.model))}"
     )
     return ScanFinding(
-        "station.unknown", url, f"{who}, and says model {station.model!r}, which no table has", step
+        "station.unknown",
+        url,
+        f"{who}, and reports model {station.model!r}, which jbclog does not know",
+        step,
     )
 
 
@@ -114,19 +120,19 @@ def _nobody(report: PortReport) -> ScanFinding:
     url = report.url
     if report.binary is not None:
         what = (
-            f"what comes at {report.binary} is like JBC's binary protocol, which a station speaks"
-            " that is not in Robot mode"
+            f"the data at {report.binary} looks like JBC's binary protocol: the station is not in"
+            " Robot mode"
         )
         return ScanFinding("robot_mode.binary", url, what, SWITCH_ON)
     if report.flood is not None:
         return _broken(url, report.flood)
     if report.echoed:
         what = (
-            "each question comes back as it was sent, and no answer: a loop-back, or an adapter for"
-            " RS-485 with echo"
+            "each question comes back unchanged, without an answer: a loopback plug, or an RS-485"
+            " adapter with echo"
         )
         return ScanFinding(
-            "line.echo", url, what, "take the loop-back off, or take an adapter for RS-232"
+            "line.echo", url, what, "remove the loopback plug, or use an RS-232 adapter"
         )
     heard = list(dict.fromkeys(_heard_addresses(report)))
     if heard:
@@ -135,7 +141,7 @@ def _nobody(report: PortReport) -> ScanFinding:
         return ScanFinding(
             "line.format",
             url,
-            f"something speaks, in no line format that was tried: {_heard(report)}",
+            f"data arrives, but fits no line format that was tried: {_heard(report)}",
             _next_try(report),
         )
     if report.untried:
@@ -143,7 +149,7 @@ def _nobody(report: PortReport) -> ScanFinding:
         return ScanFinding(
             "scan.cut",
             url,
-            f"nothing answers in {_formats(report)}; the time was over before the rest was tried",
+            f"nothing answers in {_formats(report)}; the time ran out before the rest was tried",
             step,
         )
     return ScanFinding(
@@ -165,24 +171,26 @@ def _other_address(report: PortReport, line: LineFormat, address: int) -> ScanFi
     """
     url, number = report.url, f"{address:02d}"
     kind = {
-        10: ", which 004 gives to solder feeders",
-        20: ", which 004 gives to fume extractors",
+        10: " (solder feeders, by manual 004)",
+        20: " (fume extractors, by manual 004)",
     }.get(address, "")
     if address in report.asked:
         what = (
-            f"a frame of address {number}{kind} came at {line}, and no answer to the question for"
-            " its model"
+            f"a frame from address {number}{kind} arrived at {line}, but the question for the model"
+            " got no answer"
         )
-        step = "connect a station that jbclog drives; this one does not say its model"
+        step = "connect a station that jbclog drives; this one does not report its model"
         return ScanFinding("station.refuses", url, what, step)
     asked = ", ".join("none" if one is None else f"{one:02d}" for one in report.asked)
-    what = f"a frame of address {number}{kind} came at {line}; asked were the addresses {asked}"
+    what = (
+        f"a frame from address {number}{kind} arrived at {line}; the addresses asked were {asked}"
+    )
     numbers = _ranges(
         [*(one for one in report.asked if one is not None and one not in ADDRESSES), address]
     )
     step = (
-        f"ask it: `jbclog scan {url} --addresses {numbers}`; in a line file it is `address ="
-        f" {address}`"
+        f"scan that address: `jbclog scan {url} --addresses {numbers}`; in the line file, set"
+        f" `address = {address}`"
     )
     return ScanFinding("line.address", url, what, step)
 
@@ -239,11 +247,9 @@ def _heard(report: PortReport) -> str:
 
 def _next_try(report: PortReport) -> str:
     if _is_by_server(report):
-        return "set the line format of the station's menu in the server behind this port"
+        return "set the server behind this port to the line format in the station's menu"
     if _is_thorough(report):
-        return (
-            "see what is connected there: no line format that a station can have makes sense of it"
-        )
+        return "check what is connected there: its data fits no line format that a station can have"
     return (
         "look up the line format in the station's menu, or try them all: `jbclog scan --thorough"
         f" {report.url}`"

@@ -190,7 +190,7 @@ def _learn_turnaround(client: Client, found: StationFound) -> Steps[None]:
     found.turnaround = None if measured is None else _turnaround(measured, found.line)
     found.not_answered = () if measured is None else measured.ignored
     if answered < LEAST_ANSWERED:
-        found.trouble = f"only {answered} of {READS} questions were answered, and in time"
+        found.trouble = f"only {answered} of {READS} questions were answered in time"
 
 
 def _turnaround(measured: ResponseTime, line: LineFormat) -> Turnaround:

@@ -56,7 +56,7 @@ def test_each_finding_has_its_step(place: Path) -> None:
     assert lines[2].startswith(
         "FINDING  s-1 (/dev/ttyJBC): nothing answers in 12 line formats (19200 8N1"
     )
-    assert lines[3].startswith("  step   see that the station is on")
+    assert lines[3].startswith("  step   check that the station is on")
     assert lines[-1] == "1 finding"
 
 

@@ -91,8 +91,8 @@ def test_a_station_is_told_in_a_few_lines_and_everything_that_was_sent() -> None
 def test_a_named_port_without_a_station_ends_with_1_and_the_step() -> None:
     code, text = said({"/dev/ttyUSB0": Cable(Echo(), None)})
     assert code == 1
-    assert "  finding     each question comes back as it was sent" in text
-    assert "  step        take the loop-back off" in text
+    assert "  finding     each question comes back unchanged" in text
+    assert "  step        remove the loopback plug" in text
 
 
 def test_what_there_was_no_time_for_is_named() -> None:

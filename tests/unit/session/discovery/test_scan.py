@@ -155,7 +155,7 @@ def test_a_slow_station_is_known_by_the_address_in_its_answer() -> None:
     assert report.station is not None
     assert (report.station.model, report.station.address) == ("DDE", 1)
     assert kinds(report) == ["station.silent"]
-    assert "only 0 of 12 questions were answered, and in time" in diagnose(report)[0].what
+    assert "only 0 of 12 questions were answered in time" in diagnose(report)[0].what
 
 
 class OnlyWithout:
@@ -292,7 +292,7 @@ def test_nobody() -> None:
     assert report.tried == [trial.line for trial in USUAL]
     assert "12 line formats" in diagnose(report)[0].what
     step = diagnose(report)[0].step
-    assert step.startswith("see that the station is on and that Robot mode is on in its menu")
+    assert step.startswith("check that the station is on and that Robot mode is on in its menu")
     assert step.endswith(
         "try every line format and address (at most 42 min): `jbclog scan port --thorough"
         " --addresses 1-99`"
@@ -408,8 +408,8 @@ def test_a_frame_from_an_address_that_was_not_asked_names_it_and_the_option(
     assert ("fume extractors" in found.what) == (address == 20)
     assert (
         found.step
-        == f"ask it: `jbclog scan port --addresses {address}`; in a line file it is `address ="
-        f" {address}`"
+        == f"scan that address: `jbclog scan port --addresses {address}`; in the line file, set"
+        f" `address = {address}`"
     )
 
 
@@ -429,7 +429,7 @@ def test_a_frame_from_an_address_that_was_asked_is_none_that_says_its_model() ->
     (found,) = diagnose(report)
     assert (found.kind, found.step) == (
         "station.refuses",
-        "connect a station that jbclog drives; this one does not say its model",
+        "connect a station that jbclog drives; this one does not report its model",
     )
 
 
@@ -437,10 +437,10 @@ def test_a_refusal_by_an_address_that_does_not_answer_names_it_too() -> None:
     report = scanned(Cable(Silence(), LineFormat(9600), speaks=(2.0, framed("N00004", 99))))
     (found,) = diagnose(report)
     assert found.kind == "line.address"
-    assert "a station answers at 9600 8N1, address 99, and then does not" in found.what
+    assert "a station answers at 9600 8N1, address 99, but not reliably: " in found.what
     assert (
-        found.step
-        == "ask it: `jbclog scan port --addresses 99`; in a line file it is `address = 99`"
+        found.step == "scan that address: `jbclog scan port --addresses 99`; in the line file, set"
+        " `address = 99`"
     )
 
 

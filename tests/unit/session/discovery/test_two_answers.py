@@ -128,8 +128,8 @@ def test_a_model_that_is_another_each_time_is_none() -> None:
         None,
     )
     assert finding.what.endswith(
-        "says something else each time: it answered its model as 'DDE' from address 01, 'EEE' from"
-        " address 01, 'DME' from address 01, N 00005 from address 01, 'NAE' from address 01"
+        "gives a different answer each time: it answered its model as 'DDE' from address 01, 'EEE'"
+        " from address 01, 'DME' from address 01, N 00005 from address 01, 'NAE' from address 01"
     )
     assert not station(report).is_drivable
 
@@ -139,7 +139,7 @@ def test_a_model_that_is_said_once_and_no_more_is_none() -> None:
     (finding,) = diagnose(report)
     assert (finding.kind, station(report).model) == ("station.silent", None)
     assert finding.what.endswith(
-        "and then does not: it answered its model, 'DDE' from address 01, once only"
+        ", but not reliably: it answered its model, 'DDE' from address 01, once only"
     )
 
 
