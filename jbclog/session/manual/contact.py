@@ -256,11 +256,11 @@ def check_place(
 ) -> None:
     """Raise `UsageError` where the given port or tool is impossible, without a request."""
     if command.scope in (Scope.STATION, Scope.CONDITION) and place.port is not None:
-        raise UsageError(f"{command.name} belongs to the whole station: leave --port out")
+        raise UsageError(f"{command.name} belongs to the whole station: omit --port")
     if command.scope is not Scope.TOOL and place.tool is not None:
-        raise UsageError(f"{command.name} belongs to no tool: leave --tool out")
+        raise UsageError(f"{command.name} belongs to no tool: omit --tool")
     if command.scope is not Scope.CONDITION and place.condition is not None:
-        raise UsageError(f"{command.name} belongs to no solder condition: leave --condition out")
+        raise UsageError(f"{command.name} belongs to no solder condition: omit --condition")
     if command.scope is Scope.CONDITION and not is_number_of_one(place.condition):
         raise UsageError(f"{command.name} needs --condition with a number: {CONDITIONS}")
     if place.port is not None and ports is not None and place.port not in ports:

@@ -32,36 +32,37 @@ ONLY_COLD: Final = frozenset({"restart", "factory_reset"})
 WHAT: Final[Mapping[str, str]] = MappingProxyType(
     {
         "restart": (
-            "restarts the station: it is silent for some seconds, and what it keeps only while it"
-            " is on is lost, the selected temperatures among it"
+            "restarts the station: it is silent for some seconds and loses its volatile settings,"
+            " such as the selected temperatures"
         ),
         "factory_reset": (
-            "sets all of the station's parameters to the factory's, those of every tool and the"
-            " limits included"
+            "resets all parameters of the station to factory values, including limits and those of"
+            " every tool"
         ),
         "store": (
             "writes the selected temperatures into the station's EEPROM, which wears with every"
             " write"
         ),
         "address": (
-            "gives the station another address on its line; 0 switches addresses off, and no manual"
-            " prints the way back"
+            "gives the station another address on its link; 0 switches addresses off, and no manual"
+            " prints how to switch them on again"
         ),
         "ignore_fuse_error": (
-            "lets the station continue to work although its fuse is reported to be missing"
+            "lets the station continue to work although it reports its fuse missing"
         ),
         "start_feeding": (
-            "starts the solder feeder: wire moves until the length is fed, or until it is stopped"
+            "starts the solder feeder: it feeds solder wire until the length is fed, or until it is"
+            " stopped"
         ),
         "store_condition": (
-            "writes over one of the controller's solder conditions, for whoever runs it next"
+            "overwrites one of the controller's solder conditions for everyone who uses it"
         ),
         "run_condition": "runs a solder condition now: the machine moves and feeds solder",
     }
 )
 RESETS_SETTINGS: Final = (
     'is listed as "reset station settings" and described nowhere: the station may be silent for'
-    " some seconds, and every setting that it holds may be the factory's afterwards"
+    " some seconds, and all its settings may be reset to factory values"
 )
 HOT_AIR_MANUAL: Final = "001"
 LIMITS: Final = (("maximum_", "highest"), ("minimum_", "lowest"))
@@ -99,7 +100,7 @@ def _expect_cold(contact: Contact, port: int) -> Steps[None]:
         celsius = yield from _highest(contact, command, Place(port))
     except StationError as error:
         raise StartRefused(
-            f"{contact.name}: port {port} counts as hot, its temperature cannot be read"
+            f"{contact.name}: port {port} counts as hot, because its temperature cannot be read"
             f" ({sentence(error)})"
         ) from error
     if celsius is None or celsius > COOL_C:

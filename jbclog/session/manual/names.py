@@ -63,7 +63,7 @@ def _unknown(name: str, of: str, names: list[str]) -> str:
     )
     has = f"{of} knows {name!r}" if of == "no station" else f"{of} has no {name!r}"
     meant = f"; did you mean {', '.join(near)}?" if near else "."
-    return f"{has}{meant} Leave the name out, and all of them are listed"
+    return f"{has}{meant} Omit the name to list all"
 
 
 def anywhere() -> Mapping[str, Command]:

@@ -116,7 +116,7 @@ def _moving(
 def _cannot_be(command: Command, place: Place, given: Sequence[Value]) -> ImplausibleAnswer:
     answers_text = ", ".join(dict.fromkeys(map(command.shown, given)))
     return ImplausibleAnswer(
-        f"{title(command, place)}: the station says {answers_text}, which cannot be; {COMPARE}"
+        f"{title(command, place)}: the station says {answers_text}, which is impossible; {COMPARE}"
     )
 
 

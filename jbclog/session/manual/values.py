@@ -42,8 +42,8 @@ def condition_in(text: str, command: Command) -> StoredRecord:
             if found
         ]
         raise UsageError(
-            f"{command.name}: {'; '.join(parts)}. `jbclog read` shows a condition in the form that"
-            " is taken here"
+            f"{command.name}: {'; '.join(parts)}. `jbclog read` shows a condition in the form"
+            " accepted here"
         )
     return _checked(kind, given, command)
 
@@ -52,7 +52,7 @@ def _part(part: str, command: Command) -> tuple[str, float]:
     found = _PART.fullmatch(part)
     if found is None:
         raise UsageError(
-            f"{command.name}: {part.strip()!r} is no name with a number, such as rise_s 3.5"
+            f"{command.name}: must be names with numbers, such as rise_s 3.5 (got {part.strip()!r})"
         )
     return found[1], float(found[2])
 
@@ -72,7 +72,7 @@ def _checked(
     whole = {one.name for one in fields(kind) if one.type == "int"}
     broken = [name for name in whole if not given.get(name, 0.0).is_integer()]
     if broken:
-        raise UsageError(f"{command.name}: {broken[0]} is a whole number")
+        raise UsageError(f"{command.name}: {broken[0]} must be a whole number")
     values = {name: int(value) if name in whole else value for name, value in given.items()}
     try:
         record = kind(**values)  # type: ignore[arg-type]  # numbers all
@@ -148,7 +148,7 @@ def _number(text: str, command: Command, words: Mapping[str, Value]) -> Value:
 def _no_value(text: str, command: Command, words: Mapping[str, Value]) -> str:
     shown = text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "..."
     if isinstance(command.quantity, Choice | DigitWord):
-        return f"{command.name}: {shown!r} is none of {', '.join(words)}"
+        return f"{command.name}: must be one of {', '.join(words)} (got {shown!r})"
     if isinstance(command.quantity, AlarmLimit) and text == "off":
         return (
             f"{command.name}: no manual prints how to clear a limit; switch its delay off instead"

@@ -79,7 +79,7 @@ class WriteRequest:
         command = find(self.name, family, writable)
         if is_order(command):
             if self.text is not None:
-                raise UsageError(f"{command.name} takes no value: leave {self.text!r} out")
+                raise UsageError(f"{command.name} takes no value: omit {self.text!r}")
             return command, 0
         if self.text is None:
             raise UsageError(f"{command.name} needs a value")
@@ -267,8 +267,8 @@ def _without_a_way(command: Command, error: Refusal) -> str:
     if error.code != BADLY_FORMED or not (is_order(command) and command.sent_once):
         return ""
     return (
-        "; it was not done. The manuals print no data for it, and what acts or erases is not tried"
-        " in a second form, so jbclog cannot give this station this order: give it at the station"
+        "; it was not done. The manuals print no data for this order, and an order that acts or"
+        " erases is not tried in a second form: give it at the station"
     )
 
 
@@ -299,8 +299,8 @@ def _look_who_is_there(contact: Contact, written: WriteResult) -> Steps[None]:
         yield from contact.client.read(timing.MODEL)
     except StationError as error:
         written.problem = (
-            f"now it does not answer as before ({sentence(error)}); `jbclog scan` finds out how it"
-            " does"
+            f"the station no longer answers as before ({sentence(error)}); find it with `jbclog"
+            " scan`"
         )
 
 

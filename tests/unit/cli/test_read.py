@@ -278,8 +278,8 @@ def test_the_family_may_be_learnt(make: Make) -> None:
     assert bench.do("read", "x", "fuse").out == "present\n"
     assert (
         bench.do("read", "x", "feeder_mode").err
-        == "error: x is a UCR245: a station of family ucr has no 'feeder_mode'. Leave the name out,"
-        " and all of them are listed\n"
+        == "error: x is a UCR245: a station of family ucr has no 'feeder_mode'. Omit the name to"
+        " list all\n"
     )
     assert "selected_temperature" in bench.do("read", "x").out
 
@@ -303,23 +303,20 @@ def test_the_family_may_be_learnt(make: Make) -> None:
         ),
         (
             ("dde-1", "frobnicate"),
-            (
-                "a station of family dde has no 'frobnicate'. Leave the name out, and all of them"
-                " are listed"
-            ),
+            "a station of family dde has no 'frobnicate'. Omit the name to list all",
         ),
         (("dde-1", "restart"), "restart can only be written: `jbclog write` does that"),
         (("dde-1", "fuse"), "a station of family dde has no 'fuse'"),
-        (("dde-1", "model", "--port", "1"), "model belongs to the whole station: leave --port out"),
+        (("dde-1", "model", "--port", "1"), "model belongs to the whole station: omit --port"),
         (("dde-1", "power", "--port", "3"), "there is no port 3; this station has 1, 2"),
-        (("dde-1", "power", "--tool", "1"), "power belongs to no tool: leave --tool out"),
+        (("dde-1", "power", "--tool", "1"), "power belongs to no tool: omit --tool"),
         (
             ("dde-1", "adjust", "--tool", "0"),
             "no command can address tool 0, only 1 to 9. Manual 002 prints 1 T210; 2 T245",
         ),
         (
             ("dde-1", "power", "--condition", "101"),
-            "power belongs to no solder condition: leave --condition out",
+            "power belongs to no solder condition: omit --condition",
         ),
         (("dde-1", "--port", "1"), "--port, --tool and --condition require a name"),
         (("dde-1", "--all", "--port", "1"), "--all reads every port and the connected tools"),

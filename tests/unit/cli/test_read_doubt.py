@@ -86,7 +86,7 @@ def test_what_cannot_be_is_no_value_however_often_it_is_said(
     assert (ended.code, ended.out, ended.err) == (
         3,
         "",
-        f"error: dde-1: {told}, which cannot be; {DISPLAY}\n",
+        f"error: dde-1: {told}, which is impossible; {DISPLAY}\n",
     )
     assert asked(bench, code) == 2
     ended = bench.do(*words, "--json")
@@ -94,7 +94,7 @@ def test_what_cannot_be_is_no_value_however_often_it_is_said(
     assert (ended.code, facts["value"], facts["text"], facts["raw"]) == (3, None, None, data)
     assert (facts["reason"], facts["problem"]) == (
         "implausible",
-        f"{told.partition(': ')[2]}, which cannot be; {DISPLAY}",
+        f"{told.partition(': ')[2]}, which is impossible; {DISPLAY}",
     )
 
 
@@ -108,7 +108,7 @@ def test_among_everything_too(make: Make) -> None:
     ]
     assert (
         line.split(maxsplit=1)[1]
-        == f"not read: the station says 4033 °C, which cannot be; {DISPLAY}"
+        == f"not read: the station says 4033 °C, which is impossible; {DISPLAY}"
     )
 
 
@@ -117,7 +117,7 @@ def test_what_cannot_be_and_is_another_each_time_is_told_with_all_of_it(make: Ma
     says(bench, "dde-1", "TT1", "04033", "00601", "04035", "04037")
     ended = bench.do("read", "dde-1", "tip_temperature", "--port", "1")
     assert (ended.code, ended.out) == (3, "")
-    assert "the station says 4033 °C, 601 °C, 4035 °C, 4037 °C, which cannot be" in ended.err
+    assert "the station says 4033 °C, 601 °C, 4035 °C, 4037 °C, which is impossible" in ended.err
 
 
 def test_what_cannot_be_bears_nothing_out(make: Make) -> None:
@@ -140,7 +140,7 @@ def test_an_air_flow_beyond_all_is_no_value(make: Make) -> None:
     says(bench, "jtse-1", "SF1", "09600", last=True)
     ended = bench.do("read", "jtse-1", "selected_air_flow", "--port", "1")
     assert (ended.code, ended.out) == (3, "")
-    assert "the station says 9600 raw, which cannot be" in ended.err
+    assert "the station says 9600 raw, which is impossible" in ended.err
 
 
 def test_what_means_nothing_without_a_tool_is_void_even_where_it_cannot_be(make: Make) -> None:

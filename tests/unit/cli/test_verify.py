@@ -69,7 +69,7 @@ def test_a_temperature_that_cannot_be_is_no_reading_and_one_said_once_is_none_ei
     says(bench, "dde-1", "TT1", "04033", last=True)
     ended = verified(bench, "338")
     assert ended.code == 3
-    assert "its tip could not be read: the station says 4033 °C, which cannot be" in ended.err
+    assert "its tip could not be read: the station says 4033 °C, which is impossible" in ended.err
 
 
 def test_the_proposal_is_a_call_that_makes_the_next_one_pass(bench: Bench) -> None:
