@@ -131,8 +131,8 @@ def _of_station(facts: StationFacts) -> Iterable[RunFinding]:
     if facts.unconfirmed_alarms:
         yield RunFinding(
             Exit.NOT_FINE,
-            f"{facts.name}: {count_text(facts.unconfirmed_alarms, 'alarm')} that no temperature"
-            " bears out",
+            f"{facts.name}: {count_text(facts.unconfirmed_alarms, 'alarm flag')} not confirmed by a"
+            " temperature",
         )
 
 

@@ -59,7 +59,7 @@ def main() -> int:
         show(str(error))
         return error.exit_code
     except OSError as error:
-        show(f"{folder}: no guard can be there: {error}")
+        show(f"{folder}: the guard cannot be set up: {error}")
         return RecordError.exit_code
     except Exception as error:  # the recorder starts another one
         _show_failure(error)

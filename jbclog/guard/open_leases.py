@@ -94,7 +94,7 @@ def _settle(folder: Path, urls: Collection[str], is_recording: IsRecording) -> L
         except OSError as error:
             return LeftOver(
                 False,
-                f"Run {folder.name} left tools hot, and nothing could be done about it: {error}.",
+                f"Run {folder.name} left tools hot, and they could not be made safe: {error}.",
             )
     return None
 
@@ -121,8 +121,8 @@ def _log_result(
 ) -> str:
     done = "every tool is in its safe state now" if is_safe else "not every tool could be made safe"
     text = (
-        f"Run {folder.name} had left tools of {', '.join(sorted(one.name for one in stations))} as"
-        f" they were: {done}."
+        f"Run {folder.name} ended without making the tools of"
+        f" {', '.join(sorted(one.name for one in stations))} safe; {done}."
     )
     action_log.write("guard.left_over", ERROR if is_safe else CRITICAL, text)
     return text
@@ -182,7 +182,7 @@ def _without(station: StationLease, seen: Seen | None, action_log: ActionLog) ->
         if port in seen.states:
             state = seen.states[port]
             text = (
-                "There is no tool any more"
+                "The port no longer has a tool"
                 if state is None
                 else f"The tool was found safe, as read back: {state}"
             )

@@ -170,7 +170,7 @@ class GuardSupervisor:
         try:
             self._guard = GuardProcess(self._folder, self._leases.values(), former)
         except (GuardLost, StartRefused) as error:
-            self._report("guard.lost", f"It could not be replaced ({error}); {UNGUARDED}.")
+            self._report("guard.lost", f"The guard could not be replaced ({error}); {UNGUARDED}.")
 
 
 class GuardProcess:
@@ -263,7 +263,7 @@ class GuardProcess:
         if self._has_answered():
             self._unanswered = 0
         if self._unanswered >= UNANSWERED_MOST:
-            raise GuardLost("it stands still")
+            raise GuardLost("it does not respond")
         self._send(BEAT)
         self._unanswered += 1
 

@@ -115,8 +115,8 @@ def test_it_is_in_its_own_record_and_made_safe_at_the_next_start_whatever_its_fo
     left = pd.read_parquet(new / "events").set_index("kind").loc["guard.left_over"]
     assert (
         left["text"]
-        == f"Run {left_hot.name} had left tools of ale-1, dde-1 as they were: every tool is in its"
-        " safe state now."
+        == f"Run {left_hot.name} ended without making the tools of ale-1, dde-1 safe; every tool is"
+        " in its safe state now."
     )
     # whose ports this run had nothing to do with
     assert {lease.name for lease in read_leases(left_hot)} == {"dde-2", "ucr-1"}
@@ -133,7 +133,7 @@ def test_safe_closes_what_was_left_and_tells_it(line: ServedLine, left_hot: Path
     done = jbclog("safe", "--line", line.path)
     assert done.returncode == 0, done.stderr
     assert line.at_work() == 0
-    assert f"the run {left_hot} left tools hot; its record now says so" in done.stderr
+    assert f"run {left_hot} left tools hot; noted in its record" in done.stderr
     assert not (left_hot / LEASE).exists()
     assert registered_runs() == []
     assert annotated(left_hot) == [

@@ -360,7 +360,8 @@ def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(
     (left,) = settle(run.parent, {device, line.url("dde-2")}, lambda folder: False)
     assert (left.is_safe, left.text) == (
         True,
-        "Run run had left tools of dde-2, ucr-1 as they were: every tool is in its safe state now.",
+        "Run run ended without making the tools of dde-2, ucr-1 safe; every tool is in its safe"
+        " state now.",
     )
     assert line.at_work() == 3
     assert ("dde-2", 1) not in {(order.station, order.port) for order in line.orders(began)}, (

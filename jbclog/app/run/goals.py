@@ -121,8 +121,8 @@ class Goals:
     def _cannot_count(self, why: str) -> None:
         self.close()
         text = (
-            f"The joints of this run cannot be counted any more ({why}); it will not be ended by"
-            " their number."
+            f"Joints can no longer be counted ({why}); the run will not end at the wanted number of"
+            " joints."
         )
         self._note("run.uncounted", text, Severity.WARNING, self._joints)
 
@@ -142,7 +142,7 @@ class Goals:
         counted, why = self._counting.last(LAST_COUNT_S), self._counting.why
         self.close()
         if counted is None:
-            return replace(goal, text=f"How many joints there are could not be counted: {why}.")
+            return replace(goal, text=f"The joints could not be counted: {why}.")
         return replace(
             goal,
             reached=counted.found,

@@ -33,6 +33,7 @@ from jbclog.core.errors import (
 from jbclog.core.locks import is_held
 from jbclog.core.outcome import CUT_SHORT, Exit
 from jbclog.core.rows import EventRow, Severity, StationFacts
+from jbclog.core.text import count_text
 from jbclog.guard.open_leases import settle
 from jbclog.guard.supervisor import RunGuard
 from jbclog.guard.watch import RENEW_S
@@ -276,7 +277,7 @@ class Recorder:
                 f"The host's clock was stepped by {step:+.3f} s, from {before} to"
                 f" {iso(utc.micros(now))}; "
             )
-            text += "ticks and durations are not affected."
+            text += "sampling times and durations are not affected."
             self._note("clock.step", text, Severity.WARNING, value=step)
 
     def _keep_from_collector(self) -> None:
@@ -329,8 +330,9 @@ class Recorder:
         missed = self._missed()
         if missed:
             text = (
-                f"{missed} notes on this run were not shown: nobody took them from the terminal,"
-                " pipe or file. They are all here."
+                f"{count_text(missed, 'message')} of this run {'was' if missed == 1 else 'were'}"
+                " not shown, because nothing read them from the terminal, pipe or file. All are in"
+                " these events."
             )
             self._note("notes.missed", text, value=missed)
 

@@ -115,7 +115,7 @@ class UnitFeed:
         for line in self._splitter.finish():
             self._note(
                 "unit.refused",
-                f"{line.text} came without the end of its line; it began no unit.",
+                f"{line.text} came without a line end; it began no unit.",
                 line.text,
                 Severity.WARNING,
             )
@@ -145,8 +145,8 @@ class UnitFeed:
         self._refused = None
         if not line.is_whole:
             text = (
-                f"A line of more than {len(line.text)} characters is no serial; whose joints follow"
-                " is not known."
+                f"A line of more than {len(line.text)} characters is not a serial; the joints that"
+                " follow belong to no known unit."
             )
             self._note("unit.refused", text, line.text, Severity.WARNING)
             self._interrupt(is_made=False)
@@ -167,7 +167,7 @@ class UnitFeed:
         if self.is_done:
             self._note(
                 "unit.next",
-                f"Serial {line.text} came when all units were finished; it is not of this run.",
+                f"Serial {line.text} came when all units were finished; it does not count.",
                 line.text,
             )
             return
@@ -184,8 +184,7 @@ class UnitFeed:
             self._note("unit.begin", f"Unit {line.text} {begins}.", line.text)
         else:
             text = (
-                f"Unit {line.text} {begins}; its serial held what does not show, which stands here"
-                " as an escape."
+                f"Unit {line.text} {begins}; hidden characters in its serial are shown as escapes."
             )
             self._note("unit.begin", text, line.text, Severity.WARNING)
 
@@ -278,8 +277,8 @@ class UnitFeed:
 
     def _lose(self, source: LineSource, why: str) -> None:
         text = (
-            f"No more serials can be read from {source.name}: {why}. Whose joints follow is not"
-            f" known.{self._too_few}"
+            f"No more serials can be read from {source.name}: {why}. The joints that follow belong"
+            f" to no known unit.{self._too_few}"
         )
         self._note("unit.lost", text, None, Severity.WARNING)
         self._end_unit()
@@ -290,7 +289,7 @@ class UnitFeed:
         return (
             ""
             if self._wanted is None or self.is_done
-            else " The wanted number of units cannot be reached any more."
+            else " The wanted number of units can no longer be reached."
         )
 
     def _give_up(self) -> None:

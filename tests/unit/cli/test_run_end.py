@@ -81,8 +81,8 @@ def test_findings_of_a_station_are_one_line_and_the_verdict_has_its_first_reason
     ]
     assert printed(capsys, result(*stations)) == [
         (
-            "exit 1: a: 1 setting found changed during the run; 2 alarms; 1 alarm that no"
-            " temperature bears out"
+            "exit 1: a: 1 setting found changed during the run; 2 alarms; 1 alarm flag not"
+            " confirmed by a temperature"
         ),
         "exit 1: b: 1 alarm",
         (

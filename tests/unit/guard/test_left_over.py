@@ -24,18 +24,18 @@ FOUND = [
     ("safety.safe_state", "info", 1, "The tool was found safe, as read back: stand."),
     ("safety.safe_state", "info", 2, "The tool was found safe, as read back: sleep."),
 ]
-NO_TOOL = ("safety.safe_state", "info", 2, "There is no tool any more.")
+NO_TOOL = ("safety.safe_state", "info", 2, "The port no longer has a tool.")
 ALL_SAFE = (
     "guard.left_over",
     "error",
     None,
-    "Run run had left tools of ale-1 as they were: every tool is in its safe state now.",
+    "Run run ended without making the tools of ale-1 safe; every tool is in its safe state now.",
 )
 NOT_ALL = (
     "guard.left_over",
     "critical",
     None,
-    "Run run had left tools of ale-1 as they were: not every tool could be made safe.",
+    "Run run ended without making the tools of ale-1 safe; not every tool could be made safe.",
 )
 
 
@@ -91,7 +91,8 @@ def test_of_two_of_which_one_may_be_hot_not_every_tool_is_safe(run: Path) -> Non
     assert (kind, severity) == ("guard.left_over", "critical")
     assert (
         text
-        == "Run run had left tools of ale-1, dde-2 as they were: not every tool could be made safe."
+        == "Run run ended without making the tools of ale-1, dde-2 safe; not every tool could be"
+        " made safe."
     )
 
 
@@ -133,7 +134,7 @@ def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(
     monkeypatch.setattr(open_leases, "guard_lock", no_lock)
     settled = settle(run.parent, [URL], nobody)
     assert settled == [LeftOver(False, settled[0].text)]
-    assert "Run run left tools hot, and nothing could be done about it" in settled[0].text
+    assert "Run run left tools hot, and they could not be made safe: " in settled[0].text
     assert "Read-only file system" in settled[0].text
 
 

@@ -157,7 +157,7 @@ def test_one_that_cannot_lock_its_folder_says_why_in_a_sentence(tmp_path: Path) 
         command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False, timeout=200
     )
     assert done.returncode == 4
-    assert "no guard can be there: " in done.stderr
+    assert "the guard cannot be set up: " in done.stderr
     assert "Traceback" not in done.stderr
 
 

@@ -159,7 +159,7 @@ def test_the_end_of_the_run_takes_in_what_has_come(feeding: Feeding) -> None:
         ("refused", "SN"),
         ("end", "SN-2"),
     ]
-    assert "without the end of its line" in feeding.context.events[-2].text
+    assert "without a line end" in feeding.context.events[-2].text
 
 
 # -- until so many are finished --------------------------------------------------------------------
@@ -327,7 +327,7 @@ def test_the_unit_on_the_bench_when_the_run_ends_is_not_finished(until_two: Feed
     until_two.hangs_up()
     until_two.feed.look()
     assert until_two.context.events[-1].text.endswith(
-        "The wanted number of units cannot be reached any more."
+        "The wanted number of units can no longer be reached."
     )
     until_two.feed.finish()
     assert (until_two.feed.finished, until_two.feed.on_bench_at_end) == ({"SN-1"}, "SN-2")
