@@ -148,19 +148,21 @@ def _command(recording: Recording, line: Path) -> list[str]:
 
 def _print_misses(station: ReplayedStation) -> None:
     if station.strange:
-        note(
-            f"{station.name}: {station.strange} queries are not in the recording and got no answer"
-        )
+        note(f"{station.name}: {_queries(station.strange)} not in the recording, and got no answer")
     if again := sum(station.repeated.values()):
         note(
-            f"{station.name}: {again} queries came more often than recorded and got the previous"
+            f"{station.name}: {_queries(again)} came more often than recorded, and got the previous"
             " answer"
         )
     if station.left_out:
         note(
-            f"{station.name}: {station.left_out} recorded queries did not come; their answers were"
-            " skipped"
+            f"{station.name}: {_queries(station.left_out)} of the recording did not come; the"
+            " answers were skipped"
         )
+
+
+def _queries(count: int) -> str:
+    return "1 query" if count == 1 else f"{count} queries"
 
 
 # -- reproduce -------------------------------------------------------------------------------------

@@ -104,11 +104,9 @@ def _compact(place: Place, *, as_json: bool) -> None:
         return
     for name, (old, new) in found.items():
         if old:
-            echo(f"{name}: {old} files joined into {new}")
-    echo(
-        f"{place}: {sum(old for old, _ in found.values())} files joined; `jbclog store vacuum`"
-        " deletes them after seven days"
-    )
+            echo(f"{name}: {count_text(old, 'file')} joined into {new}")
+    joined = count_text(sum(old for old, _ in found.values()), "file")
+    echo(f"{place}: {joined} joined; `jbclog store vacuum` deletes them after seven days")
 
 
 def _vacuum(place: Place, days: float, *, as_json: bool) -> None:
@@ -118,4 +116,4 @@ def _vacuum(place: Place, days: float, *, as_json: bool) -> None:
     if as_json:
         echo_json({"store": str(place), "deleted": found})
     else:
-        echo(f"{place}: {sum(found.values())} files deleted")
+        echo(f"{place}: {count_text(sum(found.values()), 'file')} deleted")

@@ -13,6 +13,7 @@ from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, is_runs
 from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.core.errors import UsageError
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from jbclog.maintenance.suspect_runs import Suspect, Used
@@ -114,7 +115,8 @@ def row(used: Used) -> tuple[str, ...]:
         f"port {port} {tip or '(tip not named)'}"
         for port, tip in zip(used.ports, used.tips, strict=True)
     )
-    units = f"{len(used.units)} units: {', '.join(used.units)}" if used.units else "units not known"
+    listed = f"{count_text(len(used.units), 'unit')}: {', '.join(used.units)}"
+    units = listed if used.units else "units not known"
     started = (used.started or "-")[:16].replace("T", " ")
     return started, places, used.order or "no order", units, used.verdict or "-", str(used.folder)
 

@@ -14,6 +14,7 @@ from typing import Final, Generic, Protocol, TypeVar
 
 from jbclog.core.foreign.files import LONGEST_LINE, Kind, Line, each_line, expect_opened
 from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.text import count_text
 
 
 def sync_folder(folder: Path) -> None:
@@ -202,13 +203,9 @@ def first_faults(wrong: list[tuple[int, str]]) -> list[tuple[int, str]]:
     """
     if len(wrong) <= MOST_FAULTS:
         return wrong
-    return [
-        *wrong[:MOST_FAULTS],
-        (
-            wrong[MOST_FAULTS][0],
-            f"is wrong, too, as {len(wrong) - MOST_FAULTS - 1} later lines are",
-        ),
-    ]
+    later = len(wrong) - MOST_FAULTS - 1
+    too = f", and {count_text(later, 'later line')} with it" if later else ""
+    return [*wrong[:MOST_FAULTS], (wrong[MOST_FAULTS][0], f"is wrong{too}")]
 
 
 def _is_vouched_for(line: Line, behind: L | None) -> bool:

@@ -11,6 +11,7 @@ from typing import Final
 
 from jbclog.core.rows import StationFacts
 from jbclog.core.states import StationOutcome
+from jbclog.core.text import count_text
 from jbclog.live.event_history import EventHistory, SettingHistory
 from jbclog.live.heartbeat import Heartbeat
 from jbclog.live.sample_history import MAIN, Key, Last, Moment, PortHistory, SampleHistory
@@ -96,7 +97,7 @@ class RunView:
             )
             found += [warning] if warning else []
         if self.dropped_rows:
-            found.append(f"{self.dropped_rows} rows could not be stored.")
+            found.append(f"{count_text(self.dropped_rows, 'row')} could not be stored.")
         return found + [f"Damaged: {one}" for one in self.damage]
 
     def _station(self, facts: StationFacts, phase: Phase) -> StationState:

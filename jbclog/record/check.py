@@ -17,6 +17,7 @@ import pyarrow.compute as pc
 
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.rows import SIGNAL_COLUMNS, TABLES, quality_of
+from jbclog.core.text import count_text
 from jbclog.record import capture, chains, sealed_files
 from jbclog.record.conclude import files_of, is_later, live_files, sealed_file
 from jbclog.record.cross_check import cross_check
@@ -257,14 +258,15 @@ def _qualities(rows: pa.Table) -> Iterator[Finding]:
         reasons = dict(reasons_of(pair["reasons"])) if pair["reasons"] is not None else {}
         if pair["quality"] != quality_of(reasons):
             text = (
-                f"{pair['count_all']} rows have quality {pair['quality']} with reasons"
-                f" {pair['reasons']}"
+                f"quality {pair['quality']} contradicts reasons {pair['reasons']} in"
+                f" {count_text(pair['count_all'], 'row')}"
             )
             yield Finding("samples/", text)
         for column in reasons.keys() - set(SIGNAL_COLUMNS):
             yield Finding(
                 "samples/",
-                f"{pair['count_all']} rows give a reason for {column}, which is not a signal",
+                f"a reason is given for {column}, which is not a signal, in"
+                f" {count_text(pair['count_all'], 'row')}",
             )
 
 
@@ -280,7 +282,8 @@ def _values_with_reasons(rows: pa.Table) -> Iterator[Finding]:
         if both:
             yield Finding(
                 "samples/",
-                f"{both} rows have both a value of {column} and a reason for its absence",
+                f"both a value of {column} and a reason for its absence in"
+                f" {count_text(both, 'row')}",
             )
 
 
@@ -308,13 +311,16 @@ def _order(rows: pa.Table, ends: dict[tuple[str, int], _Last], stepped: bool) ->
         answered = mine.filter(pc.is_valid(mine["temperature_c"]))
         wrong, last.tick = _falls(mine["tick"], last.tick, strictly=True)
         if wrong:
-            yield Finding("samples/", f"{station} port {port}: ticks do not rise in {wrong} places")
+            yield Finding(
+                "samples/",
+                f"{station} port {port}: ticks do not rise in {count_text(wrong, 'place')}",
+            )
         back, last.time = _falls(answered["time"].cast(pa.int64()), last.time, strictly=False)
         if back and not stepped:
             yield Finding(
                 "samples/",
-                f"{station} port {port}: time goes back in {back} places without a step of the"
-                " clock",
+                f"{station} port {port}: time goes back in {count_text(back, 'place')} without a"
+                " step of the clock",
             )
 
 

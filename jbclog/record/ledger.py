@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.core.rows import SIGNAL_COLUMNS, SIGNAL_OF_COLUMN, StationFacts
+from jbclog.core.text import count_text
 from jbclog.record.manifest import Ledger, SignalLedger
 from jbclog.record.parts import row_groups
 
@@ -151,6 +152,6 @@ def disagreements(
                 continue
             if due < counted or (due > counted and signal in SIGNALS):
                 yield (
-                    f"{facts.name} port {port}: {signal}: {due} readings in the record, {counted}"
-                    " were due"
+                    f"{facts.name} port {port}: {signal}: {count_text(due, 'reading')} in the"
+                    f" record, {counted} were due"
                 )

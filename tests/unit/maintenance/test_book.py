@@ -220,7 +220,7 @@ def test_lines_of_a_right_hash_and_a_wrong_chain_are_counted_up_to_a_limit(
     book = read_book(path)
     assert (len(book.wrong), len(book.entries), book.read_to) == (300, 301, 301)
     assert len(book.sentences) == 102
-    assert book.sentences[-2].endswith("line 102 is wrong, too, as 199 later lines are")
+    assert book.sentences[-2].endswith("line 102 is wrong, and 199 later lines with it")
     assert book.sentences[-1].endswith(
         "was not read beyond line 301, because 300 faults were found up to there"
     )

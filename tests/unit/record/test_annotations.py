@@ -212,6 +212,6 @@ def test_a_file_of_damaged_lines_gives_a_hundred_faults_and_their_number(run: Pa
         file.write(b"{{{\n" * 3000)
     found = read(run)
     assert [number for number, _ in found.wrong] == list(range(2, 103))
-    assert found.wrong[-1][1] == f"is wrong, too, as {3000 - 101} later lines are"
+    assert found.wrong[-1][1] == f"is wrong, and {3000 - 101} later lines with it"
     assert head in found.links
     assert found.head not in (head, manifest_sha256(run))

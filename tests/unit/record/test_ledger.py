@@ -112,13 +112,13 @@ def test_it_says_where_the_session_counted_otherwise(store: LiveStore) -> None:
     facts = StationFacts("a", "", "dde", due={"1": due, "2": {"tool": 5}})
     found = list(disagreements(ledger_of(sealed(store)), facts))
     assert found == [
-        "a port 1: temperature_c: 1 readings in the record, 2 were due",
+        "a port 1: temperature_c: 1 reading in the record, 2 were due",
         "a port 1: status: 0 readings in the record, 1 were due",
         "a port 2: tool: 0 readings in the record, 5 were due",
     ]
     facts.due = {"1": {"temperature_c": 0}}
     assert list(disagreements(ledger_of(store.folder), facts)) == [
-        "a port 1: temperature_c: 1 readings in the record, 0 were due"
+        "a port 1: temperature_c: 1 reading in the record, 0 were due"
     ]
 
 
