@@ -206,7 +206,7 @@ def end_runs(line: Line, report: Report) -> list[EndedRun]:
     urls = [station.url for station in line.stations]
     recorders = [(folder, _Recorder(folder)) for folder in runs_that_hold(urls)]
     for folder, recorder in recorders:
-        report(f"the run {folder} holds this line and gets SIGTERM")
+        report(f"the run {folder} holds this line; it is ended with SIGTERM")
         recorder.send(signal.SIGTERM)
     end = time.monotonic() + TERM_S
     return [
@@ -221,7 +221,7 @@ def _end(
     if _lets_go(folder, recorder, urls, end - time.monotonic()):
         how = HowEnded.ASKED
     else:
-        report(f"the run {folder} has not released the line after {TERM_S:g} s and is killed")
+        report(f"the run {folder} still holds the line after {TERM_S:g} s; it is killed")
         recorder.send(signal.SIGKILL)
         how = HowEnded.KILLED if recorder.is_gone_within(KILLED_S) else HowEnded.REFUSED
     if recorder.is_gone_within(0.0):

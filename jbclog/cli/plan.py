@@ -209,8 +209,8 @@ def _rate_lines(station: StationPlan) -> list[str]:
     )
     return [
         (
-            f"  rate      {rate_hz:g} Hz: {tick_ms:.1f} of {1000 / rate_hz:.0f} ms a tick, "
-            f"{demand.load(rate_hz, turnaround):.1%} of the link {measured}"
+            f"  rate      {rate_hz:g} Hz: readings take {tick_ms:.1f} of {1000 / rate_hz:.0f} ms, "
+            f"{100 * demand.load(rate_hz, turnaround):.1f} % of the link {measured}"
         ),
         (
             f"  fits      up to {1000 * demand.greatest_turnaround_s(rate_hz):.2f} ms response"
@@ -261,6 +261,6 @@ def _slowest_line(station: StationPlan, demand: Demand, rate_hz: float) -> list[
         return []
     load, best = demand.load(rate_hz, slowest_s), demand.best_rate_hz(slowest_s)
     return [
-        f"  slowest   {load:.1%} of the link at {1000 * slowest_s:g} ms, the manual's maximum;"
-        f" highest rate {best:g} Hz"
+        f"  slowest   {100 * load:.1f} % of the link at {1000 * slowest_s:g} ms, the manual's"
+        f" maximum; highest rate {best:g} Hz"
     ]

@@ -203,11 +203,11 @@ def _of_one(source: TomlText, at: KeyPath, table: dict[str, object]) -> Iterator
     if not goals and "duration" not in table:
         yield source.problem((*at, "duration"), f"missing; {END_ALLOWED}")
     for key in goals[1:]:
-        yield source.problem((*at, key), f"stands beside {goals[0]}; {END_ALLOWED}")
+        yield source.problem((*at, key), f"cannot be combined with {goals[0]}; {END_ALLOWED}")
     if "stations" in table and "families" in table:
         yield source.problem(
             (*at, "families"),
-            "stands beside stations; give one of the two, or none for the whole line",
+            "cannot be combined with stations; give one of the two, or none for the whole line",
         )
     if "units" in table and "units_from" not in table:
         yield source.problem(

@@ -103,7 +103,7 @@ def live_problems(
 def _live_problem(setting: Setting, held: Mapping[str, Value]) -> str | None:
     place, counted = f"{setting.shown()} on port {setting.port}", setting.as_counted(held)
     if counted is None:
-        return f"{place} cannot be reckoned: the station does not tell it"
+        return f"{place} cannot be calculated: the station does not report that maximum"
     if setting.is_share:
         place = f"{place}, {counted.shown()},"
     if setting.command.within is None:

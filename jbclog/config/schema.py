@@ -140,7 +140,7 @@ def _sentence(row: type[Table], key: KeyPath, detail: ErrorDetails) -> str:
     if kind in _WORDED:
         return detail["msg"].removeprefix("Value error, ")
     if kind in _TABLE_ERRORS:
-        return f"{shown(detail['input'])} stands where a table belongs"
+        return f"must be a table (got {shown(detail['input'])})"
     allowed = _allowed(row, key)
     if kind == "missing":
         return f"missing; {allowed}" if allowed else "missing"

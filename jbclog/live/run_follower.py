@@ -142,7 +142,10 @@ class RunFollower:
             return Phase.STARTING, STARTING
         if age < DELAYED_S:
             return Phase.RECORDING, "Recording."
-        return Phase.DELAYED, f"No commit for {age:.0f} s: the disk or the recorder is delayed."
+        return (
+            Phase.DELAYED,
+            f"Nothing was stored for {age:.0f} s: the disk or the recorder is delayed.",
+        )
 
     def _is_recorder_alive(self) -> bool:
         """Test the lock only where nothing else shows it: even a test is a lock for a moment."""

@@ -120,7 +120,7 @@ def read_head(path: Path) -> Head:
     try:
         head = _head(path)
     except (ValueError, OSError) as error:
-        raise RecordError(f"{path} is no wire record: {error}") from error
+        raise RecordError(f"{path} is not a serial capture: {error}") from error
     if head.format > FORMAT:
         raise RecordError(f"{path}: written in format {head.format}; this jbclog knows {FORMAT}")
     return head

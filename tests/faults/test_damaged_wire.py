@@ -281,7 +281,7 @@ def test_what_is_no_text_costs_its_block(path: Path, whole: bytes) -> None:
 )
 def test_foreign_files(path: Path, data: bytes) -> None:
     path.write_bytes(data)
-    with pytest.raises(RecordError, match="is no wire record"):
+    with pytest.raises(RecordError, match="is not a serial capture"):
         read_head(path)
     assert list(losses(path))
     assert list(read_rows(path)) == []
@@ -295,8 +295,8 @@ def test_foreign_files(path: Path, data: bytes) -> None:
         (b'"station": "dde-1"', b'"station": "dde-2"', "it is that of dde-2"),
         (b'"tht.toml"', b'"../../x"', "is no recipe of this run"),
         (b"1790000000.25", b"Infinity", "is no number"),
-        (b"1790000000.25", b'"soon"', "is no wire record"),
-        (b'{"station"', b"[" * 100_000 + b'{"station"', "is no wire record"),
+        (b"1790000000.25", b'"soon"', "is not a serial capture"),
+        (b'{"station"', b"[" * 100_000 + b'{"station"', "is not a serial capture"),
     ],
 )
 def test_heads_that_are_not_believed(

@@ -135,7 +135,7 @@ def test_what_the_station_does_not_allow_is_refused_before_the_first_write(
 def test_a_station_that_does_not_tell_its_greatest_flow_gets_none() -> None:
     run = hot_air(fault("nak", code=4, command="maximum_air_flow"), duration_s=5).go()
     assert (
-        "600 ‰ of the station's maximum air flow on port 1 cannot be reckoned" in run.facts.reason
+        "600 ‰ of the station's maximum air flow on port 1 cannot be calculated" in run.facts.reason
     )
     assert written(run) == []
 

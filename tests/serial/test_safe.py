@@ -127,7 +127,7 @@ def test_a_run_that_holds_the_line_is_asked_to_end_and_its_record_is_whole(
     facts, folder = json.loads(ended.stdout), only_run(tmp_path / "runs")
     assert ended.returncode == 0, ended.stderr
     assert facts["runs"] == [{"run": str(folder), "ended": "asked"}]
-    assert f"the run {folder} holds this line and gets SIGTERM" in ended.stderr
+    assert f"the run {folder} holds this line; it is ended with SIGTERM" in ended.stderr
     # the run had done it
     assert {tool["rested"] for station in facts["stations"] for tool in station["tools"]} == {True}
     assert told(line, now + 0.1)

@@ -371,7 +371,7 @@ def test_a_value_at_the_edge_of_its_range_is_taken(section: str, key: str, value
             HEAD + "sleep = 5\n",
             "job.toml:5: recipe.sleep: unknown; allowed here: name, revision, families",
         ),
-        ("sleep = 5\n" + HEAD, "job.toml:1: sleep: 5 stands where a table belongs"),
+        ("sleep = 5\n" + HEAD, "job.toml:1: sleep: must be a table (got 5)"),
         (
             HEAD + "[port.5.sleep]\ndelay_min = 1\n",
             'job.toml:5: port.5: "5" is not allowed; a port is 1, 2, 3 or 4',

@@ -202,7 +202,7 @@ def test_a_file_that_is_none(tmp_path: Path) -> None:
     ]
     for data in (b"", b"at_s\twhat\tdata\n", *packed):
         path.write_bytes(data)
-        with pytest.raises(RecordError, match="is no wire record"):
+        with pytest.raises(RecordError, match="is not a serial capture"):
             read_head(path)
 
 

@@ -75,7 +75,7 @@ def test_everything_that_is_wrong_is_told_at_once() -> None:
         (['units_frm = "x"'], "night.toml:6: job[1].units_frm: unknown; did you mean units_from?"),
         (
             ['stations = ["dde-1"]', 'families = ["dde"]'],
-            "night.toml:7: job[1].families: stands beside stations; give one of",
+            "night.toml:7: job[1].families: cannot be combined with stations; give one of",
         ),
         (
             ['on_failure = "retry"'],
@@ -89,7 +89,7 @@ def test_everything_that_is_wrong_is_told_at_once() -> None:
         ),
         (
             ["units = 3", 'units_from = "/dev/null"', "joints = 3"],
-            "night.toml:8: job[1].joints: stands beside units; give one end",
+            "night.toml:8: job[1].joints: cannot be combined with units; give one end",
         ),
         (
             ["stations = []"],

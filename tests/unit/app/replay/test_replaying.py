@@ -144,5 +144,5 @@ def test_folders_that_are_no_recording(tmp_path: Path) -> None:
         open_recording(tmp_path)
     (tmp_path / "wire").mkdir()
     (tmp_path / "wire" / "dde-1.tsv.gz").write_bytes(b"")
-    with pytest.raises(RecordError, match="is no wire record: it is empty"):
+    with pytest.raises(RecordError, match="is not a serial capture: it is empty"):
         open_recording(tmp_path)
