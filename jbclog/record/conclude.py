@@ -25,6 +25,7 @@ from jbclog.core.foreign.tables import metadata_of, open_table
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, EventRow, Severity, StationFacts
 from jbclog.core.states import SafetyResult
+from jbclog.core.text import count_text
 from jbclog.record import capture, guard_actions
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.folder import METRICS_CACHE
@@ -280,7 +281,7 @@ def _new(facts: StationFacts, texts: list[str]) -> list[str]:
     return [text for text in texts if text not in facts.unsafe]
 
 
-NOT_KEPT: Final = "could not be kept while the disk did not take them"
+NOT_KEPT: Final = "could not be stored while the disk refused them"
 OF_REPORT: Final = ("report.html", "report.pdf", "report.json", "joints.parquet")
 CACHES: Final = (METRICS_CACHE, f".{METRICS_CACHE}.tmp")  # the second: its writer was killed
 LATER: Final = (NAME, ANNOTATIONS, guard_actions.LEASE, guard_actions.LOCK, *CACHES)
@@ -402,7 +403,7 @@ def known_stations(store: StoreReader, known: list[StationFacts]) -> list[Statio
 def _lost(found: list[Damage], dropped: int) -> Lost | None:
     parts = summary_of(found)
     if dropped:
-        parts.append(f"{dropped} rows {NOT_KEPT}")
+        parts.append(f"{count_text(dropped, 'row')} {NOT_KEPT}")
     return Lost(None, "; ".join(parts)) if parts else None
 
 

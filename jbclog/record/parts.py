@@ -27,6 +27,7 @@ from jbclog.core.foreign.files import Kind, NotReadable, is_plain_folder, read_f
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
 from jbclog.core.rows import TABLES
+from jbclog.core.text import count_text
 from jbclog.record.schema import SCHEMAS, TEXT
 
 # Damage is noted as JSON lines in `damage.jsonl` before the work continues, and the manifest
@@ -51,7 +52,7 @@ class Damage:
         return (
             f"{self.place}: {self.why}"
             if self.rows is None
-            else f"{self.place}, {self.rows} rows: {self.why}"
+            else f"{self.place}, {count_text(self.rows, 'row')}: {self.why}"
         )
 
 
@@ -61,7 +62,7 @@ MOST_SHOWN: Final = 5  # damages in a sentence; `DAMAGE_NOTES` has all
 def summary_of(found: Sequence[Damage]) -> list[str]:
     """Return the first damages as text, and the number of the others."""
     more = len(found) - MOST_SHOWN
-    return [str(one) for one in found[:MOST_SHOWN]] + [f"{more} more places"] * (more > 0)
+    return [str(one) for one in found[:MOST_SHOWN]] + [count_text(more, "more place")] * (more > 0)
 
 
 _build_damage: Final = builder(Damage)

@@ -22,6 +22,7 @@ from jbclog.core.errors import Problems, RecordError, Unsafe
 from jbclog.core.foreign.files import expect_answer
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, StationFacts
+from jbclog.core.text import count_text
 from jbclog.record import capture, guard_actions, parts, sealed_files
 from jbclog.record.capture_file import NOT_OURS
 from jbclog.record.conclude import (
@@ -320,7 +321,9 @@ def _lost(found: list[parts.Damage], store: StoreReader) -> Lost:
     if len(ends) == len(found) and not unkept:
         seconds = at_risk_s + sum(ends)
         return Lost(seconds, f"{text} At most the last {seconds:g} s of it are missing.")
-    pieces = parts.summary_of(found) + ([f"{unkept} rows {NOT_KEPT}"] if unkept else [])
+    pieces = parts.summary_of(found) + (
+        [f"{count_text(unkept, 'row')} {NOT_KEPT}"] if unkept else []
+    )
     return Lost(
         None, f"{text} The last {at_risk_s:g} s of it may be missing, and: {'; '.join(pieces)}."
     )

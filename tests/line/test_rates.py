@@ -282,5 +282,8 @@ def test_a_line_on_which_most_questions_are_lost_is_not_run_on() -> None:
     )
     run = prepare(line_text(lost, "ports = [1]"), duration_s=5).go()
     assert run.facts.outcome == "refused"
-    assert "only 0 of 12 questions were answered; the link is too bad to run on" in run.facts.reason
+    assert (
+        "only 0 of 12 questions were answered; the link is too unreliable to start"
+        in run.facts.reason
+    )
     assert run.writes == []

@@ -160,6 +160,6 @@ def _sentence(transition: Transition, episode: Episode) -> str:
             f" {episode.peak_c:g} °C"
         )
     return (
-        f"whether it is still {beyond} {episode.limit_c:g} °C is not known: nothing was read of it"
-        " for too long"
+        f"the temperature was not read for too long; it may still be {beyond}"
+        f" {episode.limit_c:g} °C"
     )

@@ -188,8 +188,8 @@ def expect_not_fenced(place: Place, runs: DeltaTable, publication: str) -> None:
     """Raise `StoreError` if `store check` took this publication for one that was interrupted."""
     if runs.transaction_version(f"{FENCE}{publication}") is not None:
         raise StoreError(
-            f"{place}: `store check` removed what was written so far, as of an interrupted"
-            " publisher; publish again"
+            f"{place}: `store check` took this publisher for an interrupted one and removed what it"
+            " had written; publish again"
         )
 
 

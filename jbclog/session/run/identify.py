@@ -230,7 +230,7 @@ def measure_turnaround(context: SessionContext) -> Steps[None]:
     if measured is None or answered < LEAST_ANSWERED:
         raise StartRefused(
             f"{context.name}: only {answered} of {READS} questions were answered; the link is too"
-            " bad to run on"
+            " unreliable to start"
         )
     context.facts.turnaround_us = {
         "median": round(measured.median, 1),

@@ -145,7 +145,7 @@ def unreported_states_text(context: SessionContext) -> str:
         if signal.name in context.not_supported
     ]
     text = (
-        f" It does not answer {', '.join(unreported)}: that is not due, and not known."
+        f" It does not answer {', '.join(unreported)}, so the record does not have it."
         if unreported
         else ""
     )

@@ -226,7 +226,7 @@ def _account(one: Trial, code: int | None, *, was_sealed: bool) -> list[str]:
         missing
         and was_sealed
         and not kinds & set(TOLD)
-        and "could not be kept" not in str(manifest.lost)
+        and "could not be stored" not in str(manifest.lost)
     ):
         wrong.append(
             f"{missing} samples are missing, and nothing tells why: {sorted(kinds)},"

@@ -72,7 +72,7 @@ def test_rows_that_the_disk_did_not_take_to_the_end_are_counted_in_the_manifest(
     assert few_rows.sealed_numbers(store.folder) == list(range(70))
     lost = read_manifest(store.folder).lost
     assert lost is not None
-    assert lost.text == f"{unkept} rows could not be kept while the disk did not take them"
+    assert lost.text == f"{unkept} rows could not be stored while the disk refused them"
 
 
 def test_and_when_it_is_recovered_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,7 +82,7 @@ def test_and_when_it_is_recovered_later(tmp_path: Path, monkeypatch: pytest.Monk
     lost = read_manifest(store.folder).lost
     assert lost is not None
     assert lost.seconds_at_most is None
-    assert f"{store.unkept_rows} rows could not be kept" in lost.text
+    assert f"{store.unkept_rows} rows could not be stored" in lost.text
 
 
 def test_the_last_rows_get_room_from_the_reserve(

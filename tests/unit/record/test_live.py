@@ -240,7 +240,7 @@ def test_what_memory_cannot_hold_is_counted_and_said(
     assert few_rows.sealed_numbers(folder) == list(range(dropped, 2000))
     assert few_rows.sealed_events(folder) == list(range(0, 2000, 7))
     assert (
-        f"{dropped} rows could not be kept"
+        f"{dropped} rows could not be stored"
         in json.loads((folder / "manifest.json").read_text())["lost"]["text"]
     )
 
