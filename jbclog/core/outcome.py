@@ -169,8 +169,8 @@ def tools_text(stations: Iterable[StationFacts]) -> str:
     ]
     if unsafe:
         return (
-            f"NOT known to be in their safe state: {', '.join(unsafe)}; {len(states) - len(unsafe)}"
-            f" of {len(states)} tools are"
+            f"safe state NOT confirmed: {', '.join(unsafe)}; confirmed for"
+            f" {len(states) - len(unsafe)} of {count_text(len(states), 'tool')}"
         )
     if not states:
         return "no tool was touched"

@@ -238,8 +238,8 @@ def _outcome(
         return (
             Result.INVALID,
             (
-                f"The instrument was due on {given.due}: its reading is not valid, and no run can"
-                " cite it."
+                f"The instrument was due for calibration on {given.due}: its reading is not valid,"
+                " and no run can cite it."
             ),
         )
     deviations = {"from the station's own reading": offset}

@@ -59,7 +59,8 @@ RULES: Final = {
     "unchanged": "Unchanged.",
     "went_on": "It advanced at a plausible rate.",
     "fell_from_near_its_top": (
-        "It alone fell: at its usual rate it rolled over exactly once since the last reading."
+        "Only this counter fell: at its usual rate it rolled over exactly once since the last"
+        " reading."
     ),
     "fits_its_companion": (
         "Only this number of roll-overs fits the wire feeds counted since, at the length per feed"
@@ -70,10 +71,11 @@ RULES: Final = {
         "At its usual rate it may have rolled over since the last reading without a trace."
     ),
     "stands_at_top": (
-        "It shows its last number; no manual says whether it stops there or continues from zero."
+        "It shows its highest number; no manual says whether it stops there or continues from zero."
     ),
     "fell_alone": (
-        "It alone fell, from too low a number for a roll-over, and other counters rule out a reset."
+        "Only this counter fell, from too low a number for a roll-over, and other counters rule out"
+        " a reset."
     ),
     "fell_to_what_cannot_be": (
         "It fell to more than could be counted since the last reading: neither a reset nor a"
@@ -103,15 +105,15 @@ RULES: Final = {
         "A reset was recorded; the count between the last reading and the reset is lost."
     ),
     "can_hide_reset": (
-        "A reset since the last reading would not show: the station could count all of it in that"
-        " time."
+        "A reset since the last reading would go unnoticed: the station could count all of this in"
+        " that time."
     ),
     "rolled_over_or_reset": (
         "It fell: it rolled over or was reset, and no other counter shows which."
     ),
     "left_out": (
-        "It fits neither the reading before nor the one after, and those two fit each other:"
-        " ignored."
+        "Ignored: it fits neither the reading before nor the one after, and those two fit each"
+        " other."
     ),
     "other_model": "The station reports another model.",
     "other_uid": "The station has another identifier.",

@@ -29,7 +29,7 @@ def test_tools_that_are_not_are_named() -> None:
     never.safe_state.clear()  # its session broke before it came to that
     assert (
         tools_text([sent, never])
-        == "NOT known to be in their safe state: dde-1 port 2, ucr-1 port 1; 1 of 3 tools are"
+        == "safe state NOT confirmed: dde-1 port 2, ucr-1 port 1; confirmed for 1 of 3 tools"
     )
 
 
