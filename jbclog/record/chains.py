@@ -13,6 +13,7 @@ from typing import Final
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
 from jbclog.core.rows import EventRow
+from jbclog.core.text import count_text
 from jbclog.record.folder import LETTERS, RUN_NAME
 from jbclog.record.manifest import (
     NAME,
@@ -97,7 +98,7 @@ def breaks(run: str, rows: Iterable[Mapping[str, object]]) -> Iterable[tuple[int
             yield (
                 number,
                 (
-                    f"follows event {seq}; {number - seq - 1} are missing"
+                    f"follows event {seq}; {count_text(number - seq - 1, 'event')} missing"
                     if number > seq
                     else f"stands after event {seq}"
                 ),

@@ -156,7 +156,7 @@ def rewrite(folder: Path, table: str, change: Change) -> None:
         (
             "samples",
             lambda t: with_cell(t, 5, "reasons", "temperature_c=timeout"),
-            "quality ok with reasons temperature_c=timeout",
+            "quality ok contradicts reasons temperature_c=timeout",
         ),
         (
             "samples",
@@ -166,7 +166,7 @@ def rewrite(folder: Path, table: str, change: Change) -> None:
         (
             "samples",
             lambda t: with_cell(t, 5, "quality", "timeout"),
-            "quality timeout with reasons None",
+            "quality timeout contradicts reasons None",
         ),
         ("samples", lambda t: with_cell(t, 9, "tick", 0), "ticks do not rise"),
         ("samples", lambda t: with_cell(t, 9, "time", 5), "time goes back"),
@@ -176,7 +176,7 @@ def rewrite(folder: Path, table: str, change: Change) -> None:
             lambda t: with_cell(t, 0, "text", "nothing happened"),
             "event 2 does not carry the hash",
         ),
-        ("events", lambda t: t.slice(1), "event 2 follows event 0; 1 are missing"),
+        ("events", lambda t: t.slice(1), "event 2 follows event 0; 1 event missing"),
         (
             "events",
             lambda t: pa.concat_tables([t.slice(0, 1), t.slice(2)]),
