@@ -222,10 +222,7 @@ def test_a_station_that_is_away(screen: progress.Screen) -> None:
     assert [row[2:5:2] for row in rows(screen, away)] == [["unknown", "disconnected"]] * 2
 
 
-TEXT = (
-    "dde-1: 20 Hz does not fit its wire: 84.8 % in use with 1.00 ms of turnaround, 95 % is the"
-    " limit"
-)
+TEXT = "dde-1: 20 Hz does not fit its serial link: 84.8 % of it in use, 95 % is the limit"
 
 
 def test_events_are_broken_between_words(
