@@ -13,6 +13,7 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.output import is_terminal, note, reports_errors
 from jbclog.core.errors import UsageError
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from jbclog.app.audit.survey import Survey
@@ -201,7 +202,8 @@ def _audited(
     with Signals((signal.SIGINT, signal.SIGTERM)) as signals:
         signals.notify(stop)
         if is_terminal():
-            note(f"reading {sum(len(one.stations) for one in lines)} stations, {AT_ONCE} at a time")
+            stations = count_text(sum(len(one.stations) for one in lines), "station")
+            note(f"reading {stations}, {AT_ONCE} at a time")
         audited = audit_lines(lines, ledger, survey, _note_unseen, runs)
     return End(
         fleet_audit(audited, lines, tasks, runs),

@@ -166,10 +166,7 @@ class _Writing:
         self._kept = keep_snapshot(snapshot, self._change.name, self._snapshot, self._access)
         conditions = [str(one.condition) for one in snapshot.settings if one.condition is not None]
         if conditions and len(conditions) == len(snapshot.settings):
-            what = (
-                f"solder condition {', '.join(conditions)} of {snapshot.station}, and nothing else"
-                " of it, saved"
-            )
+            what = f"only solder condition {', '.join(conditions)} of {snapshot.station} saved"
         else:
             what = f"{len(snapshot.settings)} settings of {snapshot.station} saved"
         note(f"note: {what} in {self._kept}")

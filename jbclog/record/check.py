@@ -138,7 +138,7 @@ def _one_file(folder: Path, listed: SealedFile) -> Iterator[Finding]:
     elif not path.is_file():
         yield Finding(listed.path, "is missing")
     elif (size := path.stat().st_size) != listed.bytes:
-        yield Finding(listed.path, f"has {size} bytes, the manifest {listed.bytes}")
+        yield Finding(listed.path, f"has {size} bytes, the manifest says {listed.bytes}")
         yield Finding(listed.path, sealed_files.CHANGED)  # known without reading gigabytes
     elif sealed_file(folder, path, listed.rows).sha256 != listed.sha256:
         yield Finding(listed.path, sealed_files.CHANGED)
@@ -204,7 +204,9 @@ def _ledger(folder: Path, manifest: Manifest) -> Iterator[Finding]:
     rows = {file.path: file.rows for file in manifest.files}
     for found in files_of(folder):
         if found.rows != rows.get(found.path, found.rows):
-            yield Finding(found.path, f"has {found.rows} rows, the manifest {rows[found.path]}")
+            yield Finding(
+                found.path, f"has {found.rows} rows, the manifest says {rows[found.path]}"
+            )
     derived = ledger_of(folder, manifest.stations)
     ours, theirs = _by_place(derived), _by_place(manifest.ledger)
     for place in sorted(ours.keys() | theirs.keys()):

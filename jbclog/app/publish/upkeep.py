@@ -22,6 +22,7 @@ from jbclog.app.publish.lease import FOLDER, leases, live
 from jbclog.app.publish.leftovers import swept
 from jbclog.app.publish.safe_place import PROBE
 from jbclog.core.errors import RecordError, StoreError, UsageError
+from jbclog.core.text import count_text
 
 if TYPE_CHECKING:
     from deltalake import DeltaTable
@@ -90,7 +91,7 @@ def _sort_out(
     written: datetime | None,
     older_than: timedelta,
 ) -> None:
-    text = f"{rows} rows in {table} are of an interrupted publisher ({publication})"
+    text = f"{count_text(rows, 'row')} of an interrupted publisher ({publication}) in {table}"
     if written is not None and datetime.now(UTC) - written < older_than:
         found.leftovers.append(f"{text}, younger than {_hours(older_than)}")
     else:
