@@ -30,12 +30,12 @@ from jbclog.core.foreign.toml_reader import KeyPath, TomlText, parse, read_text,
 from jbclog.protocol.commands.family import FAMILIES
 
 IS_NO_BATCH: Final = (
-    "this is no jobs file; one has [batch] with the line, and a [[job]] for each job"
+    "this is not a jobs file; one has [batch] with the line, and a [[job]] for each job"
 )
 GOALS: Final = ("units", "joints")  # a duration beside one of them is the bound
 END_ALLOWED: Final = (
-    'give one end: duration = "15m", units = 40 or joints = 200; a duration beside units or joints'
-    " is its bound"
+    'give one end: duration = "15m", units = 40 or joints = 200; a duration given with units or'
+    " joints is the time limit"
 )
 _POLICIES: Final = "one of stop, skip, continue"
 LONGEST_TEXT: Final = 200

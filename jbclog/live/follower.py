@@ -45,7 +45,7 @@ class Follower:
         self._run: RunFollower | None = None
         expect_answer(self.path)
         if not self.path.is_dir():
-            raise RecordError(f"{self.path} does not exist, or is no folder")
+            raise RecordError(f"{self.path} does not exist, or is not a folder")
         self._is_run = is_run(self.path)
 
     def __enter__(self) -> Follower:

@@ -24,7 +24,7 @@ def expect_place(out: Path, run: Path, *, is_folder: bool, force: bool) -> None:
             f"--out {out}: inside the run's folder, which never changes; give a place outside of it"
         )
     if not real.parent.is_dir():
-        raise UsageError(f"--out {out}: {real.parent} is no folder; create it first")
+        raise UsageError(f"--out {out}: {real.parent} is not a folder; create it first")
     if real == real.parent or real_run.is_relative_to(real):
         raise UsageError(f"--out {out}: holds the run itself; give a place of its own")
     if out.exists() and out.is_dir() != is_folder:
@@ -35,7 +35,7 @@ def expect_place(out: Path, run: Path, *, is_folder: bool, force: bool) -> None:
         raise UsageError(
             f"--out {out}: exists; --force replaces it"
             if out.is_file()
-            else f"--out {out}: is no regular file"
+            else f"--out {out}: is not a regular file"
         )
 
 
@@ -44,7 +44,7 @@ def _expect_replaceable(out: Path, *, force: bool) -> None:
     foreign = [path.name for path in held if path.suffix not in OURS or not path.is_file()]
     if foreign:
         raise UsageError(
-            f"--out {out}: holds {foreign[0]}, which is no export; give another folder"
+            f"--out {out}: holds {foreign[0]}, which is not an export; give another folder"
         )
     if held and not force:
         raise UsageError(f"--out {out}: is not empty; --force replaces it")

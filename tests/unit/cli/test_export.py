@@ -96,7 +96,7 @@ def test_force_replaces_no_folder_with_anything_but_exports(run: Path, tmp_path:
     for to in ("csv", "qdas"):
         ended = export(run, "--to", to, "--out", out, "--force")
         assert ended.exit_code == 2
-        assert "thesis.odt, which is no export" in ended.stderr
+        assert "thesis.odt, which is not an export" in ended.stderr
     assert sorted(seen(out)) == ["old.csv", "thesis.odt"]
     (out / "thesis.odt").unlink()
     assert export(run, "--to", "qdas", "--out", out, "--force").exit_code == 0

@@ -122,7 +122,7 @@ def test_jobs_in_a_circle_are_told_with_their_way() -> None:
 
 def test_another_file_is_told_to_be_none() -> None:
     assert wrong('[recipe]\nname = "x"') == [
-        "night.toml: this is no jobs file; one has [batch] with the line, and a [[job]] for"
+        "night.toml: this is not a jobs file; one has [batch] with the line, and a [[job]] for"
         " each job"
     ]
 
