@@ -151,7 +151,7 @@ def run_station(context: SessionContext) -> Steps[StationFacts]:
         facts.outcome = StationOutcome.COMPLETED
     except NotStarted as others:
         facts.outcome = StationOutcome.NOT_STARTED
-        facts.reason = f"{context.name}: ready, but the run did not start because of {others}"
+        facts.reason = f"{context.name}: the run did not start because of {others}"
     except LeftOut as why:
         facts.outcome, facts.reason = StationOutcome.GONE, f"{context.name}: {why}"
     except RunEnded as end:
