@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 
 from jbclog.analysis import spc
-from jbclog.analysis.charts import Charted, Counted, Ranked
+from jbclog.analysis.charts import Charted
+from jbclog.analysis.count_charts import Counted, Ranked
 from jbclog.analysis.trend_words import capability_facts, capability_text, signals_text
 
 MOST: Final = 10

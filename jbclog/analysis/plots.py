@@ -11,8 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from jbclog.analysis import spc
-from jbclog.analysis.charts import Charted, Counted, Ranked
+from jbclog.analysis.charts import Charted
 from jbclog.analysis.compare import Comparison
+from jbclog.analysis.count_charts import Counted, Ranked
 from jbclog.analysis.figures.canvas import styled
 from jbclog.analysis.figures.curves import Floats, envelope
 from jbclog.analysis.figures.style import ALARM, EXTERNAL, QUIET, TEMPERATURE, WIDE, Look

@@ -16,8 +16,9 @@ from jbclog.core.errors import UsageError
 from jbclog.core.text import exact_figures
 
 if TYPE_CHECKING:
-    from jbclog.analysis.charts import Charted, Counted, Ranked
+    from jbclog.analysis.charts import Charted
     from jbclog.analysis.control_limits import Limits
+    from jbclog.analysis.count_charts import Counted, Ranked
 
 
 @reports_errors
@@ -74,7 +75,7 @@ def chart(
       jbclog chart runs/20261121T013000Z-bench-3-k7qd --metric dwell_s --upper 4 --plot dwell.png
     """
     expect_chart_place(plot)
-    from jbclog.analysis.charts import COUNTED
+    from jbclog.analysis.count_charts import COUNTED
 
     if metric in COUNTED:
         for option, given in (("--limits", limits), ("--lower", lower), ("--upper", upper)):
@@ -163,23 +164,23 @@ def _measured(
 
 def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted | Ranked:
     with without_collector():
-        from jbclog.analysis import charts
+        from jbclog.analysis import count_charts
         from jbclog.analysis.opening import open_run, open_runs
         from jbclog.config.durations import EXAMPLES, span_s
 
-    possible = charts.COUNTED[metric]
+    possible = count_charts.COUNTED[metric]
     if kind not in (None, *possible):
         raise UsageError(f"--kind {kind}: {metric} has the charts {', '.join(possible)}")
     is_run, is_ranked = _is_run(source), (kind or possible[0]) == "pareto"
-    rank = charts.ranked_alarms if metric == "alarms" else charts.ranked_losses
+    rank = count_charts.ranked_alarms if metric == "alarms" else count_charts.ranked_losses
     if not is_run:
         runs = open_runs(source)
         found = (
-            charts.rejects(runs)
+            count_charts.rejects(runs)
             if metric == "rejects"
             else rank(runs)
             if is_ranked
-            else charts.alarms_in_runs(runs)
+            else count_charts.alarms_in_runs(runs)
         )
         note_unreadable(runs)
         return found
@@ -190,7 +191,7 @@ def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted
     seconds = span_s(every)
     if not seconds:
         raise UsageError(f"--every {every}: give {EXAMPLES}")
-    return charts.alarms_in_run(open_run(source), seconds)
+    return count_charts.alarms_in_run(open_run(source), seconds)
 
 
 def _print(

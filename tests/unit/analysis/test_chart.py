@@ -20,11 +20,10 @@ from jbclog.analysis.charts import (
     charted,
     joined,
     joint_metrics,
-    loss_counts,
-    ranked,
     series_of_run,
 )
 from jbclog.analysis.control_limits import learn
+from jbclog.analysis.count_charts import loss_counts, ranked
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.spc.refusal import there_are
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA
