@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from jbclog.core.errors import LinkError, LinkFlooded, NotSupported, StationError
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.protocol.commands.command import Command
-from jbclog.session.safety.orders import in_time, is_reachable
+from jbclog.session.safety.orders import is_reachable
+from jbclog.session.safety.time_budget import in_time
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 # time after the order in which the extractor state must show in temperature or power
@@ -38,15 +39,15 @@ def watch(task: SafetyTask, tools: Sequence[ToolSafety]) -> Steps[set[int]]:
     cool.
     """
     until, cooling, before = task.client.now + COOLING_AFTER_S, set[int](), dict[int, _Heat]()
-    if not tools or until >= task.latest(len(tools)):
+    if not tools or until >= task.budget.latest(len(tools)):
         return cooling
     for tool in tools:
         before[tool.port] = yield from _heat_by(
-            task, tool, task.latest(len(tools)), with_power=False
+            task, tool, task.budget.latest(len(tools)), with_power=False
         )
     task.client.unasked((yield Wait(until)))
     for tool in tools:
-        after = yield from _heat_by(task, tool, task.latest(len(tools) - len(cooling)))
+        after = yield from _heat_by(task, tool, task.budget.latest(len(tools) - len(cooling)))
         if _cools(before[tool.port], after):
             cooling.add(tool.port)
     return cooling

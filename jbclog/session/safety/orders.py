@@ -10,7 +10,6 @@ nor the result. A tool that stays hot is worse, so the order that needs no proof
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import inf
 
 from jbclog.core.errors import (
     AnswerTimeout,
@@ -21,78 +20,88 @@ from jbclog.core.errors import (
     RobotModeOff,
     StationError,
 )
-from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, Steps, T, Wait, relay
+from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.states import SafetyResult
 from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.interface import expect_quiet
 from jbclog.protocol.commands.feeder import FeederState
 from jbclog.protocol.commands.status import StatusWord
+from jbclog.session.safety.time_budget import in_time
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
-ORDER_PER_LOOK = 1.5  # duration of an order and two answers, relative to two answers
 UNHURRIED_S = 1.5  # remaining time needed to wait for an acknowledgement in full
 REOPEN_EVERY_S = 0.25
-FIRST_S = 0.2  # for an answer in the first round, at least,
-PATIENCE = 4  # or so many times as long as the quickest answer took
-ANSWERS = 3  # of a read-back: two, and one that is lost
+READ_BACK_ANSWERS = 3  # two, and one that is lost
 LAST_ORDERS = 3
-LEAST_SHARE_S = 0.3  # to ask again after a lost answer; most tools need a tenth of it
+
+Orders = Sequence[tuple[ToolSafety, StatusWord]]
+Failure = LinkError | StationError
+"""Why an order was not acknowledged. After a `LinkError` it is not known whether it was sent."""
 
 
-def order(task: SafetyTask, orders: Sequence[tuple[ToolSafety, StatusWord]]) -> Steps[None]:
+# -- an order, and its proof -----------------------------------------------------------------------
+
+
+def order(task: SafetyTask, orders: Orders) -> Steps[None]:
     """Order each tool's state once, then read each back, while there is time for the fallback
     states.
-
-    After one acknowledgement has timed out, later ones are not waited for.
     """
-    failures = []
+    failures = yield from _send_each(task, orders)
+    yield from _read_each_back(task, orders, failures)
+
+
+def _send_each(task: SafetyTask, orders: Orders) -> Steps[list[Failure | None]]:
+    """Send each order once; return what came instead of each acknowledgement.
+
+    A station may take its time to acknowledge (docs/reference/contradictions.md, B-13). After one
+    acknowledgement has timed out, later ones are not waited for.
+    """
+    client, budget = task.client, task.budget
+    failures: list[Failure | None] = []
     for done, (tool, word) in enumerate(orders):
-        hurry = task.is_silent or task.has_waited or task.end - task.client.now < UNHURRIED_S
-        answers = 1 if hurry else inf
-        until = share_ends(task, task.end, 2 * (len(orders) - done), answers)
-        until = until if hurry else min(task.client.now + UNHURRIED_S, task.end)
+        hurry = task.is_silent or task.has_waited or budget.left_s < UNHURRIED_S
+        budget.note_answer()
+        if hurry:  # two parts for each tool: the order, and its read-back
+            until = budget.share_ends(budget.end, 2 * (len(orders) - done), answers=1)
+        else:
+            until = min(client.now + UNHURRIED_S, budget.end)
         sending = _send(task, tool, word, hurry=hurry)
-        failures.append((yield from in_time(sending, task.client.now, until)))
-        task.has_waited |= isinstance(failures[-1], AnswerTimeout)
-    end = task.latest(sum(word != task.words(tool)[-1] for tool, word in orders))
+        failure = yield from in_time(sending, client.now, until)
+        task.has_waited |= isinstance(failure, AnswerTimeout)
+        failures.append(failure)
+    return failures
+
+
+def _read_each_back(
+    task: SafetyTask, orders: Orders, failures: Sequence[Failure | None]
+) -> Steps[None]:
+    """Read each order back, unless it may not have been sent."""
+    client, budget = task.client, task.budget
+    end = budget.latest(sum(word != task.words(tool)[-1] for tool, word in orders))
     for done, ((tool, word), failure) in enumerate(zip(orders, failures, strict=True)):
         if isinstance(failure, LinkError):
             continue
         was_silent = task.is_silent
-        until = share_ends(task, end, len(orders) - done, answers=ANSWERS)
-        yield from in_time(_read_back(task, tool, word, failure), task.client.now, until)
-        if (was_silent and task.is_silent) or task.client.now >= end:
+        budget.note_answer()
+        until = budget.share_ends(end, len(orders) - done, READ_BACK_ANSWERS)
+        yield from in_time(_read_back(task, tool, word, failure), client.now, until)
+        # silent before, and still: orders are more urgent than questions
+        if (was_silent and task.is_silent) or client.now >= end:
             return
-
-
-def share_ends(task: SafetyTask, end: float, parts: int, answers: float = inf) -> float:
-    """Return until when to wait: for one of so many equal parts of the time that is left, and for
-    no longer than so many answers usually take.
-
-    The client would wait longer for a lost answer after a single slow one, and meanwhile other
-    tools had no order. Each round is twice as patient. An acknowledgement may take its time
-    (docs/reference/contradictions.md, B-13).
-    """
-    client = task.client
-    if client.heard > client.sent:
-        task.answer_s = min(task.answer_s, client.heard - client.sent)
-    patience_s = max(FIRST_S, PATIENCE * task.answer_s) * float(1 << task.rounds)
-    share_s = max((end - client.now) / parts, LEAST_SHARE_S)
-    return min(client.now + min(share_s, answers * patience_s), end)
 
 
 def _send(
     task: SafetyTask, tool: ToolSafety, word: StatusWord, *, hurry: bool
-) -> Steps[LinkError | StationError | None]:
-    """Order a state; return the error, if any. After a `LinkError` the result is not known."""
+) -> Steps[Failure | None]:
+    """Order a state; return the error, if any."""
     if not (yield from is_reachable(task)):
         return LinkError("not reached")
     tool.note_order(word)
     try:
         yield from task.client.write(task.family.commands["status"], word, tool.port, hurry=hurry)
     except LinkError as error:
-        yield from _reach_again(task, error)
+        yield from _recover(task, error)
         return error
     except StationError as error:  # the read-back decides
         return error
@@ -132,13 +141,14 @@ def status_now(task: SafetyTask, tool: ToolSafety) -> Steps[StatusWord | None]:
     try:
         found = yield from read_confirmed(task.client, task.family.commands["status"], tool.port)
     except (LinkError, StationError) as error:
-        yield from _reach_again(task, error)
+        yield from _recover(task, error)
         return None
-    task.is_silent, task.order_s = (
-        False,
-        min(task.order_s, ORDER_PER_LOOK * (task.client.now - begun)),
-    )
+    task.is_silent = False
+    task.budget.note_look(begun)
     return found if isinstance(found, tuple) else None
+
+
+# -- the feeder ------------------------------------------------------------------------------------
 
 
 def stop_feeder(task: SafetyTask) -> Steps[bool]:
@@ -147,11 +157,10 @@ def stop_feeder(task: SafetyTask) -> Steps[bool]:
         return False
     try:
         yield from task.client.write(task.family.commands["stop_feeding"], 0, hurry=task.is_silent)
-        feeding = yield from read_confirmed(task.client, task.family.commands["feeding"])
+        return (yield from _has_stopped(task))
     except (LinkError, StationError) as error:
-        yield from _reach_again(task, error)
+        yield from _recover(task, error)
         return False
-    return feeding == FeederState.STOPPED
 
 
 def look_at_feeder(task: SafetyTask) -> Steps[None]:
@@ -160,18 +169,26 @@ def look_at_feeder(task: SafetyTask) -> Steps[None]:
     if not (yield from is_reachable(task)):
         return
     try:
-        task.feeds = (
-            yield from read_confirmed(task.client, task.family.commands["feeding"])
-        ) != FeederState.STOPPED
+        task.feeds = not (yield from _has_stopped(task))
     except (LinkError, StationError) as error:
-        yield from _reach_again(task, error)
+        yield from _recover(task, error)
     if task.feeds:
         task.feeds = not (yield from stop_feeder(task))
+
+
+def _has_stopped(task: SafetyTask) -> Steps[bool]:
+    feeding = yield from read_confirmed(task.client, task.family.commands["feeding"])
+    return feeding == FeederState.STOPPED
+
+
+# -- orders without proof --------------------------------------------------------------------------
 
 
 def order_at_last(task: SafetyTask, end: float) -> Steps[None]:
     """Order by `end` what is not proven, when no time is left to prove it; again what was not
     acknowledged.
+
+    Each order gets an equal part of the time; one part more is kept for those that are lost.
     """
     client, tools = task.client, [tool for tool in task.tools if not tool.is_safe]
     for _ in range(LAST_ORDERS):
@@ -184,7 +201,8 @@ def order_at_last(task: SafetyTask, end: float) -> Steps[None]:
                 return
             until = client.now + (end - client.now) / (1 + len(tools) - done)
             sending = _send(task, tool, task.words(tool)[-1], hurry=True)
-            if isinstance((yield from in_time(sending, client.now, until)), StationError):
+            failure = yield from in_time(sending, client.now, until)
+            if isinstance(failure, StationError):
                 lost.append(tool)
         tools = lost
 
@@ -222,16 +240,18 @@ def _write_blindly(
     return task.client.exchanges > before
 
 
+# -- a link that may break -------------------------------------------------------------------------
+
+
 def is_reachable(task: SafetyTask) -> Steps[bool]:
     """Whether the intended station, and no other, is connected."""
     if not task.is_proven and not task.is_flooded:
-        yield from _reach_again(task, LinkError("not proven"))
+        yield from _recover(task, LinkError("not proven"))
     return task.is_proven and not task.is_flooded
 
 
-def _reach_again(task: SafetyTask, error: LinkError | StationError) -> Steps[None]:
-    """Reopen the port while there is time; after a broken link also until the station is identified
-    again.
+def _recover(task: SafetyTask, error: Failure) -> Steps[None]:
+    """Note what the error says of the link, and reopen it; a station that refuses answers.
 
     A silent station may still hear; one behind a reconnected cable may be another.
     """
@@ -240,10 +260,16 @@ def _reach_again(task: SafetyTask, error: LinkError | StationError) -> Steps[Non
         return
     task.is_proven &= not isinstance(error, LinkError)
     task.is_silent = isinstance(error, AnswerTimeout)
-    if isinstance(error, Refusal):
-        return  # it answers
+    if not isinstance(error, Refusal):
+        yield from _reopen(task)
+
+
+def _reopen(task: SafetyTask) -> Steps[None]:
+    """Reopen the port while there is time; after a broken link until the station is identified
+    again.
+    """
     client = task.client
-    while client.now < task.end:
+    while client.now < task.budget.end:
         try:
             client.unasked((yield Reopen()))
             if client.flow.is_flooded:
@@ -263,28 +289,3 @@ def _reach_again(task: SafetyTask, error: LinkError | StationError) -> Steps[Non
         client.unasked((yield Wait(before + REOPEN_EVERY_S)))
         if client.now <= before:
             return  # the share of the time is over (`in_time`)
-
-
-def in_time(steps: Steps[T], now: float, end: float) -> Steps[T]:
-    """Run `steps`, which begin at `now`, until `end` (monotonic seconds).
-
-    A later request is not sent; its sender gets a time-out.
-    """
-
-    def done_by_then(request: Request) -> Steps[IoResult]:
-        nonlocal now
-        if now >= end and isinstance(request, Ask):
-            raise AnswerTimeout("no time is left to ask")
-        heard = yield _cut(request, now, end)
-        now = heard.now
-        return heard
-
-    return relay(steps, done_by_then)
-
-
-def _cut(request: Request, now: float, end: float) -> Request:
-    if isinstance(request, Ask):
-        return Ask(request.data, min(request.patience_s, end - now))
-    if isinstance(request, Listen | Wait):
-        return type(request)(min(request.until, end))
-    return request

@@ -7,7 +7,7 @@ another.
 A state that counts only if the tool is seen to cool is ordered on all tools first; then they are
 watched together (`cooling.py`), so that four tools take no longer than one. The remaining time is
 enough for the fallback states. `orders.py` has the orders themselves and decides which answers to
-accept.
+accept; `time_budget.py` how long each step may take.
 """
 
 from __future__ import annotations
@@ -19,16 +19,15 @@ from jbclog.core.states import SafetyResult
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.cooling import is_cold, watch
 from jbclog.session.safety.orders import (
-    ANSWERS,
-    in_time,
+    READ_BACK_ANSWERS,
     look_at_feeder,
     order,
     order_at_last,
     order_blindly,
-    share_ends,
     status_now,
     stop_feeder,
 )
+from jbclog.session.safety.time_budget import in_time
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 ALLOWED_S = 3.0  # for one station (docs/reference/faults.md, S-2)
@@ -43,49 +42,56 @@ def secure(task: SafetyTask) -> Steps[None]:
     """Make the station safe within `ALLOWED_S`. The task has the result; errors of link and station
     are not raised.
     """
-    task.client.unasked((yield Wait(0.0)))
-    begun = task.client.now
-    task.end = begun + ALLOWED_S - LAST_S
-    if task.look is not None and task.is_proven and not task.client.flow.is_flooded:
+    client, budget = task.client, task.budget
+    client.unasked((yield Wait(0.0)))
+    begun = client.now
+    budget.end = begun + ALLOWED_S - LAST_S
+    if task.look is not None and task.is_proven and not client.flow.is_flooded:
         task.is_proven = yield from in_time(task.look(), begun, begun + LOOK_S)
-    yield from in_time(_in_rounds(task), task.client.now, task.end)
+    yield from in_time(_in_rounds(task), client.now, budget.end)
     if not task.is_done:
         yield from order_at_last(task, begun + ALLOWED_S)
 
 
 def _in_rounds(task: SafetyTask) -> Steps[None]:
-    if task.client.flow.is_flooded:
+    """Try `TRIES` times while there is time; over a flooded link order without proof."""
+    client, budget = task.client, task.budget
+    if client.flow.is_flooded:
         yield from order_blindly(task)
     for round_ in range(TRIES):
-        task.rounds = round_
+        budget.rounds = round_
         if round_:
-            yield from _spread(task, TRIES - round_)
+            yield from _pause(task, TRIES - round_)
         task.is_flooded = False
         yield from _round(task, is_first=not round_)
-        if task.is_flooded or task.client.flow.is_suspect:
+        if task.is_flooded or client.flow.is_suspect:
             yield from order_blindly(task)
-        if task.is_done or task.client.now >= task.end:
+        if task.is_done or client.now >= budget.end:
             return
 
 
-def _spread(task: SafetyTask, rounds_left: int) -> Steps[None]:
+def _pause(task: SafetyTask, rounds_left: int) -> Steps[None]:
     """Wait for a share of the remaining time: the cause of the failure may go away."""
-    now = task.client.now
-    task.client.unasked((yield Wait(now + max(task.end - now, 0.0) / (rounds_left + 1))))
+    share_s = max(task.budget.left_s, 0.0) / (rounds_left + 1)
+    task.client.unasked((yield Wait(task.client.now + share_s)))
 
 
 def _round(task: SafetyTask, *, is_first: bool) -> Steps[None]:
+    """Try the feeder and each tool that is not safe once, and look again at a feeder that ran."""
+    client, budget = task.client, task.budget
     if task.feeds:
-        until = share_ends(task, task.end, 2 * (len(task.tools) + 1), ANSWERS)
-        task.feeds = not (yield from in_time(stop_feeder(task), task.client.now, until))
+        budget.note_answer()
+        # two parts for the feeder and for each tool: the order, and its read-back
+        until = budget.share_ends(budget.end, 2 * (len(task.tools) + 1), READ_BACK_ANSWERS)
+        task.feeds = not (yield from in_time(stop_feeder(task), client.now, until))
     if task.spare:
-        yield from _look(task)
+        yield from _spare_resting(task)
     yield from _put(task, [tool for tool in task.tools if not tool.is_safe], is_first=is_first)
     if task.has_fed:
         yield from look_at_feeder(task)
 
 
-def _look(task: SafetyTask) -> Steps[None]:
+def _spare_resting(task: SafetyTask) -> Steps[None]:
     """Find tools that rest already, in a state that proves it, and leave them alone. In its
     extractor state a tool is cold or cools, whatever the family; an order to stand would heat it.
     """
@@ -124,6 +130,7 @@ def _put(task: SafetyTask, tools: Sequence[ToolSafety], *, is_first: bool) -> St
     """Try each tool once; if its state is not reached or it does not cool, the fallbacks."""
     words = {tool.port: task.words(tool) for tool in tools}
     yield from order(task, [(tool, words[tool.port][0]) for tool in tools])
+    # an order that was lost on its way is given again before another state is
     yield from order(task, [(tool, words[tool.port][0]) for tool in tools if tool.was_lost])
     watched = [tool for tool in tools if _is_to_be_watched(task, tool)]
     yield from _fall_back(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import inf
 
 from jbclog.core.errors import LinkFlooded
 from jbclog.core.io_requests import Steps
@@ -12,11 +11,7 @@ from jbclog.core.states import SafetyResult
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.status import StatusWord
-
-# time reserved for one order with its read-back, at most; as long as the fastest so far once known
-ORDER_S = 0.25
-MARGIN_S = 0.5  # additional time for lost frames
-
+from jbclog.session.safety.time_budget import TimeBudget
 
 Prove = Callable[[], Steps[bool]]
 """Reads the identity; returns whether it is the intended station. May raise what a read raises."""
@@ -106,15 +101,13 @@ class SafetyTask:
     # the last request was not answered: do not wait long for acknowledgements
     is_silent: bool = False
     has_waited: bool = field(init=False, default=False)  # an acknowledgement timed out
-    order_s: float = field(init=False, default=ORDER_S)  # duration of one order with its read-back
-    answer_s: float = field(init=False, default=inf)  # of the quickest answer
-    rounds: int = field(init=False, default=0)  # that are over
-    has_fed: bool = field(init=False)
+    has_fed: bool = field(init=False)  # at the beginning: a robot may start the feeder again
     is_flooded: bool = field(init=False, default=False)  # in this round
-    end: float = field(init=False, default=0.0)
+    budget: TimeBudget = field(init=False)
 
     def __post_init__(self) -> None:
         self.has_fed = self.feeds
+        self.budget = TimeBudget(self.client)
         if self.wanted not in self.family.safe_states:
             self.wanted = next(iter(self.family.safe_states), self.wanted)
 
@@ -131,10 +124,6 @@ class SafetyTask:
             if state in status.orders
         ]
         return not status.is_resting(word) and any(word[3] == one[3] for one in proven)
-
-    def latest(self, tools: int) -> float:
-        """Return the latest time to begin the orders to so many tools, with read-back."""
-        return self.end - MARGIN_S - tools * self.order_s if tools else self.end
 
     def note_flood(self, flood: LinkFlooded) -> None:
         """Note that the link is flooded: identity and results must be proven again."""

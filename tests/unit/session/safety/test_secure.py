@@ -17,8 +17,8 @@ from jbclog.core.io_requests import Ask, IoResult, Listen, Steps, Wait
 from jbclog.core.states import SafetyResult
 from jbclog.protocol.commands.status import EXTRACTOR, STAND, StatusWord
 from jbclog.session.safety import cooling
-from jbclog.session.safety.orders import in_time
 from jbclog.session.safety.secure import ALLOWED_S, secure
+from jbclog.session.safety.time_budget import in_time
 from jbclog.session.safety.tools import SafetyTask
 from jbclog.sim.hotair import AirModel
 from jbclog.sim.port import SLEEP, WORKING, SimPort
