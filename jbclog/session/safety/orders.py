@@ -60,6 +60,7 @@ def _send_each(task: SafetyTask, orders: Orders) -> Steps[list[Failure | None]]:
     client, budget = task.client, task.budget
     failures: list[Failure | None] = []
     for done, (tool, word) in enumerate(orders):
+        yield from is_reachable(task)  # before the shares: a port may take longer to open than one
         hurry = task.is_silent or task.has_waited or budget.left_s < UNHURRIED_S
         budget.note_answer()
         if hurry:  # two parts for each tool: the order, and its read-back

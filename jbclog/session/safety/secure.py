@@ -20,6 +20,7 @@ from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.cooling import is_cold, watch
 from jbclog.session.safety.orders import (
     READ_BACK_ANSWERS,
+    is_reachable,
     look_at_feeder,
     order,
     order_at_last,
@@ -79,6 +80,7 @@ def _pause(task: SafetyTask, rounds_left: int) -> Steps[None]:
 def _round(task: SafetyTask, *, is_first: bool) -> Steps[None]:
     """Try the feeder and each tool that is not safe once, and look again at a feeder that ran."""
     client, budget = task.client, task.budget
+    yield from is_reachable(task)  # before the shares: a port may take longer to open than one
     if task.feeds:
         budget.note_answer()
         # two parts for the feeder and for each tool: the order, and its read-back

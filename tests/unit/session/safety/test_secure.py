@@ -122,6 +122,23 @@ def test_a_port_that_does_not_open_takes_no_longer() -> None:
     assert [tool.reached for tool in made.tools] == [SafetyResult.FAILED, SafetyResult.FAILED]
 
 
+@pytest.mark.parametrize("feeds", [False, True], ids=["", "feeding"])
+def test_a_port_that_takes_long_to_open_leaves_the_time_to_identify_and_order(feeds: bool) -> None:
+    """As one behind an rfc2217 server: half of the time was over, a share of it was for the first
+    order, and nothing was left of that to ask who is there.
+    """
+    family = "ale" if feeds else "dme"
+    device, made = station(family, (1,)), task(1, family=family, feeds=feeds, is_proven=False)
+
+    def opening() -> None:
+        cable.now += 1.6
+
+    cable = Cable(device, opens=opening)
+    cable.pull(secure(made))
+    assert (made.is_done, cable.now - ASKED_AT <= ALLOWED_S) == (True, True)
+    assert written(device) == [STAND]
+
+
 def test_what_is_over_neither_waits_nor_asks() -> None:
     given: list[object] = []
 
