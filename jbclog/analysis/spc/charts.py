@@ -11,17 +11,16 @@ from math import exp, lgamma, sqrt
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from jbclog.analysis.spc import special
 from jbclog.analysis.spc.distribution import Fit, Floats
-from jbclog.analysis.spc.nelson import DEFAULT_TESTS, Signal, signals
+from jbclog.analysis.spc.nelson import BEYOND_3, DEFAULT_TESTS, Signal, signals
 
 GRID = 1000  # values that stand for a distribution
 # of the integrals below; beyond, a normal tail is less than a float's precision
 FURTHEST_SIGMA, STEPS = 8.5, 1701
 ROWS_AT_ONCE: Final = 64
-BEYOND_3 = 0.0026998  # share beyond three sigma
 LIMIT_ONLY = (1,)
 """Tests of a chart whose neighbouring points are not independent: ranges that share a value,
 weighted means.
@@ -76,14 +75,7 @@ def individuals(
         return Chart(
             "individuals", points, float(middle[0]), spread, lower, upper, found, fit.name, tests
         )
-    middle_of_all = float(points.mean()) if centre is None else centre
-    return _three_sigma(
-        "individuals",
-        points,
-        middle_of_all,
-        sigma_of_moving_ranges(points) if sigma is None else sigma,
-        tests,
-    )
+    return _three_sigma("individuals", points, *_given_or_own(points, centre, sigma), tests)
 
 
 def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
@@ -92,7 +84,7 @@ def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
     """
     spans = np.abs(np.diff(_floats(values)))
     if fit is None or fit.name == "normal":
-        return _of_ranges("moving ranges", spans, 2, LIMIT_ONLY)
+        return _of_ranges("moving ranges", spans, 2)
     grid = fit.family.quantiles(fit.fitted, special.ndtri((np.arange(GRID) + 0.5) / GRID))
     upper = float(np.quantile(np.abs(grid[:, np.newaxis] - grid), 1 - BEYOND_3))
     centre = float(spans.mean())
@@ -137,7 +129,7 @@ def means(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart
 def ranges(subgroups: ArrayLike) -> Chart:
     """Chart ranges within subgroups (a row each)."""
     rows = _rows(subgroups)
-    return _of_ranges("subgroup ranges", np.ptp(rows, axis=1), rows.shape[1], LIMIT_ONLY)
+    return _of_ranges("subgroup ranges", np.ptp(rows, axis=1), rows.shape[1])
 
 
 def means_by_sd(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
@@ -158,10 +150,8 @@ def sds(subgroups: ArrayLike) -> Chart:
     points, known = rows.std(axis=1, ddof=1), c4(rows.shape[1])
     centre = float(points.mean())
     sigma = centre * sqrt(1 - known**2) / known
-    lower, upper = (
-        np.full(len(points), edge) for edge in (max(centre - 3 * sigma, 0.0), centre + 3 * sigma)
-    )
-    return _chart("subgroup standard deviations", points, centre, sigma, lower, upper, LIMIT_ONLY)
+    limits = _from_zero(len(points), centre, sigma)
+    return _chart("subgroup standard deviations", points, centre, sigma, *limits, LIMIT_ONLY)
 
 
 def ewma(
@@ -181,8 +171,7 @@ def ewma(
         raise ValueError(
             f"the weight of an EWMA chart must be above 0 and at most 1 (got {weight:g})"
         )
-    middle = float(points.mean()) if centre is None else centre
-    spread = sigma_of_moving_ranges(points) if sigma is None else sigma
+    middle, spread = _given_or_own(points, centre, sigma)
     averages, last = np.empty_like(points), middle
     for place, value in enumerate(points):
         last = averages[place] = weight * value + (1 - weight) * last
@@ -214,8 +203,7 @@ def cusum(
     is not above 0.
     """
     points = _floats(values)
-    middle = float(points.mean()) if centre is None else centre
-    spread = sigma_of_moving_ranges(points) if sigma is None else sigma
+    middle, spread = _given_or_own(points, centre, sigma)
     if not spread > 0:
         raise ValueError(f"sigma of a CUSUM chart must be above 0 (got {spread:g})")
     zones = (points - middle) / spread
@@ -254,6 +242,14 @@ def sigma_of_ranges(rows: Floats) -> float:
     return float(np.ptp(rows, axis=1).mean()) / d2(rows.shape[1])
 
 
+def _given_or_own(points: Floats, centre: float | None, sigma: float | None) -> tuple[float, float]:
+    """Return centre and sigma; what is not given is that of the values."""
+    return (
+        float(points.mean()) if centre is None else centre,
+        sigma_of_moving_ranges(points) if sigma is None else sigma,
+    )
+
+
 def _three_sigma(
     name: str, points: Floats, centre: float, sigma: float, tests: tuple[int, ...]
 ) -> Chart:
@@ -267,17 +263,18 @@ def _sums(name: str, zones: Floats, slack: float, decision: float, sign: int = 1
         last = sums[place] = max(0.0, last + zone - slack)
     edges = np.zeros(len(zones)), np.full(len(zones), decision)
     lower, upper = edges if sign > 0 else (-edges[1], edges[0])
-    found = tuple(Signal(1, int(place), int(place)) for place in np.flatnonzero(sums > decision))
-    return Chart(name, sign * sums, 0.0, 1.0, lower, upper, found)
+    return Chart(name, sign * sums, 0.0, 1.0, lower, upper, _beyond(sums > decision))
 
 
 def _counted(name: str, points: Floats, mean: float, sigma: Floats, most: float) -> Chart:
     lower, upper = np.maximum(mean - 3 * sigma, 0.0), np.minimum(mean + 3 * sigma, most)
-    found = tuple(
-        Signal(1, int(place), int(place))
-        for place in np.flatnonzero((points > upper) | (points < lower))
-    )
+    found = _beyond((points > upper) | (points < lower))
     return Chart(name, points, mean, float(sigma[-1]), lower, upper, found)
+
+
+def _beyond(outside: NDArray[np.bool_]) -> tuple[Signal, ...]:
+    """Return a signal for each point outside of its limits."""
+    return tuple(Signal(1, int(place), int(place)) for place in np.flatnonzero(outside))
 
 
 def _counts(counts: ArrayLike, sizes: ArrayLike) -> tuple[Floats, Floats]:
@@ -288,13 +285,15 @@ def _counts(counts: ArrayLike, sizes: ArrayLike) -> tuple[Floats, Floats]:
     return found, np.asarray(of)
 
 
-def _of_ranges(name: str, spans: Floats, size: int, tests: tuple[int, ...]) -> Chart:
+def _of_ranges(name: str, spans: Floats, size: int) -> Chart:
     centre = float(spans.mean())
     sigma = d3(size) / d2(size) * centre
-    lower, upper = max(centre - 3 * sigma, 0.0), centre + 3 * sigma
-    return _chart(
-        name, spans, centre, sigma, np.full(len(spans), lower), np.full(len(spans), upper), tests
-    )
+    return _chart(name, spans, centre, sigma, *_from_zero(len(spans), centre, sigma), LIMIT_ONLY)
+
+
+def _from_zero(points: int, centre: float, sigma: float) -> tuple[Floats, Floats]:
+    """Return limits at three sigma for each point of a spread, which is never below zero."""
+    return np.full(points, max(centre - 3 * sigma, 0.0)), np.full(points, centre + 3 * sigma)
 
 
 def _chart(

@@ -18,6 +18,7 @@ Zones = NDArray[np.float64]
 """Points as distances from the centre line in standard deviations."""
 Windows = NDArray[np.float64]
 """As many neighbouring points as a test examines, one row for each place."""
+BEYOND_3 = 0.0026998  # share of a normal process beyond three sigma
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,7 @@ def _avoiding(windows: Windows) -> NDArray[np.bool_]:
 
 
 TESTS = (
-    Test(1, "one point beyond three sigma", _beyond(3, 1), rate=0.0026998),
+    Test(1, "one point beyond three sigma", _beyond(3, 1), rate=BEYOND_3),
     Test(9, "nine points in a row on one side of the centre", _beyond(0, 9), rate=1 / 511),
     Test(6, "six points in a row steadily rising or falling", _trend),
     Test(14, "fourteen points in a row alternating up and down", _alternating),

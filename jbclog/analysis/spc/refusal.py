@@ -16,9 +16,9 @@ from typing import Final
 import numpy as np
 
 from jbclog.analysis.spc import special
-from jbclog.analysis.spc.charts import BEYOND_3, Chart
+from jbclog.analysis.spc.charts import Chart
 from jbclog.analysis.spc.distribution import LOG_ROOT, Fit, Floats
-from jbclog.analysis.spc.nelson import TESTS, signals
+from jbclog.analysis.spc.nelson import BEYOND_3, TESTS, signals
 from jbclog.core.text import count_text
 
 CLEARLY: Final = 10.0  # BIC; "very strong" of Kass and Raftery 1995
@@ -117,8 +117,7 @@ def unstable(chart: Chart, distances: Floats) -> Refused | None:
     n, zones = len(distances), distances / chart.sigma
     furthest = float(np.abs(zones).max())
     if special.ndtr(-furthest) * 2 * n < BY_CHANCE:
-        text = f"The process is not stable: a point of {n} is {furthest:.1f} sigma from the centre"
-        return Refused("unstable", f"{text}; an index would describe no process that exists.")
+        return _not_stable(f"a point of {n} is {furthest:.1f} sigma from the centre")
     sides = zones[zones != 0]
     return _too_often(1, zones, BEYOND_3) or _too_often(2, sides, rate_of_nine(sides))
 
@@ -128,11 +127,14 @@ def _too_often(number: int, zones: Floats, rate: float) -> Refused | None:
     seen = _count_runs([one.last for one in signals(zones, (number,))])
     if not seen or special.pdtrc(seen - 1, rate * len(zones)) >= BY_CHANCE:
         return None
-    text = (
-        f"The process is not stable: {TESTS[number - 1].text}, {count_text(seen, 'time')} in"
-        f" {len(zones)} points"
+    return _not_stable(
+        f"{TESTS[number - 1].text}, {count_text(seen, 'time')} in {len(zones)} points"
     )
-    return Refused("unstable", f"{text}; an index would describe no process that exists.")
+
+
+def _not_stable(what: str) -> Refused:
+    text = f"The process is not stable: {what}; an index would describe no process that exists."
+    return Refused("unstable", text)
 
 
 def rate_of_nine(sides: Floats) -> float:
@@ -175,10 +177,7 @@ def shifted(points: Floats) -> Refused | None:
             f"it steps after value {place + 1} of {n} (median {before:.4g} before, {after:.4g}"
             f" after; Pettitt, p = {step:.2g})"
         )
-    return Refused(
-        "unstable",
-        f"The process is not stable: {what}; an index would describe no process that exists.",
-    )
+    return _not_stable(what)
 
 
 def mixed(points: Floats, fit: Fit, resolution: float | None) -> Refused | None:
