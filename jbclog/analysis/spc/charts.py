@@ -65,7 +65,8 @@ def individuals(
     limits of another distribution.
 
     `centre` and `sigma` come from the values unless they are given. With a `fit` that is not
-    normal, neither is used.
+    normal, neither is used. Raises `ValueError` for fewer than two values, and for one that is not
+    finite.
     """
     points = _floats(values)
     if fit is not None and fit.name != "normal":
@@ -81,6 +82,8 @@ def individuals(
 def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
     """Chart moving ranges of two; they overlap, so only the limit is a test. With `fit` the limit
     is that of its differences.
+
+    Raises `ValueError` for fewer than two values, and for one that is not finite.
     """
     spans = np.abs(np.diff(_floats(values)))
     if fit is None or fit.name == "normal":
@@ -120,6 +123,8 @@ def fixed(
 def means(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
     """Chart means of subgroups (a row each), sigma from the mean range within them (NIST
     6.3.2.1).
+
+    Raises `ValueError` for rows of fewer than two values, and for one that is not finite.
     """
     rows = _rows(subgroups)
     sigma = sigma_of_ranges(rows) / sqrt(rows.shape[1])
@@ -127,7 +132,10 @@ def means(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart
 
 
 def ranges(subgroups: ArrayLike) -> Chart:
-    """Chart ranges within subgroups (a row each)."""
+    """Chart ranges within subgroups (a row each).
+
+    Raises `ValueError` for rows of fewer than two values, and for one that is not finite.
+    """
     rows = _rows(subgroups)
     return _of_ranges("subgroup ranges", np.ptp(rows, axis=1), rows.shape[1])
 
@@ -135,6 +143,8 @@ def ranges(subgroups: ArrayLike) -> Chart:
 def means_by_sd(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
     """Chart means of subgroups (a row each), sigma from the mean standard deviation within them
     (X-bar of X-bar and S).
+
+    Raises `ValueError` for rows of fewer than two values, and for one that is not finite.
     """
     rows = _rows(subgroups)
     size = rows.shape[1]
@@ -145,6 +155,8 @@ def means_by_sd(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) ->
 def sds(subgroups: ArrayLike) -> Chart:
     """Chart standard deviations within subgroups (a row each): S of X-bar and S (Montgomery,
     section 6.3).
+
+    Raises `ValueError` for rows of fewer than two values, and for one that is not finite.
     """
     rows = _rows(subgroups)
     points, known = rows.std(axis=1, ddof=1), c4(rows.shape[1])
@@ -164,7 +176,8 @@ def ewma(
     """Chart exponentially weighted moving averages (NIST 6.3.2.4), with limits for each point by
     its own variance.
 
-    `centre` and `sigma` (of a single value) come from the values unless they are given.
+    `centre` and `sigma` (of a single value) come from the values unless they are given. Raises
+    `ValueError` for a weight that is not above 0 and at most 1, and as `individuals`.
     """
     points = _floats(values)
     if not 0 < weight <= 1:
@@ -215,6 +228,8 @@ def cusum(
 def shares(counts: ArrayLike, sizes: ArrayLike) -> Chart:
     """Chart the share of `sizes` that was counted (p chart), with limits for each size (Montgomery,
     section 7.2).
+
+    Raises `ValueError` for a count below 0 or above its size, and for a size that is not above 0.
     """
     found, of = _counts(counts, sizes)
     if (found > of).any():
@@ -226,6 +241,8 @@ def shares(counts: ArrayLike, sizes: ArrayLike) -> Chart:
 def rates(counts: ArrayLike, sizes: ArrayLike) -> Chart:
     """Chart counts per unit of `sizes` such as hours or units (u chart), with limits for each size
     (Montgomery, section 7.3).
+
+    Raises `ValueError` for a count below 0, and for a size that is not above 0.
     """
     found, of = _counts(counts, sizes)
     mean = float(found.sum() / of.sum())
