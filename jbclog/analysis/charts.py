@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from typing import Final
 
 import numpy as np
@@ -20,7 +19,8 @@ from jbclog.analysis.run import Run
 from jbclog.analysis.runs import Runs
 from jbclog.analysis.spc.distribution import Floats
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA
-from jbclog.analysis.trend import metric_unit, trends
+from jbclog.analysis.trend import metric_unit, not_a_metric, trends
+from jbclog.analysis.verdict.evidence import joints_not_known
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text
 
@@ -109,10 +109,8 @@ def series_of_run(
     """
     units = joint_metrics()
     if metric not in units:
-        near = get_close_matches(metric[:64], units, n=1)
-        meant = f"; did you mean {near[0]}?" if near else "."
         raise UsageError(
-            f"joints have no metric {metric[:64]!r}{meant} They have {', '.join(units)}; or"
+            f"joints have no metric {not_a_metric(metric, units)} They have {', '.join(units)}; or"
             f" {', '.join(COUNTED)}"
         )
     joints = run.joints(station)
@@ -249,9 +247,7 @@ def charted(
 def _joints_unknown(series: Series) -> spc.Refused | None:
     if series.why is None or len(series.values):
         return None
-    return spc.Refused(
-        "not_known", f"Joints are not known: {series.why[:1].lower()}{series.why[1:]}"
-    )
+    return spc.Refused("not_known", joints_not_known(series.why, are_some=False))
 
 
 def too_many_late(late: int, back: int) -> spc.Refused | None:
@@ -294,31 +290,31 @@ def _charted(
     own = spc.control_chart(values, resolution=step, tests=tests)
     if kind == "imr" or isinstance(own, spc.Refused):
         return Charted(series, kind, series.names, own, with_fixed, index)
-    fit = spc.fitting(values, step)
-    is_scored = fixed is None and fit is not None and fit.name != "normal"
-    points = fit.scores(values) if is_scored and fit is not None else values
-    centre, sigma = (
-        (0.0, 1.0)
-        if is_scored
-        else (None, None)
-        if fixed is None
-        else (fixed.centre, (fixed.upper - fixed.lower) / 6)
-    )
-    scale = f"normal scores ({fit.name})" if is_scored and fit is not None else None
-    charts = (
-        (spc.ewma(points, centre=centre, sigma=sigma),)
-        if kind == "ewma"
-        else spc.cusum(points, centre=centre, sigma=sigma)
-    )
-    return Charted(
-        series,
-        kind,
-        series.names,
-        charts,
-        with_fixed,
-        index,
-        scale if kind == "ewma" or scale else "sigma",
-    )
+    charts, scale = _with_memory(series, kind, fixed)
+    return Charted(series, kind, series.names, charts, with_fixed, index, scale)
+
+
+def _with_memory(
+    series: Series, kind: str, fixed: Fixed | None
+) -> tuple[tuple[spc.Chart, ...], str | None]:
+    """Return an EWMA chart or CUSUM charts, and what they chart if not the value itself.
+
+    They are about the fixed centre, if there is one. Without it values that follow another
+    distribution than the normal one are charted by their normal scores.
+    """
+    points = series.values
+    centre: float | None = None
+    sigma: float | None = None
+    scale: str | None = None
+    fit = spc.fitting(points, series.resolution) if fixed is None else None
+    if fixed is not None:
+        centre, sigma = fixed.centre, (fixed.upper - fixed.lower) / 6
+    elif fit is not None and fit.name != "normal":
+        points, scale = fit.scores(points), f"normal scores ({fit.name})"
+        centre, sigma = 0.0, 1.0
+    if kind == "ewma":
+        return (spc.ewma(points, centre=centre, sigma=sigma),), scale
+    return spc.cusum(points, centre=centre, sigma=sigma), scale or "sigma"
 
 
 def _of_subgroups(

@@ -102,10 +102,16 @@ def metric_unit(metric: str) -> str:
     found = next((one.unit for one in DEFINITIONS if one.name == metric), None)
     if found is None:
         names = [one.name for one in DEFINITIONS]
-        near = get_close_matches(metric[:64], names, n=1)
-        meant = f"; did you mean {near[0]}?" if near else "."
-        raise UsageError(f"there is no metric {metric[:64]!r}{meant} There are {', '.join(names)}")
+        raise UsageError(
+            f"there is no metric {not_a_metric(metric, names)} There are {', '.join(names)}"
+        )
     return found
+
+
+def not_a_metric(name: str, names: Iterable[str]) -> str:
+    """Return ``'dwel_s'; did you mean dwell_s?`` for a name that is not one of `names`."""
+    near = get_close_matches(name[:64], names, n=1)
+    return f"{name[:64]!r}; did you mean {near[0]}?" if near else f"{name[:64]!r}."
 
 
 def title_of(metric: str) -> str:

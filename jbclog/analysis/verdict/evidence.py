@@ -63,6 +63,12 @@ class PortJoints:
     unseen_s: float = 0.0
 
 
+def joints_not_known(why: str, *, are_some: bool) -> str:
+    """Return the sentence that joints, or not all of them, are known; `why` is a sentence."""
+    which = "Not all joints are" if are_some else "Joints are not"
+    return f"{which} known: {why[:1].lower()}{why[1:]}"
+
+
 def not_read(seconds: float) -> str:
     """Return the sentence that there may be joints in gaps."""
     return f"Joints in gaps ({seconds:.1f} s) are not known."

@@ -24,7 +24,13 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from jbclog.analysis.verdict.acceptance import is_bare
-from jbclog.analysis.verdict.evidence import Evidence, Feeds, PortJoints, not_read
+from jbclog.analysis.verdict.evidence import (
+    Evidence,
+    Feeds,
+    PortJoints,
+    joints_not_known,
+    not_read,
+)
 from jbclog.analysis.verdict.quantiles import SHARE, censored_quantile, upper_p95
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.rules import has_feeder, has_tip, not_applicable
@@ -59,10 +65,7 @@ def _unknown(seen: PortJoints) -> str | None:
     """Return why joints, or some of them, are not known; None if all are known."""
     if seen.why is None:
         return None
-    return (
-        f"{'Not all joints are' if seen.recoveries else 'Joints are not'} known:"
-        f" {seen.why[:1].lower()}{seen.why[1:]}"
-    )
+    return joints_not_known(seen.why, are_some=bool(seen.recoveries))
 
 
 def _none_known(seen: PortJoints) -> str:
