@@ -83,7 +83,7 @@ def each_joint(
         table = table.filter(pc.equal(table["port"], port))
     return [
         _joint(run, unit, row)
-        for unit, row in zip(_serials(run, table), table.to_pylist(), strict=True)
+        for unit, row in zip(serials_of(run, table), table.to_pylist(), strict=True)
     ]
 
 
@@ -92,10 +92,11 @@ def joints_with_units(run: RunTables) -> pa.Table:
     is not known.
     """
     table = joints_of(run)
-    return table.add_column(0, pa.field("unit", TEXT), pa.array(_serials(run, table), TEXT))
+    return table.add_column(0, pa.field("unit", TEXT), pa.array(serials_of(run, table), TEXT))
 
 
-def _serials(run: RunTables, joints: pa.Table) -> list[str | None]:
+def serials_of(run: RunTables, joints: pa.Table) -> list[str | None]:
+    """Return the serial of the unit of each joint; None where it is not known."""
     serials = run.unit_at(pd.Series(joints["start"].to_pandas()))
     return [None if pd.isna(serial) else str(serial) for serial in serials]
 

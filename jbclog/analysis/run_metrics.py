@@ -112,14 +112,14 @@ def computed_metrics(run: RunTables, station: str | None = None) -> list[MetricR
 
 
 def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
-    """Return the stored joints if they are this run's; finds them in the samples otherwise. Raises
-    `RecordError`.
+    """Return the joints, ordered by station, port and time: the stored ones if they are this run's,
+    else those found in the samples. Raises `RecordError`.
     """
     stored = run.published("joints")
     if stored is None:
         stored = _stored(run, stored_joints)
     if stored is None:
-        return joints_table(run, station)
+        return _concatenated([one.joint_table() for one in _measured(run, station)])
     return stored if station is None else stored.filter(pc.equal(stored["station"], station))
 
 
@@ -138,16 +138,11 @@ def joints_frame(joints: pa.Table) -> pd.DataFrame:
     return frame(joints).astype({"fed": "boolean"})
 
 
-def joints_table(run: RunTables, station: str | None = None) -> pa.Table:
-    """Return the joints found in a run's samples, ordered by station, port and time."""
-    return _concatenated([one.joint_table() for one in _measured(run, station)])
-
-
 def joints_and_metrics(
     run: RunTables,
 ) -> tuple[pa.Table, list[dict[str, object]], list[dict[str, object]]]:
-    """Return `joints_table`, the rows of `metrics_of`, and the joint parameters of each port, from
-    one pass over the samples.
+    """Return the joints, the rows of `metrics_of`, and the joint parameters of each port, from one
+    pass over the samples.
 
     The parameters are those of the recipe's `[joints]`, completed by what was learnt from the run.
     """
@@ -226,12 +221,11 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
 
 def _reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
     steps = clock_steps(run) if any(not facts.period_s for facts in stations) else []
-    t0_us = round((run.manifest.t0_utc or 0.0) * 1e6)
     return PortReader(
         stations,
         lambda columns: run.groups("samples", columns, coded=True),
         steps,
-        t0_us,
+        run.manifest.t0_utc_us,
         MOST_ROWS,
     )
 

@@ -10,7 +10,6 @@ from io import SEEK_END, BytesIO
 from typing import Final
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
@@ -18,18 +17,18 @@ from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.figures.curves import Floats
 from jbclog.analysis.figures.style import NARROW, WIDE, Format
 from jbclog.analysis.run import Run
-from jbclog.analysis.run_joints import joints_of_port
+from jbclog.analysis.run_joints import joints_of_port, serials_of
 from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.analysis.stored_tables import JOINTS_FILE as JOINTS
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA, joints_parquet
 from jbclog.analysis.verdict.quantiles import censored_quantile
-from jbclog.core.text import csv_text
+from jbclog.core.text import clean, csv_text
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.column_csv import csv_lines
 from jbclog.report.facts import FigureFacts, JointFacts
 from jbclog.report.joint_chart import RecoveryChart, draw_chart, recovery_chart
 from jbclog.report.joint_words import never_back
-from jbclog.report.text import Row, clean
+from jbclog.report.text import Row
 
 __all__ = ["COLUMNS", "JOINTS", "Joints", "joint_facts", "joints_of", "unit_rows"]
 
@@ -105,9 +104,8 @@ class Joints:
 def joints_of(run: Run) -> Joints:
     """Find the joints in the samples; the same run gives the same bytes. Raises `RecordError`."""
     table, metrics, taken = joints_and_metrics(run)
-    units = run.unit_at(pd.Series(table["start"].to_pandas())).tolist() if table.num_rows else []
+    serials = serials_of(run, table) if table.num_rows else []
     pa.default_memory_pool().release_unused()  # what the search took, between what is kept
-    serials = [None if pd.isna(serial) else str(serial) for serial in units]
     by_port: dict[tuple[object, object], dict[str, Row]] = {}
     for row in metrics:
         by_port.setdefault((row["station"], row["port"]), {})[str(row["metric"])] = row
@@ -117,7 +115,7 @@ def joints_of(run: Run) -> Joints:
 
 
 def joint_facts(
-    found: Joints, station: str, port: int, file: str, *, crowded: bool = False
+    found: Joints, station: str, port: int, file: str, *, crowded: bool
 ) -> JointFacts | None:
     """Return the figures of one port and its chart, whose file begins with `file`; None for what
     makes no joints.

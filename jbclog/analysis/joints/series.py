@@ -230,6 +230,7 @@ class Stretch:
         return replace(self, seconds=self.seconds - seconds, origin=None) if seconds else self
 
 
+SHORTEST_S = 3.0
 BRIDGED_S = 0.5
 """A shorter time without readings is interpolated: a gap would cut a draw across it in two."""
 
@@ -238,13 +239,11 @@ FALL_C, FALL_K_PER_S = 60.0, 400.0
 """No tip moves so far so fast: another tool, or none, is in its place."""
 
 
-def stretches(
-    series: Series, shortest_s: float = 3.0, begun: Sequence[Stretch] = ()
-) -> list[Stretch]:
+def stretches(series: Series, begun: Sequence[Stretch] = ()) -> list[Stretch]:
     """Return the stretches of the record: the tool works, temperature and power were read, no gap
     beyond `BRIDGED_S`.
 
-    Stretches shorter than `shortest_s` are left out. In a record that is analysed in windows,
+    Stretches shorter than `SHORTEST_S` are left out. In a record that is analysed in windows,
     `begun` are the stretches of the window before: one that began there stays on its grid.
     """
     rows = series.rows
@@ -270,7 +269,7 @@ def stretches(
         for piece, begin in every
         if len(piece) > 1
     ]
-    return [stretch for stretch in found if len(stretch) * series.period_s >= shortest_s]
+    return [stretch for stretch in found if len(stretch) * series.period_s >= SHORTEST_S]
 
 
 def unseen(series: Series, parts: Sequence[Stretch]) -> tuple[float, int]:

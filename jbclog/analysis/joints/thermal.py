@@ -217,7 +217,7 @@ def rate(flow: Floats, period_s: float) -> Floats:
 
 
 def noise_levels(
-    period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0
+    period_s: float, values: Floats, temperature_noise: float, power_noise: float
 ) -> Iterator[Noise]:
     """Return the noise of the flow that the noise of readings causes, from little smoothing to
     much.
@@ -233,7 +233,7 @@ def noise_levels(
 
 
 def least_smoothed_noise(
-    period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0
+    period_s: float, values: Floats, temperature_noise: float, power_noise: float
 ) -> Noise:
     """Return the noise at the least smoothing that keeps it below `QUIET_PERMILLE`, or at the
     most.

@@ -20,11 +20,11 @@ from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.packed import dwells_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_PERMILLE, Column, Series
-from jbclog.analysis.verdict.idle import (
-    Floats,
-)
+from jbclog.analysis.verdict.idle import Floats
 
 AT_LEAST_PERMILLE = 500.0
+NOT_RATED = "The station's full-scale power is not declared (rated_power_w in the line file)."
+NO_POWER = "No power was read while the tool worked."
 
 
 @dataclass(slots=True)
@@ -88,7 +88,7 @@ def energy(port: Totals, joints: Sequence[Joint] | None) -> list[Figure]:
 
 def _mean(port: Totals) -> Figure:
     if not port.power_n:
-        return no_figure("power_mean_permille", "‰", "No power was read while the tool worked.")
+        return no_figure("power_mean_permille", "‰", NO_POWER)
     mean = port.power_sum / port.power_n
     return Figure(
         "power_mean_permille", mean, "‰", port.power_n, port.power.coverage, RESOLUTION_PERMILLE
@@ -117,8 +117,7 @@ ENERGIES = (("energy_permille_s", "‰·s"), ("energy_recorded_permille_s", "‰
 
 def _joules(whole: Figure, rated_w: float | None) -> Figure:
     if rated_w is None:
-        why = "The station's full-scale power is not declared (rated_power_w in the line file)."
-        return no_figure("energy_j", "J", why, whole.n, whole.coverage)
+        return no_figure("energy_j", "J", NOT_RATED, whole.n, whole.coverage)
     if whole.value is None or whole.resolution is None:
         return no_figure("energy_j", "J", whole.why or "", whole.n, whole.coverage)
     return Figure(
@@ -133,7 +132,7 @@ def _joules(whole: Figure, rated_w: float | None) -> Figure:
 
 def _duty(port: Totals) -> Figure:
     if not port.power_n:
-        return no_figure("duty_percent", "%", "No power was read while the tool worked.")
+        return no_figure("duty_percent", "%", NO_POWER)
     share = 100.0 * (port.power_high / port.power_n)
     return Figure(
         "duty_percent", share, "%", port.power_n, port.power.coverage, 100.0 / port.power_n

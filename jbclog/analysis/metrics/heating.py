@@ -24,11 +24,7 @@ import numpy as np
 from jbclog.analysis.joints.figure import Figure, no_figure
 from jbclog.analysis.joints.series import RESOLUTION_C, Series, Window
 from jbclog.analysis.joints.windows import View
-from jbclog.analysis.verdict.idle import (
-    Flags,
-    Floats,
-    setting_in_force,
-)
+from jbclog.analysis.verdict.idle import Flags, Floats, setting_in_force
 
 BAND_C, HOLD_S = 10.0, 1.0
 LEAST_RISE_C = 5.0

@@ -22,7 +22,7 @@ from jbclog.analysis.joints.packed import column_of, dwells_of, kinds_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE
 from jbclog.analysis.joints.thermal import Delay
-from jbclog.analysis.metrics.energy import Totals
+from jbclog.analysis.metrics.energy import NOT_RATED, Totals
 from jbclog.analysis.verdict.evidence import not_read
 from jbclog.analysis.verdict.quantiles import censored_quantile
 
@@ -97,9 +97,9 @@ def _count(name: str, count: int | None, why: str | None, n: int, coverage: floa
     return Figure(name, float(count), "count", n, coverage, 1.0)
 
 
-def _why_none(found: FoundJoints, text: str = "No joint has it.") -> str:
+def _why_none(found: FoundJoints) -> str:
     if found.joints:
-        return next((why for why in column_of(found.joints, "why") if why), text)
+        return next((why for why in column_of(found.joints, "why") if why), "No joint has it.")
     why = found.why or found.heat_why
     return why or (f"{NONE_FOUND} {not_read(found.unseen_s)}" if found.unseen_s else NONE_FOUND)
 
@@ -113,10 +113,8 @@ def _median_figure(
 ) -> Figure:
     values = [value for value in of_each if value is not None]
     if not values:
-        why = "The station's full-scale power is not declared (rated_power_w in the line file)."
-        return no_figure(
-            name, unit, why if unit == "J" and resolution is None else _why_none(found)
-        )
+        is_not_rated = unit == "J" and resolution is None
+        return no_figure(name, unit, NOT_RATED if is_not_rated else _why_none(found))
     return Figure(
         name, float(np.median(values)), unit, len(values), _share(values, found.joints), resolution
     )
