@@ -69,7 +69,7 @@ def plot(run: RunTables, station: str | None = None, port: int | None = None) ->
 
 def _traces(run: RunTables, station: str | None, port: int | None) -> list[tuple[str, int, Trace]]:
     """Return the ports that have samples, in the order of the line file."""
-    t0_utc_us = round((run.manifest.t0_utc or 0.0) * 1e6)
+    t0_utc_us = run.manifest.t0_utc_us
     events, settings, joints = (
         happenings(run.events(), t0_utc_us),
         run.settings(),

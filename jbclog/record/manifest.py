@@ -236,6 +236,11 @@ class Manifest:
     verifications: list[TipCheck] = field(default_factory=list)
     goals: list[Goal] = field(default_factory=list)
 
+    @property
+    def t0_utc_us(self) -> int:
+        """`t0_utc` in µs, as the origin of a time axis: 0 where it is not known."""
+        return round((self.t0_utc or 0.0) * 1e6)
+
     def serials(self) -> list[str]:
         """Return all known units, each once: those named at the start, then those read."""
         return list(dict.fromkeys([*self.metadata.units, *(unit.serial for unit in self.units)]))

@@ -35,11 +35,6 @@ class AlarmFacts:
     waiting: int
     excursions: int
 
-    @property
-    def rows(self) -> list[Row]:
-        """One row per episode, with the columns of `Run.alarms()`."""
-        return [row for incident in self.incidents for row in _episodes(incident)]
-
 
 def alarm_facts(run: Run) -> AlarmFacts:
     """Return the alarms of a sealed run. Raises `RecordError`."""
@@ -96,12 +91,6 @@ def _incident(episodes: Sequence[Row], name: str, *, waiting: bool) -> Row:
         "witnesses": _witnesses(episodes),
         "episodes": [dict(row) for row in episodes],
     }
-
-
-def _episodes(incident: Row) -> list[Row]:
-    episodes = incident["episodes"]
-    assert isinstance(episodes, list)
-    return episodes
 
 
 def _state(episodes: Sequence[Row]) -> str:

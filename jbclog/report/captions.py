@@ -10,6 +10,7 @@ from jbclog.analysis.figures.style import WIDE
 from jbclog.analysis.figures.ticks import duration_text
 from jbclog.analysis.figures.trace import JointEnd, MarkKind, Trace
 from jbclog.core.clock import utc_of
+from jbclog.core.text import count_text
 
 WINDOW_S: Final = 60.0
 LONG_S: Final = 180.0  # single joints are seen in the first figure of a shorter run
@@ -63,7 +64,7 @@ def caption(trace: Trace) -> str:
         parts.append(f"Line: mean, band: min–max of every {duration_text(stretch)}.")
     if trace.joints:
         parts.append(joints_marked(trace))
-    gaps = sorted(trace.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))
+    gaps = trace.longest_gaps
     named = [
         f"{gap.word.replace('_', ' ')} {duration_text(gap.seconds)} at {_clock(trace, gap.start)}"
         for gap in gaps[:MOST_GAPS_NAMED]
@@ -83,7 +84,7 @@ def closer_caption(part: Trace, why: str) -> str:
 def joints_marked(trace: Trace) -> str:
     """Return what the bars at the foot of the temperature are."""
     count, late = len(trace.joints), sum(one.word == JointEnd.LATE for one in trace.joints)
-    bars = f"Bars at the foot: {count} joint{'s' * (count != 1)}"
+    bars = f"Bars at the foot: {count_text(count, 'joint')}"
     return (
         f"{bars}; high and red: {late} after which the next one came before the tip was back."
         if late

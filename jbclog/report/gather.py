@@ -38,7 +38,7 @@ MOST_ROWS = 8_000_000  # of several stations at once in memory, some 19 bytes ea
 def gather(run: Run, joints: Joints) -> Facts:
     """Return the facts of the report of `run`. Raises `RecordError`."""
     manifest = run.manifest
-    overview = Overview(round((manifest.t0_utc or 0.0) * 1e6))
+    overview = Overview(manifest.t0_utc_us)
     measuring = KeptMeasures()
     verdict = verdict_facts(run.folder, manifest, measuring)
     pa.default_memory_pool().release_unused()
@@ -61,25 +61,22 @@ def _stations(
     """Yield one station after the other."""
     manifest, folder = run.manifest, run.folder
     steps = tuple(steps_of(folder))
-    t0_utc_us = round((manifest.t0_utc or 0.0) * 1e6)
+    by_name = {facts.name: facts for facts in manifest.stations}
     ports = sum(len(facts.ports) for facts in manifest.stations)
     context = Context(
-        t0_utc_us,
-        happenings(run.events(), t0_utc_us),
-        run.settings(),
-        measuring(
-            folder, {facts.name: facts for facts in manifest.stations}, {}, own_version(manifest)
-        ),
-        manifest.ledger,
-        is_cut_off(manifest),
-        steps,
-        overview,
-        True,
-        joints,
-        {(one.station, one.port): one for one in manifest.verifications},
-        verdict.rules,
-        ports > CROWD,
-        share(ports),
+        t0_utc_us=manifest.t0_utc_us,
+        happenings=happenings(run.events(), manifest.t0_utc_us),
+        settings=run.settings(),
+        measures=measuring(folder, by_name, {}, own_version(manifest)),
+        ledger=manifest.ledger,
+        cut_off=is_cut_off(manifest),
+        overview=overview,
+        has_overview=True,
+        joints=joints,
+        checks={(one.station, one.port): one for one in manifest.verifications},
+        rules=verdict.rules,
+        crowded=ports > CROWD,
+        zoom=share(ports),
     )
     for number, (facts, samples) in enumerate(_samples(run, steps), 1):
         context.has_overview = len(manifest.stations) > 1 or len(samples) > 1
@@ -117,7 +114,7 @@ def _by_port(
     run: Run, stations: Sequence[StationFacts], steps: tuple[Step, ...]
 ) -> dict[str, dict[int, PortSamples]]:
     """Return the rows of each port."""
-    t0_utc_us = round((run.manifest.t0_utc or 0.0) * 1e6)
+    t0_utc_us = run.manifest.t0_utc_us
     grids = {facts.name: Grid(t0_utc_us, facts.period_s, steps) for facts in stations}
     found = {
         facts.name: {port: PortSamples(facts, grids[facts.name]) for port in facts.ports}

@@ -25,6 +25,7 @@ from jbclog.analysis.figures.curves import Floats, envelope
 from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import round_values
 from jbclog.analysis.spc import Chart, Refused, control_chart
+from jbclog.core.text import count_text
 
 LEFT, RIGHT, TOP, BOTTOM, BETWEEN = 38.0, 62.0, 12.0, 19.0, 15.0
 UPPER_PT, LOWER_PT = 74.0, 34.0  # the heights of individuals, and of deficits and moving ranges
@@ -90,7 +91,10 @@ class RecoveryChart:
         found = (
             "No point is out of the ordinary"
             if not tests
-            else f"{_points(len(self.signalling))} ({'; '.join(tests)})"
+            else (
+                f"{count_text(len(self.signalling), 'point')} out of the ordinary"
+                f" ({'; '.join(tests)})"
+            )
         )
         chart = self.chart[0]
         limits = (
@@ -114,10 +118,6 @@ class RecoveryChart:
         )
         arrows = " Arrows: longer, as the next joint came before the tip was back."
         return f"{have}{arrows if late else ''}"
-
-
-def _points(count: int) -> str:
-    return f"{count} point{'s' * (count > 1)} out of the ordinary"
 
 
 def recovery_chart(

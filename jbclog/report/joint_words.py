@@ -7,7 +7,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from jbclog.report.text import RowView, items, mapping, measured, number
+from jbclog.analysis.verdict.evidence import joints_not_known
+from jbclog.core.text import number
+from jbclog.report.text import RowView, items, mapping, measured
 
 # the share of the joints that the next one followed before the tip was back
 NEVER, SELDOM = 0.95, 0.5
@@ -59,9 +61,11 @@ def never_back(late: int, seen: int, deficit_c: float | None) -> str | None:
 def never_back_at(rows: Sequence[RowView]) -> list[str]:
     """Return these sentences of all ports, each with its place."""
     found = [(row, mapping(row["joints"]).get("never_back")) for row in rows]
-    return [
-        f"{row['station']} port {row['port']}: {text}" for row, text in found if text is not None
-    ]
+    return [f"{_place(row)}: {text}" for row, text in found if text is not None]
+
+
+def _place(row: RowView) -> str:
+    return f"{row['station']} port {row['port']}"
 
 
 def found_with(rows: Sequence[RowView]) -> list[str]:
@@ -71,13 +75,10 @@ def found_with(rows: Sequence[RowView]) -> list[str]:
     texts: dict[str, list[str]] = {}
     fed: list[str] = []
     for row in rows:
-        taken, place = (
-            mapping(mapping(row["joints"]).get("taken")),
-            f"{row['station']} port {row['port']}",
-        )
+        taken = mapping(mapping(row["joints"]).get("taken"))
         if taken:
-            texts.setdefault(_found_with(taken), []).append(place)
-            fed += [place] if taken["wire_decides"] else []
+            texts.setdefault(_found_with(taken), []).append(_place(row))
+            fed += [_place(row)] if taken["wire_decides"] else []
     criteria = (
         list(texts)
         if len(texts) == 1
@@ -98,7 +99,7 @@ def _regular(rows: Sequence[RowView]) -> list[str]:
         if taken and taken.get("expected_every_s") is None:
             every = taken.get("every_s")
             text = "not regular or too few" if every is None else f"{number(every, 1)} s"
-            places.setdefault(text, []).append(f"{row['station']} port {row['port']}")
+            places.setdefault(text, []).append(_place(row))
     if not places:
         return []
     parts = (
@@ -169,12 +170,7 @@ def remark(row: RowView) -> str:
 
 def _not_known(joints: RowView) -> str | None:
     why = mapping(mapping(joints["figures"])["joints"])["why"]
-    if why is None:
-        return None
-    return (
-        f"{'Not all joints are' if joints['found'] else 'Joints are not'} known:"
-        f" {str(why)[:1].lower()}{str(why)[1:]}"
-    )
+    return None if why is None else joints_not_known(str(why), are_some=bool(joints["found"]))
 
 
 def _kind(figures: RowView) -> str | None:

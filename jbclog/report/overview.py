@@ -35,6 +35,7 @@ from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import duration_text, time_marks
 from jbclog.analysis.figures.trace import JOINED_PERIODS, Mark, MarkKind, Trace
 from jbclog.analysis.verdict.idle import setting_in_force
+from jbclog.core.text import count_text
 
 REACH_C = 40.0
 FAR_S = 10.0
@@ -91,7 +92,7 @@ class Overview:
         )
         alarms = sum(mark.kind is MarkKind.ALARM for mark in trace.marks)
         read = "–" if coverage_percent is None else f"{np.floor(coverage_percent * 10) / 10:g} %"
-        words = cold or (f"{read}, {alarms} alarm{'s' * (alarms > 1)}" if alarms else read)
+        words = cold or (f"{read}, {count_text(alarms, 'alarm')}" if alarms else read)
         shown = name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 7]}…{name[-6:]}"
         self.strips.append(
             Strip(

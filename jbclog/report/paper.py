@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from jbclog.analysis.figures.ticks import duration_text
-from jbclog.core.text import cleaned, shortened
+from jbclog.core.text import cleaned, shortened, stamp, together
 from jbclog.report import joint_words
 from jbclog.report.facts import Facts, FigureFacts, PortFacts, StationReport
 from jbclog.report.joint_words import jointed, remark
@@ -35,7 +35,6 @@ from jbclog.report.paper_tables import (
     merge_repeated,
     model_text,
 )
-from jbclog.report.text import stamp, together
 from jbclog.report.typeset import LACKING, LACKING_MEANS, drawable, pdf_of
 
 MOST_REASONS: Final = 6

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from jbclog.core.text import together
 from jbclog.report.facts import FigureFacts
-from jbclog.report.text import together
 
 Part = dict[str, object]
 T = TypeVar("T")

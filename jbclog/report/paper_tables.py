@@ -6,13 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from jbclog.analysis.figures.ticks import duration_text
+from jbclog.analysis.verdict.rules import SEVERE
+from jbclog.core.text import number, stamp
 from jbclog.report import joint_words
 from jbclog.report.alarms import WITNESSES
 from jbclog.report.facts import Facts, PortFacts, StationReport
 from jbclog.report.page import RESULT_SIGNS, place
 from jbclog.report.paper_parts import Part, Table, cells
 from jbclog.report.safety import short
-from jbclog.report.text import RowView, bound_text, clock, interval, measured, number, stamp
+from jbclog.report.text import RowView, bound_text, clock, interval, measured
 
 FEWER_ROWS: Final = 60  # of alarms and units
 
@@ -244,7 +246,6 @@ FIGURES = Table(
 # -- what was read, set and counted ----------------------------------------------------------------
 
 
-GRAVE: Final = ("error", "critical")
 OFTEN: Final = 3  # repetitions from which on they are merged
 
 
@@ -258,7 +259,7 @@ def merge_repeated(events: Sequence[RowView]) -> list[RowView]:
     out: list[RowView] = []
     for event in events:
         these = alike[_kind(event)]
-        if event["severity"] in GRAVE or len(these) < OFTEN:
+        if event["severity"] in SEVERE or len(these) < OFTEN:
             out.append(event)
         elif event is these[0]:
             out.append({**event, "times": len(these), "until": these[-1]["time"]})
@@ -281,7 +282,7 @@ def _event_row(event: RowView) -> Part:
         str(event["kind"]),
         f"{event['text']}{often}",
     ]
-    return cells(words, "grave" if event["severity"] in GRAVE else "")
+    return cells(words, "grave" if event["severity"] in SEVERE else "")
 
 
 EVENTS = Table(

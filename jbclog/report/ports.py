@@ -30,9 +30,9 @@ from jbclog.analysis.figures.style import NARROW, WIDE, Format
 from jbclog.analysis.figures.trace import Air, Limit, MarkKind, Trace
 from jbclog.analysis.run_joints import spans_of
 from jbclog.analysis.verdict import PortMeasure
-from jbclog.analysis.verdict.clock_steps import Step
 from jbclog.core.clock import utc_of, utc_text
 from jbclog.core.rows import StationFacts, TipCheck
+from jbclog.core.text import clean
 from jbclog.record.manifest import Ledger
 from jbclog.report.captions import caption, closer, closer_caption, description
 from jbclog.report.facts import (
@@ -48,8 +48,7 @@ from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.overview import Overview
 from jbclog.report.port_samples import PortSamples
 from jbclog.report.repeated import PortRows, due_readings, of_port, verification
-from jbclog.report.text import clean
-from jbclog.report.zoom import MOST_READINGS, zoom_of
+from jbclog.report.zoom import zoom_of
 
 MOST_GAPS = 50
 ENERGIES = ("energy_permille_s", "energy_recorded_permille_s", "energy_j")
@@ -65,14 +64,13 @@ class Context:
     measures: Mapping[tuple[str, int], PortMeasure]
     ledger: Ledger
     cut_off: bool
-    steps: tuple[Step, ...]
     overview: Overview
     has_overview: bool  # of a single port there is none
     joints: Joints
     checks: Mapping[tuple[str, int], TipCheck]
     rules: Sequence[Mapping[str, object]]
-    crowded: bool = False
-    zoom: int = MOST_READINGS  # rows of each port in the interactive view
+    crowded: bool
+    zoom: int  # rows of each port in the interactive view
 
 
 def port_facts(
@@ -111,7 +109,6 @@ def port_facts(
         figures=(
             _figures(file, f"{facts.name}, port {port}", drawn, context) if seen.number else []
         ),
-        joints=None,
         verification=verification(
             facts, port, context.checks.get((facts.name, port)), context.rules
         ),
@@ -164,7 +161,6 @@ def _recorded(
     rows: int, late_us: float | None, drawn: Trace, measure: PortMeasure | None, due: int
 ) -> RecordedFacts:
     readings = 0 if measure is None else measure.readings
-    longest = sorted(drawn.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))[:MOST_GAPS]
     return RecordedFacts(
         rows=rows,
         due=due,
@@ -172,7 +168,7 @@ def _recorded(
         coverage_percent=100 * readings / due if due else None,
         longest_gap_s=None if measure is None else measure.gap_s,
         late_p99_ms=None if late_us is None else late_us / 1000,
-        gaps=[_gap(gap, drawn.grid.t0_utc_us) for gap in longest],
+        gaps=[_gap(gap, drawn.grid.t0_utc_us) for gap in drawn.longest_gaps[:MOST_GAPS]],
     )
 
 

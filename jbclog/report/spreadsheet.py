@@ -14,7 +14,7 @@ from jbclog.report.alarms import COLUMNS as ALARMS
 from jbclog.report.joints import COLUMNS as JOINTS
 from jbclog.report.joints import Joints
 from jbclog.report.tables import EVENT_COLUMNS, SETTING_COLUMNS
-from jbclog.report.text import RowView, items, mapping
+from jbclog.report.text import RowView, items, mapping, row_views
 
 TABLES: Final[Mapping[str, Sequence[str]]] = {
     "rules": (
@@ -85,18 +85,18 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
 def csv_tables(document: Mapping[str, object], joints: Joints) -> dict[str, bytes]:
     """Return each table by its name, from the facts as plain data, and from the joints."""
     rows: dict[str, Iterable[RowView]] = {
-        name: _listed(document.get(name))
+        name: row_views(document.get(name))
         for name in ("events", "settings", "counters", "metrics", "units")
     }
-    incidents = _listed(mapping(document.get("alarms")).get("incidents"))
-    rows["alarms"] = [row for incident in incidents for row in _listed(incident["episodes"])]
+    incidents = row_views(mapping(document.get("alarms")).get("incidents"))
+    rows["alarms"] = [row for incident in incidents for row in row_views(incident["episodes"])]
     reasons = [str(reason) for reason in items(document["ledger_reasons"])]
-    rows["ledger"] = [{**row, **mapping(row["reasons"])} for row in _listed(document["ledger"])]
-    rows["rules"] = [_rule(row) for row in _listed(mapping(document["verdict"])["rules"])]
+    rows["ledger"] = [{**row, **mapping(row["reasons"])} for row in row_views(document["ledger"])]
+    rows["rules"] = [_rule(row) for row in row_views(mapping(document["verdict"])["rules"])]
     rows["ports"] = [
         _port(station, port)
-        for station in _listed(document["stations"])
-        for port in _listed(station["ports"])
+        for station in row_views(document["stations"])
+        for port in row_views(station["ports"])
     ]
     return {
         name: (
@@ -138,7 +138,3 @@ def _port(station: RowView, port: RowView) -> RowView:
         **worth,
         **bounds,
     }
-
-
-def _listed(value: object) -> list[RowView]:
-    return [row for row in items(value) if isinstance(row, Mapping)]

@@ -11,24 +11,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.core.text import clean, cleaned, number, stamp, together
-
-__all__ = [
-    "Row",
-    "RowView",
-    "bound_text",
-    "clean",
-    "cleaned",
-    "clock",
-    "interval",
-    "iso_times",
-    "items",
-    "mapping",
-    "measured",
-    "number",
-    "stamp",
-    "together",
-]
+from jbclog.core.text import number
 
 Row = dict[str, object]
 """A row of a table by its columns."""
@@ -39,6 +22,11 @@ RowView = Mapping[str, object]
 def items(value: object) -> Sequence[Any]:
     """Return what a list of a report holds; nothing where it is none."""
     return value if isinstance(value, list | tuple) else ()
+
+
+def row_views(value: object) -> list[RowView]:
+    """Return the objects in a list of a report; nothing where it is no list."""
+    return [row for row in items(value) if isinstance(row, Mapping)]
 
 
 def mapping(value: object) -> RowView:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from jbclog.analysis.verdict.samples import Measuring
 from jbclog.record.manifest import Manifest
 from jbclog.report.facts import Reason, VerdictFacts
 from jbclog.report.joint_words import jointed, never_back_at
-from jbclog.report.text import RowView
+from jbclog.report.text import RowView, row_views
 
 NOT_APPLICABLE = "not applicable"
 FEW = 12  # rules that need no summary
@@ -141,16 +141,14 @@ def add_reasons(verdict: VerdictFacts, stations: Sequence[RowView], *, cut_off: 
 
 
 def _not_made_safe(stations: Sequence[RowView]) -> list[Reason]:
-    ports = [(station["name"], port) for station in stations for port in _rows(station["ports"])]
+    ports = [
+        (station["name"], port) for station in stations for port in row_views(station["ports"])
+    ]
     return [
         Reason("fail", f"{name} port {port['port']}: {port['left']}.")
         for name, port in ports
         if port["left_warns"]
     ]
-
-
-def _rows(value: object) -> list[RowView]:
-    return [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
 
 
 def _of_rules(

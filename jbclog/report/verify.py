@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from jbclog import __version__
 from jbclog.analysis.rejudge import check_verdict
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict import RULES
@@ -24,11 +23,11 @@ from jbclog.record.check import changed_files
 from jbclog.record.cross_check import report_disagreements
 from jbclog.record.folder import expect_no_links
 from jbclog.record.manifest import Manifest, manifest_sha256
-from jbclog.report.agreement import report_in
+from jbclog.report.agreement import CLAIMED, report_in
 from jbclog.report.maker import Maker, impossible, maker_of, newer, tools
+from jbclog.report.text import row_views
 from jbclog.report.write import DATA, PAGE, PAPER, report_files
 
-OF_TOOLS: Final = ("paper_by", "drawn_by", "written")
 MOST: Final = 20  # figures of metrics that are listed
 
 
@@ -107,7 +106,7 @@ def _why(maker: Maker, folder: Path) -> str:
 
 def _depend_on(maker: Maker, differing: Mapping[str, str]) -> list[str]:
     """Return the differing files whose bytes another maker can have made otherwise."""
-    if (maker.version, maker.rules) != (__version__, RULES):
+    if not maker.has_these_words:
         return [*differing]
     if maker.tools["drawn_by"] != tools()["drawn_by"]:
         return [
@@ -120,11 +119,11 @@ def _depend_on(maker: Maker, differing: Mapping[str, str]) -> list[str]:
 
 def _unlike(maker: Maker, there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[str]:
     """Yield what differs in `report.json` although its maker uses the same rules and methods."""
-    if (maker.version, maker.rules) == (__version__, RULES):
+    if maker.has_these_words:
         keys = [
             key
             for key in {**here, **there}
-            if key not in OF_TOOLS and here.get(key) != there.get(key)
+            if key not in CLAIMED and here.get(key) != there.get(key)
         ]
         yield from (f"{key}: differs from what this record gives" for key in keys[:MOST])
     elif maker.rules == RULES:
@@ -135,8 +134,7 @@ def _metrics(there: object, here: list[dict[str, object]]) -> Iterator[str]:
     """Yield the metrics whose value differs; a later version may have more of them, never other
     values by the same methods.
     """
-    rows = [row for row in there if isinstance(row, dict)] if isinstance(there, list) else []
-    known = {_place(row): row.get("value") for row in rows}
+    known = {_place(row): row.get("value") for row in row_views(there)}
     if here and not known:
         yield f"metrics: there are none, the record gives {len(here)}"
         return

@@ -19,6 +19,7 @@ import pyarrow as pa
 from jbclog.analysis.run import open_run
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
+from jbclog.core.text import cleaned
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.annotations import vouch
@@ -30,7 +31,6 @@ from jbclog.report.maker import tools
 from jbclog.report.page import render
 from jbclog.report.paper import report_pdf
 from jbclog.report.spreadsheet import csv_tables
-from jbclog.report.text import cleaned
 
 DRAWINGS = ("wide", "narrow", "zoom")
 PAGE, DATA, PAPER, TABLES = "report.html", "report.json", "report.pdf", "tables"

@@ -20,7 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from jbclog.analysis.figures.curves import Floats, Readings, Span, Stretches, blocks, coded
-from jbclog.analysis.figures.lanes import MARKS
+from jbclog.analysis.figures.lanes import MARKS, NO_DATA, marked
 from jbclog.analysis.figures.trace import JOINED_PERIODS, SETTING_JOINED_S, JointEnd, Limit, Trace
 from jbclog.core.text import clean
 from jbclog.report.captions import closer
@@ -233,7 +233,7 @@ def _moments(trace: Trace) -> Iterator[tuple[float, float]]:
     near = closer(trace)
     if near is not None:
         yield near[0].start, near[0].end
-    for gap in sorted(trace.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start)):
+    for gap in trace.longest_gaps:
         if gap.seconds >= LONG_GAP_S:
             yield gap.start - AROUND_GAP_S, gap.start + AROUND_GAP_S
             yield gap.end - AROUND_GAP_S, gap.end + AROUND_GAP_S
@@ -258,14 +258,10 @@ def _parts(trace: Trace, kept: NDArray[np.bool_]) -> list[list[float]]:
 def _lanes(trace: Trace) -> dict[str, Sequence[Span]]:
     """Return the lanes of the static figure, and the joints."""
     states = {"status": trace.status} | ({} if trace.air is None else trace.air.lanes)
-    marks = {
-        name: [mark.span for mark in trace.marks if mark.kind is kind]
-        for name, kind in MARKS.items()
-    }
     return {
         **states,
-        "no data": trace.gaps,
-        **{name: spans for name, spans in marks.items() if spans},
+        NO_DATA: trace.gaps,
+        **{name: spans for name, spans in marked(trace).items() if spans},
         "joints": trace.joints,
     }
 

@@ -43,17 +43,21 @@ def lanes_of(trace: Trace, form: Format) -> list[Lane]:
         {} if trace.air is None else trace.air.lanes
     )
     lanes = [Lane(name, _seen(spans, least)) for name, spans in states.items()]
-    marks = {
-        name: [mark.span for mark in trace.marks if mark.kind is kind]
-        for name, kind in MARKS.items()
-    }
-    for name, spans in {NO_DATA: trace.gaps, **marks}.items():
+    for name, spans in {NO_DATA: trace.gaps, **marked(trace)}.items():
         seen = within(
             (widened(span, least) for span in merged(spans, least)), trace.start, trace.end
         )
         if seen:
             lanes.append(Lane(name, seen))
     return lanes
+
+
+def marked(trace: Trace) -> dict[str, list[Span]]:
+    """Return the spans of the marks in each lane of `MARKS`."""
+    return {
+        name: [mark.span for mark in trace.marks if mark.kind is kind]
+        for name, kind in MARKS.items()
+    }
 
 
 def _seen(spans: list[Span], least: float) -> list[Span]:

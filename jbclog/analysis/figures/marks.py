@@ -10,8 +10,8 @@ import pandas as pd
 
 from jbclog.analysis.figures.curves import Span
 from jbclog.analysis.figures.trace import Limit, Mark, MarkKind
+from jbclog.analysis.verdict.rules import COUNTED_ALARMS, SEVERE
 
-COUNTED = ("error", "critical")
 ERRORS = ("station.error", "port.error", "robot.off")
 ENDS = {"station.error": "station.ok", "port.error": "port.ok", "robot.off": "robot.on"}
 
@@ -76,8 +76,8 @@ def marks_of(all_of_run: Iterable[Happening], station: str, port: int) -> list[M
 
 
 def is_alarm(one: Happening) -> bool:
-    """Return whether the event is an alarm that counts."""
-    return one.kind in ("alarm.high", "alarm.low") and one.severity in COUNTED
+    """Return whether the event is an alarm that counts, as in the verdict."""
+    return one.kind in COUNTED_ALARMS and one.severity in SEVERE
 
 
 def _error(one: Happening, later: Sequence[Happening]) -> Mark:

@@ -112,6 +112,11 @@ class Trace:
     def end(self) -> float:
         return float(self.seconds[-1]) + self.period_s if len(self.seconds) else self.period_s
 
+    @property
+    def longest_gaps(self) -> list[Span]:
+        """The gaps, the longest first; of those of one length, the first."""
+        return sorted(self.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))
+
     def dates(self, seconds: ArrayLike) -> Floats:
         """Return seconds of the run as matplotlib dates."""
         return dates(self.grid.t0_utc_us, seconds)

@@ -161,7 +161,7 @@ def write(source: Source, path: Path) -> dict[str, int]:
     """Write an MDF file; return the rows of each table. Raises OSError, RecordError."""
     file = MDF(version=VERSION, temporary_folder=str(path.parent))
     try:
-        t0_us = round((source.run.manifest.t0_utc or 0.0) * 1e6)
+        t0_us = source.run.manifest.t0_utc_us
         file.header.start_time = datetime.fromtimestamp(t0_us / 1e6, UTC)
         file.header.comment = _comment(source)
         rows = {table: _write_table(file, source, table, t0_us) for table in source.tables}

@@ -14,7 +14,7 @@ from typing import Final
 
 from jbclog.config.tasks_file import DAYS
 from jbclog.core.durable_files import MOST_FAULTS
-from jbclog.core.text import number
+from jbclog.core.text import count_text, number
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import Due, State, TaskState
 from jbclog.maintenance.fleet import FleetAudit, StationAudit
@@ -120,11 +120,6 @@ def place(station: str, port: int | None) -> str:
     return station if port is None else f"{station} · port {port}"
 
 
-def counted(number_of: int, one: str, many: str | None = None) -> str:
-    """Return ``1 station``, ``3 stations``."""
-    return f"{number_of} {one if number_of == 1 else many or one + 's'}"
-
-
 def listed(words: Iterable[str]) -> str:
     """Return ``a, b and c``."""
     all_of_it = list(words)
@@ -137,7 +132,9 @@ def listed(words: Iterable[str]) -> str:
 
 BASELINE: Final = ("unknown", "✓", "BASELINE RECORDED")
 NOT_SEEN: Final = ("unseen", "–", "not seen")
-WORST_FIRST: Final = (State.OVERDUE, State.DUE, State.SOON, State.UNKNOWN, State.FINE)
+NO_TASK: Final = ("unknown", "–", "no task")
+URGENT: Final = (State.OVERDUE, State.DUE, State.SOON)
+WORST_FIRST: Final = (*URGENT, State.UNKNOWN, State.FINE)
 FEW: Final = 3
 NEVER: Final = "9999"
 
@@ -156,9 +153,7 @@ class DueRow:
     @property
     def others(self) -> tuple[TaskState, ...]:
         """The other tasks that are overdue, due or due soon."""
-        return tuple(
-            task for task in self.tasks[1:] if task.state in (State.OVERDUE, State.DUE, State.SOON)
-        )
+        return tuple(task for task in self.tasks[1:] if task.state in URGENT)
 
     @property
     def state(self) -> tuple[str, str, str]:
@@ -166,7 +161,7 @@ class DueRow:
         if self.worst is None or (
             not self.station.seen and self.worst.state in (State.UNKNOWN, State.FINE)
         ):
-            return NOT_SEEN if not self.station.seen else ("unknown", "–", "no task")
+            return NO_TASK if self.station.seen else NOT_SEEN
         return STATES[self.worst.state]
 
     @property
@@ -192,13 +187,8 @@ class AuditOverview:
 def overview_of(audit: FleetAudit) -> AuditOverview:
     """Return the overview of an audit."""
     rows = sorted(map(_row, audit.stations), key=lambda row: row.rank)
-    order = [
-        *(STATES[state] for state in WORST_FIRST[:3]),
-        NOT_SEEN,
-        STATES[State.UNKNOWN],
-        ("unknown", "–", "no task"),
-    ]
-    order.append(STATES[State.FINE])
+    urgent = (STATES[state] for state in URGENT)
+    order = (*urgent, NOT_SEEN, STATES[State.UNKNOWN], NO_TASK, STATES[State.FINE])
     counts = [(*state, sum(row.state == state for row in rows)) for state in order]
     present = tuple(one for one in counts if one[3])
     return AuditOverview(
@@ -226,9 +216,8 @@ def is_baseline(audit: FleetAudit) -> bool:
     """Whether all stations were read, each for the first time, and nothing is due: there is nothing
     to compare with yet.
     """
-    urgent = (State.OVERDUE, State.DUE, State.SOON)
     is_calm = not audit.wrong and not any(
-        one.doubts or any(task.state in urgent for task in one.tasks) for one in audit.stations
+        one.doubts or any(task.state in URGENT for task in one.tasks) for one in audit.stations
     )
     return (
         bool(audit.stations)
@@ -267,10 +256,10 @@ def _reasons(audit: FleetAudit, rows: Sequence[DueRow]) -> list[str]:
     ]
     doubts = sum(len(station.doubts) for station in audit.stations)
     if doubts:
-        found.append(f"{counted(doubts, 'counter')} changed implausibly; see counter changes")
+        found.append(f"{count_text(doubts, 'counter')} changed implausibly; see counter changes")
     if audit.wrong:
         lines = (
-            counted(len(audit.wrong), "line")
+            count_text(len(audit.wrong), "line")
             if len(audit.wrong) <= MOST_FAULTS
             else f"more than {MOST_FAULTS} lines"
         )
@@ -297,7 +286,8 @@ def _unknown(rows: Sequence[DueRow]) -> Iterator[str]:
 def baseline(audit: FleetAudit) -> Iterator[str]:
     """Yield what a first audit did, and what to do next."""
     yield (
-        f"First audit: {counted(len(audit.stations), 'station')} read; their use counts from here."
+        f"First audit: {count_text(len(audit.stations), 'station')} read; their use counts from"
+        " here."
     )
     yield f"Next: audit daily. Due dates need at least {FEW + 1} audits."
     if not any(one.tasks for one in audit.stations):

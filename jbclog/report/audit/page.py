@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from jbclog import __version__
 from jbclog.analysis.figures.canvas import styled
-from jbclog.core.text import clean
+from jbclog.core.text import clean, count_text
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind
 from jbclog.maintenance.fleet import (
@@ -318,7 +318,7 @@ def _environment() -> Environment:
     made.filters.update(day=overview.day, of_life=overview.of_life, window=overview.window)
     made.globals.update(
         place=overview.place,
-        counted=overview.counted,
+        counted=count_text,
         COUNTERS=overview.COUNTERS,
         STATES=overview.STATES,
     )

@@ -7,7 +7,8 @@ from datetime import UTC, datetime
 import pytest
 
 from jbclog.core.clock import utc_text
-from jbclog.report.text import clean, cleaned, clock, measured, number, stamp, together
+from jbclog.core.text import clean, cleaned, number, stamp, together
+from jbclog.report.text import clock, measured
 
 
 @pytest.mark.parametrize(
