@@ -38,8 +38,8 @@ def test_a_alone_is_an_answer_and_tells_no_state() -> None:
     assert_account_holds(run)
     (ready,) = run.memory.of_kind("station.ready")
     assert (
-        "does not answer temperature control, set temperature state, so the record does not have it."
-        in ready.text
+        "does not answer temperature control, set temperature state, so the record does not have"
+        " it." in ready.text
     )
     assert (
         "It answers A with a alone: whether solder is short or clogged is not known." in ready.text
