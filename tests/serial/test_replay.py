@@ -223,7 +223,7 @@ def was_on_time(samples: pd.DataFrame) -> bool:
     """Whether the host asked each tick's first question in the first tenth of the tick: else values
     move to other ticks.
     """
-    return bool(samples["late_us"].max() < 0.1e6 / HZ)
+    return samples["late_us"].max() is not pd.NA and bool(samples["late_us"].max() < 0.1e6 / HZ)
 
 
 def share_of_same(ours: pd.Series, theirs: pd.Series) -> float:
