@@ -406,7 +406,7 @@ def test_a_recorder_that_was_killed_leaves_all_but_the_last_second(tmp_path: Pat
         recorder.communicate()
     assert jbclog("recover", run).returncode == 0
     assert check(run) == []
-    assert "at most its last 1 s is missing" in (read_manifest(run).wire or "")
+    assert "at most the last 1 s are missing" in (read_manifest(run).wire or "")
     last, samples = max(row.at_s for row in read_rows(wire)), open_run(run).samples(station="dde-1")
     t0 = read_manifest(run).t0_mono or 0.0
     assert samples["tick"].max() / HZ < last - t0 + 1.0
