@@ -419,7 +419,7 @@ def test_a_recorder_that_was_killed_leaves_all_but_the_last_second(tmp_path: Pat
         [],
     )
     assert re.search(
-        r"dde-1: the recording ends [\d.]+ s after the run's start, before its session did",
+        r"dde-1: the recording ends [\d.]+ s after the run's start, before its session",
         told["left"][0],
     )
 
