@@ -72,8 +72,8 @@ def test_while_a_run_holds_the_station_it_is_refused_and_the_run_named(
 
 @pytest.fixture
 def leaving(tmp_path: Path) -> Iterator[Path]:
-    """A station that is unplugged for good eight seconds after its first question; the line file
-    for a run.
+    """A station that is unplugged eight seconds after its first question, and stays so; the line
+    file for a run.
     """
     source = tmp_path / "source.toml"
     source.write_text(
