@@ -68,11 +68,14 @@ TABLE: Final = {
 }
 """The columns of `Run.alarms()`, which describes them, and their types."""
 
-_ARROW: Final = {"str": TEXT, "int64": INT, "time": TIME, "Float64": FLOAT, "boolean": FLAG}
+ARROW_TYPES: Final = {"str": TEXT, "int64": INT, "time": TIME, "Float64": FLOAT, "boolean": FLAG}
+"""The Arrow type of each type of a computed table's columns."""
 _UNITS: Final = {"seconds": "s", "peak_c": "°C", "limit_c": "°C", "delay_s": "s"}
 ALARMS_SCHEMA: Final = pa.schema(
     [
-        pa.field(name, _ARROW[kind], metadata={"unit": _UNITS[name]} if name in _UNITS else None)
+        pa.field(
+            name, ARROW_TYPES[kind], metadata={"unit": _UNITS[name]} if name in _UNITS else None
+        )
         for name, kind in TABLE.items()
     ]
 )

@@ -349,10 +349,8 @@ class RunTables:
         manifest, events = self.manifest, self.events()
         changes = events[events["kind"].isin([BEGIN, END])]
         if not (changes["kind"] == BEGIN).any():
-            late = late_serials(self.folder) if manifest.state == "sealed" else []
-            return pd.Series(
-                only_unit(manifest.metadata.units, late), index=micros.index, dtype="string"
-            )
+            unit = only_unit(manifest.metadata.units, self._late_serials(manifest))
+            return pd.Series(unit, index=micros.index, dtype="string")
         # first: before any unit
         serials = np.array(
             [None, *changes["raw"].where(changes["kind"] == BEGIN, None)], dtype=object
@@ -371,7 +369,7 @@ class RunTables:
         the whole run. Raises `RecordError`.
         """
         manifest, read = self.manifest, units_in(self.groups("events", COLUMNS))
-        late = late_serials(self.folder) if manifest.state == "sealed" else []
+        late = self._late_serials(manifest)
         named = [
             one
             for one in dict.fromkeys([*manifest.metadata.units, *late])
@@ -389,6 +387,9 @@ class RunTables:
             for name in ("begin", "end")
         }
         return table.assign(**times)
+
+    def _late_serials(self, manifest: Manifest) -> list[str]:
+        return late_serials(self.folder) if manifest.state == "sealed" else []
 
     def published(self, table: str) -> pa.Table | None:
         """Return its joints or metrics as a store has them; None for a run in a folder."""

@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from math import isclose
@@ -156,10 +156,15 @@ class OfEach(Generic[T]):
             return self.function(opener()), None
         except UsageError:
             raise
-        except RecordError as error:
-            return None, str(error)
-        except self.caught as error:
-            return None, f"its tables cannot be read: {unexpected_error_text(error)}"
+        except (RecordError, self.caught) as error:
+            return None, _why_unreadable(error)
+
+
+def _why_unreadable(error: Exception) -> str:
+    """Return why a run cannot be read; rows that no recorder wrote can raise anything."""
+    if isinstance(error, RecordError):
+        return str(error)
+    return f"its tables cannot be read: {unexpected_error_text(error)}"
 
 
 class Runs(Sequence[Run]):
@@ -286,22 +291,13 @@ class Runs(Sequence[Run]):
         """Yield each run with what `read` returns for it. A run that cannot be read blocks no
         other: it is in `unreadable`.
         """
-        return self._each(read, self.found)
-
-    def _each(
-        self, read: Callable[[Found], T], those: Iterable[Found]
-    ) -> Iterator[tuple[Found, T]]:
-        for one in those:
+        for one in self.found:
             try:
                 read_here = read(one)
             except UsageError:
                 raise
-            except RecordError as error:
-                self._add_unreadable(one.folder, str(error))
-            except Exception as error:  # rows that no recorder wrote
-                self._add_unreadable(
-                    one.folder, f"its tables cannot be read: {unexpected_error_text(error)}"
-                )
+            except Exception as error:
+                self._add_unreadable(one.folder, _why_unreadable(error))
             else:
                 yield one, read_here
 

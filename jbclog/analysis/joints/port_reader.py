@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.analysis.coded_texts import is_one_of
-from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock
+from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, Clock
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.values import Values
 from jbclog.analysis.joints.windows import Windows, joined, placed
@@ -24,7 +24,7 @@ from jbclog.analysis.port_split import Key, by_port, gathered, sorted_by_port
 from jbclog.analysis.verdict.clock_steps import Step, nominal_period
 from jbclog.analysis.verdict.idle import Block, Flags, Floats
 from jbclog.analysis.verdict.rules import has_feeder, has_tip
-from jbclog.analysis.verdict.samples import Counts
+from jbclog.analysis.verdict.samples import WORKING, Counts
 from jbclog.core.rows import StationFacts
 from jbclog.record.schema import SCHEMAS
 

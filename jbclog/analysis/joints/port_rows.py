@@ -30,7 +30,6 @@ COLUMNS: Final = [
     ),
     *("tool", "port_error"),
 ]
-WORKING: Final = ("working", "on")
 PUSHING: Final = "forward"
 CYCLES: Final = "dispensed_cycles"
 STATES_FAMILIES: Final = ("omega",)

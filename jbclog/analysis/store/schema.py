@@ -18,9 +18,10 @@ from typing import Final
 
 import pyarrow as pa
 
+from jbclog.analysis.run_alarms import ARROW_TYPES
 from jbclog.analysis.run_alarms import TABLE as ALARMS
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA, METRICS
-from jbclog.record.schema import FLAG, FLOAT, INT, SCHEMAS, TEXT, TIME
+from jbclog.record.schema import FLOAT, INT, SCHEMAS, TEXT, TIME
 
 SCHEMA: Final = 1
 PROPERTY: Final = "jbclog.schema"
@@ -32,7 +33,6 @@ FINDINGS: Final = ("joints", "metrics", "units", "alarms")
 DATA: Final = RECORD + FINDINGS
 PARTITIONS: Final = ("line", "month")
 
-_TYPES: Final = {"str": TEXT, "int64": INT, "Float64": FLOAT, "boolean": FLAG, "time": TIME}
 _UNITS: Final = {"seconds": "s", "_s": "s", "_c": "°C", "coverage": "%"}
 _UNIT_AT_END: Final = re.compile(r"(?:^seconds|^coverage|_s|_c)$")
 
@@ -79,7 +79,7 @@ def _field(name: str, kind: pa.DataType, unit: str = "") -> pa.Field:
 
 def _computed(kinds: Mapping[str, str]) -> list[pa.Field]:
     return [
-        _field(name, _TYPES[kind], "UTC" if kind == "time" else _unit_of(name))
+        _field(name, ARROW_TYPES[kind], "UTC" if kind == "time" else _unit_of(name))
         for name, kind in kinds.items()
     ]
 

@@ -215,14 +215,15 @@ def measure(
     default.
     """
     measures: Measures = {}
-    steps = [] if all(facts.period_s for facts in stations.values()) else _steps(folder, groups)
+    on_grid = all(facts.period_s for facts in stations.values())
+    steps = [] if on_grid else _steps(folder, groups)
     signals = {name: judged_signals(facts) for name, facts in stations.items()}
     columns = [
         *COLUMNS,
         *sorted({name for names in signals.values() for name in names} - set(COLUMNS)),
     ]
     batches = _batches(folder, columns) if groups is None else _cut(groups("samples", columns))
-    if all(facts.period_s for facts in stations.values()):  # else each batch has a period
+    if on_grid:  # else each batch has a period
         batches = gathered(batches, sum(len(facts.ports) for facts in stations.values()))
     for batch in batches:
         for station, port, rows, read, marks in _ports(batch, stations, signals):
