@@ -240,10 +240,8 @@ def _counted(run: Run) -> pd.DataFrame:
 def _side_by_side(one: pd.DataFrame, two: pd.DataFrame, on: list[str]) -> pd.DataFrame:
     # pandas cannot join empty columns of Arrow strings
     texts = dict.fromkeys((name for name in on if name != "port"), object)
-    left, right = (
-        one.rename(columns={"value": "first"}).astype(texts),
-        two.rename(columns={"value": "second"}).astype(texts),
-    )
+    left = one.rename(columns={"value": "first"}).astype(texts)
+    right = two.rename(columns={"value": "second"}).astype(texts)
     return (
         left.merge(right, on=on, how="outer").sort_values(on, kind="stable").reset_index(drop=True)
     )

@@ -76,10 +76,8 @@ def _line(axes: Axes, run: Run, station: str, port: int, colour: str) -> None:
     rows = run.samples(station, port, columns=COLUMNS)
     if not len(rows):
         return
-    seconds, celsius = (
-        _seconds(run, station, rows),
-        rows["temperature_c"].to_numpy(dtype=np.float64, na_value=np.nan),
-    )
+    seconds = _seconds(run, station, rows)
+    celsius = rows["temperature_c"].to_numpy(dtype=np.float64, na_value=np.nan)
     step = nominal_period(seconds) or 1.0  # of a single row
     curve = envelope(
         seconds, np.asarray(celsius, dtype=np.float64), WIDE.stretches, JOINED_PERIODS * step

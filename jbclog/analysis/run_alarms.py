@@ -207,10 +207,8 @@ def alarms_of(run: RunTables) -> Alarms:
     episodes = [episode for one in sampled.values() for episode in one.found]
     for place, alarms in events.alarms.items():
         episodes += flag_episodes(alarms, reads.get(place, ()))
-    found, given = (
-        incidents(episodes, _lost_flags(events), _with_flags(stations)),
-        acknowledged_in(run),
-    )
+    found = incidents(episodes, _lost_flags(events), _with_flags(stations))
+    given = acknowledged_in(run)
     at = _acknowledged_us(found, given)
     kpis: list[Figures] = []
     for name in known:
@@ -248,10 +246,8 @@ def _sampled(
         if any(event.kind == FLAGS_LOST for event in alarms)
     )
     periods = {name: facts.period_s for name, facts in known.items()}
-    splitter, sampled = (
-        PortSplitter(events.steps, losing, run.manifest.t0_utc, periods),
-        dict[Place, SampledEpisodes](),
-    )
+    splitter = PortSplitter(events.steps, losing, run.manifest.t0_utc, periods)
+    sampled = dict[Place, SampledEpisodes]()
     reads, spans = dict[Place, list[FlagRead]](), dict[str, Span]()
     ports = sum(len(facts.ports) for facts in known.values())
     for piece in gathered(run.groups("samples", COLUMNS, coded=True), ports):

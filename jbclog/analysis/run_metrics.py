@@ -201,10 +201,8 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
     measuring: dict[Key, PortMeasuring] = {}
     every_setting = run.settings()
     for facts in stations:
-        settings, parameters = (
-            every_setting[every_setting["station"] == facts.name],
-            _parameters(run, facts),
-        )
+        settings = every_setting[every_setting["station"] == facts.name]
+        parameters = _parameters(run, facts)
         for port in facts.ports:
             ordered_s = _ordered_s(facts, settings, port, reader.clock((facts.name, port)))
             like = replace(reader.like((facts.name, port)), ordered_s=ordered_s)
@@ -255,10 +253,8 @@ def _whole_ports(
     reader = _reader(run, [facts])
     for key, (series, utc_us) in reader.whole().items():
         port, clock, counted = key[1], reader.clock(key), counters[counters["port"] == key[1]]
-        cycles, ordered_s = (
-            _cycles(counted, utc_us, series.seconds),
-            _ordered_s(facts, settings, port, clock),
-        )
+        cycles = _cycles(counted, utc_us, series.seconds)
+        ordered_s = _ordered_s(facts, settings, port, clock)
         yield (
             port,
             replace(series, ordered_s=ordered_s, cycles=cycles),

@@ -70,11 +70,9 @@ def plot(run: RunTables, station: str | None = None, port: int | None = None) ->
 def _traces(run: RunTables, station: str | None, port: int | None) -> list[tuple[str, int, Trace]]:
     """Return the ports that have samples, in the order of the line file."""
     t0_utc_us = run.manifest.t0_utc_us
-    events, settings, joints = (
-        happenings(run.events(), t0_utc_us),
-        run.settings(),
-        joints_of(run, station),
-    )
+    events = happenings(run.events(), t0_utc_us)
+    settings = run.settings()
+    joints = joints_of(run, station)
     found = []
     for facts in run.manifest.stations:
         if station not in (None, facts.name):
@@ -84,10 +82,8 @@ def _traces(run: RunTables, station: str | None, port: int | None) -> list[tuple
             one = trace(
                 rows, Grid(t0_utc_us, facts.period_s), of_states=of_states, of_air=has_air(facts)
             )
-            limits, marks = (
-                limits_of(settings, facts.name, own, t0_utc_us),
-                marks_of(events, facts.name, own),
-            )
+            limits = limits_of(settings, facts.name, own, t0_utc_us)
+            marks = marks_of(events, facts.name, own)
             spans = spans_of(joints_of_port(joints, facts.name, own))
             found.append((facts.name, own, replace(one, limits=limits, marks=marks, joints=spans)))
     return found

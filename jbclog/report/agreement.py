@@ -104,10 +104,8 @@ def _expected(run: Run, report: Mapping[str, Any]) -> dict[str, object]:
         known |= dict.fromkeys(OF_ANNOTATIONS, COMPUTED)
     verdict = verdict_facts(run.folder, run.manifest, measure)
     add_reasons(verdict, report["stations"], cut_off=is_cut_off(run.manifest))
-    ports, checks = (
-        _ports(run),
-        {(one.station, one.port): one for one in run.manifest.verifications},
-    )
+    ports = _ports(run)
+    checks = {(one.station, one.port): one for one in run.manifest.verifications}
 
     def of_one(facts: StationFacts) -> dict[str, object]:
         found = ports_of(facts, [port for name, port in ports if name == facts.name])

@@ -158,17 +158,13 @@ class Overview:
 
     def _panel(self, figure: Figure, form: Format) -> Axes:
         """Return the panel of all strips; a strip is 1 high, the first is at the top."""
-        left, count = (
-            9 + LETTER_PT * max(len(strip.name) for strip in self.strips),
-            len(self.strips),
-        )
+        left = 9 + LETTER_PT * max(len(strip.name) for strip in self.strips)
+        count = len(self.strips)
         axes = panel(
             figure, left, TOP_PT, form.width_pt - left - FIGURES_PT, 72 * count * self.strip_in
         )
-        start, end = (
-            min(strip.start for strip in self.strips),
-            max(strip.end for strip in self.strips),
-        )
+        start = min(strip.start for strip in self.strips)
+        end = max(strip.end for strip in self.strips)
         marks = time_marks(self.t0_utc_us, start, end, max(4, form.time_marks - 2))
         axes.set_xlim(*dates(self.t0_utc_us, [start, end]).tolist())
         axes.set_ylim(count, 0)
@@ -283,10 +279,8 @@ def _away(trace: Trace) -> Readings:
     """Return how far the tip was from its setpoint in each row, NaN where that is not known."""
     away, last_s, last_c = trace.temperature.copy(), trace.start, np.nan
     for rows in blocks(len(away)):
-        seconds, setting = (
-            np.append(last_s, trace.seconds[rows]),
-            np.append(last_c, trace.setting[rows]),
-        )
+        seconds = np.append(last_s, trace.seconds[rows])
+        setting = np.append(last_c, trace.setting[rows])
         away[rows] -= setting_in_force(seconds, setting)[1:]
         known = np.flatnonzero(~np.isnan(setting))
         if len(known):

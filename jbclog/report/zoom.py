@@ -118,10 +118,8 @@ class _Words:
         """Return a number for the reasons of each row: ``;power_permille=timeout``, for each of
         these columns that has one.
         """
-        names, known = (
-            [*texts.categories, None],
-            np.zeros(len(texts.categories) + 1, dtype=np.int64),
-        )
+        names = [*texts.categories, None]
+        known = np.zeros(len(texts.categories) + 1, dtype=np.int64)
         for code in pd.unique(texts.codes):  # in the order in which they come
             known[code] = self.code(_reasons(names[code], columns))
         return np.asarray(np.take(known, texts.codes), dtype=np.int64)

@@ -56,10 +56,8 @@ def envelope(seconds: Floats, values: Readings, stretches: int, joined_s: float)
     there = ~np.isnan(values)
     if np.count_nonzero(there) <= 2 * stretches:
         return _every_sample(seconds[there], values[there].astype(np.float64), joined_s)
-    begin, end = (
-        float(seconds[np.argmax(there)]),
-        float(seconds[len(there) - 1 - np.argmax(there[::-1])]),
-    )
+    begin = float(seconds[np.argmax(there)])
+    end = float(seconds[len(there) - 1 - np.argmax(there[::-1])])
     width, found = (end - begin) / stretches, Stretches(stretches)
     for rows in blocks(len(values)):
         at, value = seconds[rows][there[rows]], values[rows][there[rows]]

@@ -26,13 +26,11 @@ from jbclog.core.rows import StationFacts
 STATE_COLUMNS = ("solder_shortage", "clogged", "preparing", "in_range")
 SOLDER, CONTROL, TEMPERATURE = "solder", "control", "temperature"
 SHORTAGE, CLOGGED, BOTH = "shortage", "clogged", "both"
-OK, PREPARING, READY, IN_RANGE, OUT_OF_RANGE = (
-    "ok",
-    "preparing",
-    "ready",
-    "in range",
-    "out of range",
-)
+OK = "ok"
+PREPARING = "preparing"
+READY = "ready"
+IN_RANGE = "in range"
+OUT_OF_RANGE = "out of range"
 SIGNAL = "external_c"
 AIR_COLUMNS = ("cooling", "desoldering", SIGNAL, "set_flow_permille")
 FLOW, SUCTION, COOLING, OFF = "flow", "suction", "cooling", "off"

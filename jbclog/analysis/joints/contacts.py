@@ -233,15 +233,11 @@ def _are_apart(signals: _Signals, one: Part, other: Part, valley: tuple[float, f
     lowest, lowest_coarse = valley
     near_zero = VALLEY_NOISES * noise.flow
     beside = signals.rows(BESIDE_S)
-    left, right = (
-        slice(max(one[0], one[1] - beside), one[1]),
-        slice(other[0], min(other[1], other[0] + beside)),
-    )
+    left = slice(max(one[0], one[1] - beside), one[1])
+    right = slice(other[0], min(other[1], other[0] + beside))
     before, after = float(flow[left].max()), float(flow[right].max())
-    lower, coarse_lower = (
-        min(before, after),
-        min(float(coarse[left].max()), float(coarse[right].max())),
-    )
+    lower = min(before, after)
+    coarse_lower = min(float(coarse[left].max()), float(coarse[right].max()))
     if signals.expected_every_s and other[0] - one[0] >= signals.rows(
         EXPECTED_SHARE * signals.expected_every_s
     ):

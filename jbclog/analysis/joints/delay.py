@@ -87,10 +87,8 @@ def _cross_correlation(parts: Sequence[ReadyStretch], lags: Rows) -> tuple[Float
     products: list[Floats] = []
     squares = np.zeros(2)
     for part in parts:
-        rises, falls = (
-            smooth(part.stretch.power, sigma, 1),
-            -smooth(part.stretch.temperature, sigma, 1),
-        )
+        rises = smooth(part.stretch.power, sigma, 1)
+        falls = -smooth(part.stretch.temperature, sigma, 1)
         follows = (
             part.ready
             & (part.stretch.power > LIMITS_PERMILLE[0])

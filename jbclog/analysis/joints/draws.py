@@ -28,10 +28,8 @@ CUT_CONFIDENCE: Final = 0.5  # of the draw's
 FALLEN_SHARE: Final = 0.7  # of the lower side: a flow below it between two feeds has fallen
 SLOWEST_PERIOD_S: Final = 0.25  # slower readings do not show what lies between two joints
 JOINT, NOT_KNOWN = "joint", "not known"
-ENDS, BEGINS = (
-    "The record, or the tool's work, ends in it.",
-    "The record, or the tool's work, begins in it.",
-)
+ENDS = "The record, or the tool's work, ends in it."
+BEGINS = "The record, or the tool's work, begins in it."
 
 
 class Draw(NamedTuple):
@@ -179,10 +177,8 @@ def merged_draw(draws: Sequence[Draw]) -> Draw:
     first, last = draws[0], draws[-1]
     if first is last:
         return first
-    heats, peaks = (
-        [one.heat for one in draws if one.heat is not None],
-        [one.peak for one in draws if one.peak is not None],
-    )
+    heats = [one.heat for one in draws if one.heat is not None]
+    peaks = [one.peak for one in draws if one.peak is not None]
     return first._replace(
         end_s=last.end_s,
         dwell_s=sum(one.dwell_s for one in draws),

@@ -92,13 +92,8 @@ def ports_found(
 
     Ports without a feeder are read in windows (`sweeps`), the others as a whole.
     """
-    with_tip, clock = (
-        [facts for facts in stations if has_tip(facts)],
-        (
-            clock_steps(read),
-            round((t0_utc or 0.0) * 1e6),
-        ),
-    )
+    with_tip = [facts for facts in stations if has_tip(facts)]
+    clock = clock_steps(read), round((t0_utc or 0.0) * 1e6)
     options = {facts.name: options_of(joints_asked(folder, facts)) for facts in with_tip}
     found: dict[Key, PortFound] = {}
     in_windows = [facts for facts in with_tip if not has_feeder(facts)]
@@ -158,10 +153,8 @@ def _port_joints(port: PortFound, stepped_s: float) -> PortJoints:
             if why is None
             else Feeds(0, 0, 0, None, why=why)
         )
-    recoveries, unseen_joints = (
-        [_recovery(joint) for joint in found.joints],
-        _possibly_unseen(port.rows * port.period_s, found),
-    )
+    recoveries = [_recovery(joint) for joint in found.joints]
+    unseen_joints = _possibly_unseen(port.rows * port.period_s, found)
     return PortJoints(recoveries, feeds, found.heat_why or found.why, unseen_joints, found.unseen_s)
 
 

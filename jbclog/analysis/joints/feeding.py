@@ -191,10 +191,8 @@ def _extended_to_feeds(draw: Draw, feeds: Sequence[Feed]) -> Draw:
     work.
     """
     seen = [one for one in feeds if one.is_seen]
-    start, end = (
-        min([draw.start_s, *(one.start_s for one in seen)]),
-        max([draw.end_s, *(one.end_s for one in seen)]),
-    )
+    start = min([draw.start_s, *(one.start_s for one in seen)])
+    end = max([draw.end_s, *(one.end_s for one in seen)])
     longer = draw.start_s - start + end - draw.end_s
     return (
         draw._replace(start_s=start, end_s=end, dwell_s=draw.dwell_s + longer) if longer else draw

@@ -110,10 +110,8 @@ class PortReader:
         whole record.
         """
         clocks = {key: self.clock(key) for key in self._facts}
-        pieces, times = (
-            {key: [self.like(key)] for key in self._facts},
-            {key: [np.empty(0, dtype=np.int64)] for key in self._facts},
-        )
+        pieces = {key: [self.like(key)] for key in self._facts}
+        times = {key: [np.empty(0, dtype=np.int64)] for key in self._facts}
         for group in self._groups(COLUMNS):
             for key, rows in self._split(group):
                 pieces[key].append(
@@ -189,11 +187,9 @@ class PortReader:
         if self._kept is not None:
             yield from self._kept
             return
-        clocks, limits, rows = (
-            {key: self.clock(key) for key in self._facts},
-            self._rows,
-            dict.fromkeys(self._facts, 0),
-        )
+        clocks = {key: self.clock(key) for key in self._facts}
+        limits = self._rows
+        rows = dict.fromkeys(self._facts, 0)
         kept: list[tuple[Key, Series]] | None = []
         for group in gathered(self._groups(COLUMNS), len(self._facts)):
             found, places = sorted_by_port(group, self._facts)

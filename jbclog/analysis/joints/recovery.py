@@ -100,10 +100,8 @@ def joints_of(
     if not draws or not len(series.seconds):
         return [Joint(draw, why=NOT_READ) for draw in draws]
     tip = _Tip(track_of(series, series.rows.temperature), levels, within_c, series.rated_w)
-    drawn, fed = (
-        [draw for draw in draws if draw.heat is not None],
-        [draw for draw in draws if draw.heat is None],
-    )
+    drawn = [draw for draw in draws if draw.heat is not None]
+    fed = [draw for draw in draws if draw.heat is None]
     joints = (
         _measured_joints(tip, series, _timing(series, tip.track, drawn, every, fed), drawn)
         if drawn
@@ -149,10 +147,8 @@ def _timing(
     series: Series, track: Track, draws: Sequence[Draw], every: Sequence[Draw], fed: Sequence[Draw]
 ) -> _Timing:
     late = np.array([draw.late_s for draw in draws])
-    starts, ends = (
-        np.array([draw.start_s for draw in draws]) + late,
-        np.array([draw.end_s for draw in draws]) + late,
-    )
+    starts = np.array([draw.start_s for draw in draws]) + late
+    ends = np.array([draw.end_s for draw in draws]) + late
     setpoints = setting_in_force(series.seconds, series.rows.setting)
     rows = np.clip(np.searchsorted(series.seconds, starts + 1e-6) - 1, 0, None)
     following = np.array(
@@ -376,10 +372,8 @@ def _energies(
     series: Series, timing: _Timing, complete: Places, outcomes: _Outcomes, draws: Sequence[Draw]
 ) -> Floats:
     """Return the energy of the joints that recovered; NaN for the others."""
-    power, above_air = (
-        track_of(series, series.rows.power),
-        track_of(series, series.rows.temperature - AIR_C),
-    )
+    power = track_of(series, series.rows.power)
+    above_air = track_of(series, series.rows.temperature - AIR_C)
     starts = timing.starts[complete]
     ends = np.maximum(starts + np.nan_to_num(outcomes.recovery), timing.ends[complete])
     loss = np.array(

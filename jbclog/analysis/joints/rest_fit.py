@@ -73,17 +73,13 @@ def fit_rest(
     terms, temperature, piece, known_rest = _rest_pieces(parts, rest, known)
     capacity = values[0]
     usual = np.array([1 / USUAL_CAPACITY, USUAL_LOSS / capacity, 0.0, SECOND_S])
-    fitted, weight = (
-        np.array([1.0, values[1], values[3], values[2]]) / capacity,
-        np.ones(len(temperature)),
-    )
+    fitted = np.array([1.0, values[1], values[3], values[2]]) / capacity
+    weight = np.ones(len(temperature))
     for _ in range(REWEIGHTED):
         residuals = _centred(temperature - terms @ fitted, piece, weight)
         weight = _weights(residuals, piece, known_rest, noise_c)
-        centred_terms, centred_temperature = (
-            _centred(terms, piece, weight),
-            _centred(temperature, piece, weight),
-        )
+        centred_terms = _centred(terms, piece, weight)
+        centred_temperature = _centred(temperature, piece, weight)
         weighted = centred_terms * weight[:, None]
         stiffness = _stiffness(capacity, fitted[0], noise_c)
         fitted = bounded_solution(

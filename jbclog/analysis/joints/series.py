@@ -309,10 +309,8 @@ class Unseen:
             analysed[first:last] = True
         lost = (series.rows.working[own] | ~series.known[own]) & ~analysed
         if self._last_s is not None:
-            at, lost = (
-                np.concatenate(([self._last_s], at)),
-                np.concatenate(([self._since_s is not None], lost)),
-            )
+            at = np.concatenate(([self._last_s], at))
+            lost = np.concatenate(([self._since_s is not None], lost))
         steps = np.diff(at)
         absent = steps[(steps > max(series.gap_s, BRIDGED_S)) & ~lost[:-1] & ~lost[1:]] - period
         self._count(absent)
@@ -354,10 +352,8 @@ def _on_even_grid(
     one before.
     """
     seconds = rows.seconds[places]
-    first, last = (
-        ceil((seconds[0] - begin_s) / period_s - 1e-6),
-        floor((seconds[-1] - begin_s) / period_s + 1e-6),
-    )
+    first = ceil((seconds[0] - begin_s) / period_s - 1e-6)
+    last = floor((seconds[-1] - begin_s) / period_s + 1e-6)
     grid = moments_of_grid((begin_s, first), last + 1 - first, period_s)
     origin = begin_s, first
     last = np.clip(np.searchsorted(seconds, grid + 1e-6) - 1, 0, len(seconds) - 1)

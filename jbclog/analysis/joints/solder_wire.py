@@ -56,10 +56,8 @@ def wire_figures(series: Series, wire: Wire | None, joints: Sequence[Joint]) -> 
     """Return all figures of the wire, without values if there is no feeder."""
     if wire is None or series.feeding is None:
         return [no_figure(name, unit, "The tool has no feeder.") for name, unit in NAMES]
-    length, feeds = (
-        counter_growth("wire_mm", "mm", wire.length_mm, LENGTH_RESOLUTION_MM),
-        feeds_counted(series),
-    )
+    length = counter_growth("wire_mm", "mm", wire.length_mm, LENGTH_RESOLUTION_MM)
+    feeds = feeds_counted(series)
     each = _ratio("wire_per_feed_mm", "mm", length, feeds)
     return [
         length,

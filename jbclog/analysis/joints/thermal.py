@@ -248,10 +248,8 @@ def noise_at(
     period_s: float, values: Floats, temperature_noise: float, power_noise: float, smooth_s: float
 ) -> Noise:
     """Return the noise of the flow at one smoothing."""
-    fine, coarse = (
-        _kernels(period_s, values, smooth_s),
-        _kernels(period_s, values, max(COARSE_S, smooth_s)),
-    )
+    fine = _kernels(period_s, values, smooth_s)
+    coarse = _kernels(period_s, values, max(COARSE_S, smooth_s))
     changes = [rate(np.pad(kernel, 2), period_s) for kernel in fine]
 
     def combined(kernels: Sequence[Floats], least: float) -> float:

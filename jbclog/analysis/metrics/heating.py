@@ -62,10 +62,8 @@ class Heating:
     def figures(self) -> list[Figure]:
         """Return the medians over all heat-ups."""
         time, found = self._period_s, self._found
-        not_reached, not_settled = (
-            "The tip did not reach its setting.",
-            "The tip did not settle while it was looked at.",
-        )
+        not_reached = "The tip did not reach its setting."
+        not_settled = "The tip did not settle while it was looked at."
         return [
             _median("heat_up_time_s", "s", time, found, lambda one: one.time_s, not_reached),
             _median(
@@ -77,11 +75,9 @@ class Heating:
 
 def _heat_ups(series: Series, view: View) -> Iterator[HeatUp]:
     """Yield the heat-ups of a window whose beginning is known."""
-    rows, setting, own = (
-        series.rows,
-        setting_in_force(series.seconds, series.rows.setting),
-        view.own(series.seconds),
-    )
+    rows = series.rows
+    setting = setting_in_force(series.seconds, series.rows.setting)
+    own = view.own(series.seconds)
     begins = _heat_up_starts(series, setting)
     for start in (np.flatnonzero(begins[own]) + own.start).tolist():
         aim = _aim(setting, start)

@@ -40,11 +40,9 @@ from jbclog.core.text import count_text
 if TYPE_CHECKING:  # pydantic is not loaded for a verdict
     from jbclog.config.recipe_sections import Acceptance
 
-RECOVERY, RECOVERED, AGAINST_COUNTER = (
-    "recovery_p95",
-    "recovered_before_next",
-    "joints_against_counter",
-)
+RECOVERY = "recovery_p95"
+RECOVERED = "recovered_before_next"
+AGAINST_COUNTER = "joints_against_counter"
 NOT_SOUGHT = PortJoints(why="Joints were not searched.")
 
 
@@ -87,10 +85,8 @@ def recovery_rule(
     value = censored_quantile([(one.seconds, bool(one.back)) for one in known], SHARE)
     if value is not None:
         return _bounded_recovery(facts, port, most_s, round(value, 6), seen, bare)
-    late, longer = (
-        sum(one.back is False for one in decided),
-        sum(one.seconds > most_s for one in decided),
-    )
+    late = sum(one.back is False for one in decided)
+    longer = sum(one.seconds > most_s for one in decided)
     text = f"After {late} of {len(decided)} joints the next one began before the tip recovered."
     if longer > (1 - SHARE) * len(decided):
         result, text = Result.FAIL, f"{text} {longer} took longer than the {most_s:g} s allowed."
@@ -122,10 +118,8 @@ def _bounded_recovery(
     elif bound.keeps(most_s):
         result = Result.PASS
     else:
-        result, text = (
-            Result.MISSING,
-            f"{text} The 95 % bound is {bound.high:.2f} s: more joints are needed.",
-        )
+        result = Result.MISSING
+        text = f"{text} The 95 % bound is {bound.high:.2f} s: more joints are needed."
     return Rule(
         RECOVERY,
         facts.name,

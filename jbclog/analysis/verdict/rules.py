@@ -159,11 +159,9 @@ def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
     elif confirmed + len(lacking) < stated:
         result, text = Result.MISSING, "A setting could not be read back."
     elif not stated and facts.first_tick is None and facts.outcome != "completed":
-        observed, result, text = (
-            None,
-            Result.MISSING,
-            "The record holds no setting of this station.",
-        )
+        observed = None
+        result = Result.MISSING
+        text = "The record holds no setting of this station."
     elif lacking:
         names = ", ".join(name.replace("_", " ") for name in dict.fromkeys(lacking))
         result = Result.DEVIATION
@@ -173,10 +171,8 @@ def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
     elif facts.outcome == "running":  # the record broke off; the recipe may have had more
         result, text = Result.PASS, "Every setting in the record is confirmed."
     else:
-        result, text = (
-            Result.PASS,
-            ("Every setting of the recipe is confirmed." if stated else "The recipe sets nothing."),
-        )
+        result = Result.PASS
+        text = "Every setting of the recipe is confirmed." if stated else "The recipe sets nothing."
     return Rule("settings", facts.name, None, "all read back", observed, "", result, text)
 
 

@@ -110,10 +110,8 @@ def _all_rules(
         if one.reached_within_c is not None
     }
     measures = measuring(evidence.folder, {facts.name: facts for facts in judged}, within, by)
-    events, outcomes = (
-        read_events(evidence.folder),
-        read_outcomes(evidence.folder, counts_lacking=evidence.counts_lacking),
-    )
+    events = read_events(evidence.folder)
+    outcomes = read_outcomes(evidence.folder, counts_lacking=evidence.counts_lacking)
     yield record_rule(evidence)
     yield from goal_rules(evidence)
     yield from (_no_facts(name) for name in limits if name not in {facts.name for facts in judged})

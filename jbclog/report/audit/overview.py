@@ -53,10 +53,8 @@ def span(value: Interval | None, digits: int = 0) -> str:
     """
     if value is None:
         return "–"
-    low, high = (
-        number(round(value.low, digits)),
-        (number(round(value.high, digits)) if isfinite(value.high) else None),
-    )
+    low = number(round(value.low, digits))
+    high = number(round(value.high, digits)) if isfinite(value.high) else None
     return f"{low} or more" if high is None else low if low == high else f"{low} to {high}"
 
 
