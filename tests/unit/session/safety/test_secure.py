@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from functools import reduce
 from operator import xor
 from random import Random
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,7 +19,7 @@ from jbclog.core.states import SafetyResult
 from jbclog.protocol.commands.status import EXTRACTOR, STAND, StatusWord
 from jbclog.session.safety import cooling
 from jbclog.session.safety.secure import ALLOWED_S, secure
-from jbclog.session.safety.time_budget import in_time
+from jbclog.session.safety.time_budget import TimeBudget, in_time
 from jbclog.session.safety.tools import SafetyTask
 from jbclog.sim.hotair import AirModel
 from jbclog.sim.port import SLEEP, WORKING, SimPort
@@ -137,6 +138,31 @@ def test_a_port_that_takes_long_to_open_leaves_the_time_to_identify_and_order(fe
     cable.pull(secure(made))
     assert (made.is_done, cable.now - ASKED_AT <= ALLOWED_S) == (True, True)
     assert written(device) == [STAND]
+
+
+@pytest.mark.parametrize(
+    ("took_s", "rounds", "parts", "answers", "until"),
+    [
+        (None, 0, 4, 1, 100.75),  # no answer yet: its share of three seconds alone
+        (None, 0, 30, 1, 100.3),  # and that is never too short to ask again
+        (0.01, 0, 4, 1, 100.2),  # one answer of a quick station, and of three
+        (0.01, 0, 4, 3, 100.6),
+        (0.01, 1, 4, 1, 100.4),  # each round is twice as patient, up to the share
+        (0.01, 2, 4, 1, 100.75),
+        (0.1, 0, 4, 1, 100.4),  # four times as long as the quickest answer took
+        (0.1, 0, 1, 30, 103.0),  # all that is left
+    ],
+)
+def test_a_step_has_its_share_or_what_its_answers_take(
+    took_s: float | None, rounds: int, parts: int, answers: int, until: float
+) -> None:
+    client = SimpleNamespace(now=100.0, sent=99.0, heard=98.0)  # its last request: no answer
+    budget = TimeBudget(client, end=103.0, rounds=rounds)  # type: ignore[arg-type]  # its times alone
+    budget.note_answer()
+    for seconds in () if took_s is None else (took_s, 0.5):  # a slower one makes none more patient
+        client.heard = client.sent + seconds
+        budget.note_answer()
+    assert budget.share_ends(budget.end, parts, answers) == pytest.approx(until)
 
 
 def test_what_is_over_neither_waits_nor_asks() -> None:
