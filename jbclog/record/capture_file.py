@@ -118,6 +118,12 @@ RATIO: Final = 50
 FREE_LINES: Final = 10_000
 NOT_OURS: Final = "no recorder writes that; restore the file from a copy"
 STEP: Final = 1 << 20  # bytes unpacked at a time
+# A head says how long its block is, so heads that lie in one another's blocks would have the same
+# bytes unpacked again for each; and what begins like a head must be looked at. A recorder's blocks
+# follow each other, and have a hundred bytes or more.
+TWICE: Final = 2  # of a file's size, and `MOST_BYTES` beyond that: what is unpacked of it
+FREE_HEADS: Final = 10_000
+BYTES_A_HEAD: Final = 32
 SEARCHED: Final = 4 << 20  # bytes at a time
 LEVEL, WINDOW, MEMORY = 6, 13, 7  # of zlib: nearly as small as 9 and 15, in a quarter of the memory
 
@@ -239,9 +245,12 @@ class _Bytes:
         return os.pread(self._descriptor, max(stop - start, 0), start)
 
 
-def _labels(data: _Bytes) -> Iterator[_Label]:
-    """Yield every intact head of a block."""
-    for at in _places_of_heads(data):
+def _labels(data: _Bytes) -> Iterator[_Label | None]:
+    """Yield every intact head of a block; None, and nothing more, where too much looks like one."""
+    for count, at in enumerate(_places_of_heads(data)):
+        if count > FREE_HEADS + at // BYTES_A_HEAD:
+            yield None
+            return
         head = data[at : at + HEAD.size]
         if (
             len(head) == HEAD.size
@@ -264,18 +273,25 @@ def _places_of_heads(data: _Bytes) -> Iterator[int]:
             at = piece.find(sought, at + 1)
 
 
-def _numbered(data: _Bytes, first: _Label, labels: Iterator[_Label]) -> Iterator[Block | Gap]:
+def _numbered(
+    data: _Bytes, first: _Label, labels: Iterator[_Label | None]
+) -> Iterator[Block | Gap]:
     """Yield the intact blocks, and gaps between them."""
-    end, number, line, why, is_refused, unpacked = 0, 0, 1, "", False, 0
+    end, number, line, why, is_refused, unpacked, taken = 0, 0, 1, "", False, 0, 0
     for label in _chain(first, labels):
+        if label is None:
+            why, is_refused = f"begins like a block too often ({NOT_OURS})", True
+            break
         is_next = label.kin == first.kin and label.number >= number and label.length <= MOST_BYTES
-        text, size = _unpack(data[label.at : label.at + label.length]) if is_next else (None, 0)
-        unpacked += size
-        too_much = _excess_of_file(unpacked, label.at + label.length)
+        text, size, read = _unpack(data, label) if is_next else (None, 0, 0)
+        unpacked, taken = unpacked + size, taken + read
+        too_much = _excess_of_file(unpacked, label.at + label.length) or _excess_of_tries(
+            taken, len(data)
+        )
         excess = too_much or _excess_of_block(text)
         if text is None or excess:
             why, is_refused = (
-                why or excess or _doubt(label, first, number),
+                too_much or why or excess or _doubt(label, first, number),
                 is_refused or bool(excess),
             )
             if too_much:
@@ -315,7 +331,11 @@ def _excess_of_file(unpacked: int, packed: int) -> str:
     return f"unpacks to more than {FREE_BYTES >> 20} MiB and {RATIO} times its size ({NOT_OURS})"
 
 
-def _chain(first: _Label, others: Iterator[_Label]) -> Iterator[_Label]:
+def _excess_of_tries(taken: int, size: int) -> str:
+    return f"has blocks in one another ({NOT_OURS})" if taken > TWICE * size + MOST_BYTES else ""
+
+
+def _chain(first: _Label, others: Iterator[_Label | None]) -> Iterator[_Label | None]:
     yield first
     yield from others
 
@@ -326,23 +346,28 @@ def _doubt(label: _Label, first: _Label, number: int) -> str:
     return "damaged" if label.number >= number else "stands here a second time"
 
 
-def _unpack(member: bytes) -> tuple[str | None, int]:
+def _unpack(data: _Bytes, label: _Label) -> tuple[str | None, int, int]:
     """Return the lines of a gzip member if its checksum and size are right, else None; and the
-    bytes that were unpacked.
+    bytes that were unpacked, and taken from the file.
     """
-    unpacker, pieces, size, left = zlib.decompressobj(16 + zlib.MAX_WBITS), list[bytes](), 0, member
+    unpacker, pieces, size = zlib.decompressobj(16 + zlib.MAX_WBITS), list[bytes](), 0
+    at, end = label.at, min(label.at + label.length, len(data))
     try:
         while not unpacker.eof and size <= MOST_BYTES:
-            piece = unpacker.decompress(left, STEP)
             left = unpacker.unconsumed_tail
+            if not left:
+                left = data[at : min(at + PIECE, end)]
+                at += len(left)
+            piece = unpacker.decompress(left, STEP)
             if not (piece or left):
-                return None, size
+                return None, size, at - label.at
             pieces.append(piece)
             size += len(piece)
         text = b"".join(pieces).decode()
     except (zlib.error, UnicodeDecodeError):
-        return None, size
-    return text if unpacker.eof and not unpacker.unused_data and text.endswith("\n") else None, size
+        return None, size, at - label.at
+    is_whole = unpacker.eof and not unpacker.unused_data and at == end and text.endswith("\n")
+    return text if is_whole else None, size, at - label.at
 
 
 def _singles(data: _Bytes) -> Iterator[Block | Gap]:

@@ -7,17 +7,19 @@ from __future__ import annotations
 import gzip
 import time
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from jbclog.record import capture_file
 from jbclog.record.capture import COLUMNS, Head, count_rows, head_line, mend, wire_path
-from jbclog.record.capture_file import MOST_LINES, Block, Gap, blocks, packed
+from jbclog.record.capture_file import FIXED, MOST_LINES, Block, Gap, blocks, packed
 from jbclog.record.check import check
 from jbclog.record.recover import recover
 from jbclog.record.sealed_files import losses
 from support.faults.large_stores import crashed_run, junk_lines, small_batches
+from support.faults.wire_bombs import beginnings, heads_in_one_another
 
 HEAD = head_line(Head("a", "/dev/ttyUSB0", "tht.toml", 1.0, 1_790_000_000.0))
 KIN = zlib.crc32(HEAD.encode())
@@ -91,7 +93,7 @@ def test_what_fails_after_much_unpacking_counts_too(
     unpacked: list[int] = []
     unpack = capture_file._unpack
     monkeypatch.setattr(
-        capture_file, "_unpack", lambda member: unpacked.append(1) or unpack(member)
+        capture_file, "_unpack", lambda *member: unpacked.append(1) or unpack(*member)
     )
     assert [type(one) for one in blocks(path)] == [Block, Block, Gap]
     assert len(unpacked) == 6
@@ -113,3 +115,39 @@ def test_a_flooded_link_is_read(tmp_path: Path) -> None:
     block_file(path, [rows(5000, 1024)] * 2)
     assert path.stat().st_size * 50 < 2 * 5000 * 2048
     assert [type(one) for one in blocks(path)] == [Block] * 3
+
+
+@pytest.mark.parametrize("bomb", [heads_in_one_another, beginnings])
+def test_heads_that_no_recorder_writes_cost_no_more_than_their_bytes(
+    tmp_path: Path, bomb: Callable[[Path], None]
+) -> None:
+    """Each of 100 000 heads had the rest of the file unpacked, and each of ten million beginnings
+    was read by itself. The first block counts, and nothing is cut off.
+    """
+    path = wire_path(tmp_path, "a")
+    block_file(path, [rows(3)])
+    first = path.read_bytes()
+    bomb(path)
+    path.write_bytes(first + path.read_bytes())
+    began = time.process_time()
+    *whole, gap = blocks(path)
+    assert time.process_time() - began < 5
+    assert [type(one) for one in whole] == [Block, Block]
+    assert isinstance(gap, Gap)
+    assert "no recorder writes that" in str(gap)
+    assert (gap.start, gap.end, gap.is_refused) == (len(first), path.stat().st_size, True)
+    assert mend(path) == 0
+
+
+def test_a_capture_whose_blocks_are_all_damaged_is_searched_to_its_end(tmp_path: Path) -> None:
+    """The heads are right and what follows is not: the limits are not those of a genuine file."""
+    path = wire_path(tmp_path, "a")
+    block_file(path, [f"{number}.0\theard\t00\n" for number in range(12_000)])
+    data, heads = path.read_bytes(), path.read_bytes().split(FIXED)
+    path.write_bytes(
+        FIXED.join([heads[0], *(one[:-1] + b"\xff" for one in heads[1:-1]), heads[-1]])
+    )
+    assert path.stat().st_size == len(data)
+    *_, last = blocks(path)
+    assert isinstance(last, Block), "each but the last one lost the end of its length"
+    assert last.text == "11999.0\theard\t00\n"

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from jbclog.record.manifest import DIGEST, END, NAME
 from jbclog.record.schema import SCHEMAS
-from support.faults import large_stores
+from support.faults import large_stores, wire_bombs
 
 Bomb = Callable[[Path], None]
 """Made in the place of the file at a path, which is there."""
@@ -322,6 +322,8 @@ WIRES: Final[dict[str, Bomb]] = {
     "300 MB of blanks, packed": _packed(b" ", 300_000_000),
     "a table of 36 MB of junk, packed": lambda path: large_stores.junk_lines(path, 1_000_000),
     "300 MB of lines, packed": _packed(b"\n", 300_000_000),
+    "heads in one another": wire_bombs.heads_in_one_another,
+    "beginnings of heads": wire_bombs.beginnings,
     "noise": lambda path: path.write_bytes(np.random.default_rng(1).bytes(100_000)) and None,
 }
 
