@@ -29,7 +29,8 @@ from support.campaigns.foreign_matrix import (
     table,
     words_of,
 )
-from support.faults.bombs import BOMBS
+from support.faults.bombs import BOMBS, PARTS
+from support.faults.forged_parts import FORGED
 from support.records import few_rows
 from support.records.small_run import make_run
 
@@ -68,6 +69,12 @@ PATHS = (
     ),
     *("live.sqlite-wal", "damaged", "../verifications.jsonl"),
 )
+FORGED_IN = tuple(
+    f"{table}/part-0000.parquet" for table in ("samples", "events", "settings", "counters")
+)
+EVERY = {**BOMBS, "counters/part-0000.parquet": PARTS}
+EVERY |= {path: EVERY[path] | FORGED for path in FORGED_IN}
+"""File of a run -> what is made of it or put in its place, by name."""
 OF_CRASHED = (
     NAME,
     "live.sqlite",
@@ -168,14 +175,18 @@ def special_pairs() -> list[tuple[str, str, str]]:
 
 
 def bomb_pairs() -> list[tuple[str, str, str]]:
-    live = [path for path in BOMBS if path.startswith(("live", "damage", "guard", "lease"))]
+    live = [path for path in EVERY if path.startswith(("live", "damage", "guard", "lease"))]
     return [
         (path, kind, BAD)
-        for path in BOMBS
+        for path in EVERY
         if path not in live
-        for kind in BOMBS[path]
-        if path not in ("joints.parquet",)
-    ] + [(path, kind, CRASHED) for path in live for kind in BOMBS[path]]
+        for kind in EVERY[path]
+        if path not in ("joints.parquet",) and kind not in FORGED
+    ] + [(path, kind, CRASHED) for path in live for kind in EVERY[path]]
+
+
+def forged_pairs() -> list[tuple[str, str, str]]:
+    return [(path, kind, BAD) for path in FORGED_IN for kind in FORGED]
 
 
 def tried(
@@ -185,7 +196,7 @@ def tried(
     results: dict[str, list[Ended]] = defaultdict(list)
     wrong = []
     for path, kind, of in those:
-        made = SPECIAL.get(kind) or BOMBS[path][kind]
+        made = SPECIAL.get(kind) or EVERY[path][kind]
         place = None
         for verb in VERBS if of == BAD else VERBS_OF_CRASHED:
             if place is None or verb not in (
@@ -199,7 +210,8 @@ def tried(
             ):
                 place = spoilt(kept, home, path, made, of)
             ended = place.run(pairs, verb)
-            results[kind if kind in SPECIAL else f"bombs: {path}"].append(ended)
+            what = "forged" if kind in FORGED else "bombs"
+            results[kind if kind in SPECIAL else f"{what}: {path}"].append(ended)
             trouble = is_answer(place, verb, ended)
             if trouble:
                 wrong.append(
@@ -218,7 +230,11 @@ def _slice(those: list[tuple[str, str, str]], part: str | None) -> list[tuple[st
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("those", [special_pairs(), bomb_pairs()], ids=["special files", "bombs"])
+@pytest.mark.parametrize(
+    "those",
+    [special_pairs(), bomb_pairs(), forged_pairs()],
+    ids=["special files", "bombs", "forged parts"],
+)
 def test_every_verb_answers_whatever_lies_in_a_run(
     kept: Path,
     tmp_path: Path,
@@ -239,6 +255,10 @@ SLICE = [
     (NAME, "ended = no time", BAD),
     ("recipes/sn100c-tht.toml", "dotted key", BAD),
     ("samples/part-0000.parquet", "nested station", BAD),
+    ("samples/part-0000.parquet", "empty pages that all row groups share", BAD),
+    ("settings/part-0000.parquet", "a header of two kinds", BAD),
+    ("counters/part-0000.parquet", "2**31 - 1 words in a small dictionary", BAD),
+    (WIRE_NAME, "heads in one another", BAD),
     ("live.sqlite", "endless views", CRASHED),
     ("live.lock", "pipe", CRASHED),
 ]

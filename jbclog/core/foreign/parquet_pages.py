@@ -4,26 +4,36 @@ declare.
 
 from __future__ import annotations
 
+import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from itertools import islice
 from typing import BinaryIO, Final, NamedTuple
 
 from jbclog.core.foreign.files import MIB, NotReadable
-from jbclog.core.foreign.parquet_footer import STRUCT, ColumnChunk, ThriftReader
+from jbclog.core.foreign.parquet_footer import STRUCT, ColumnChunk, RowGroup, ThriftReader
 
 MAGIC: Final = b"PAR1"
 TAIL: Final = struct.Struct("<I4s")
 FOOTER_BYTES: Final = 4 * MIB  # an hour of 256 ports at 10 Hz takes 1.4 MB
-PAGES: Final = 4096  # of one column of a row group
+PAGES: Final = 4096  # of one column of a row group,
+FREE_PAGES: Final = 32_768  # and of all that are read of a file,
+BYTES_A_PAGE: Final = 512  # with one for so many bytes of it,
+VALUES_A_PAGE: Final = 8192  # and one for so many values: the library writes 20 000 to a page
+ROWS_A_BYTE: Final = 16  # rows without any reading take a quarter of a byte each
+FREE_ROWS: Final = 1_000_000  # whatever the file's size
+COLUMNS: Final = 200
 
 # Page headers: struct PageHeader of
 # https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 HEAD_BYTES: Final = 16 << 10
 USUAL_HEAD_BYTES: Final = 256
 KEPT_HEADS: Final = 4096  # cached page headers: those of a week's samples of a few columns
-UNPACKED, PACKED, DATA, DICTIONARY, DATA_2 = 2, 3, 5, 7, 8  # fields of a page header
+TYPE, UNPACKED, PACKED, DATA, DICTIONARY, DATA_2 = 1, 2, 3, 5, 7, 8  # fields of a page header
+ABOUT: Final = {0: DATA, 2: DICTIONARY, 3: DATA_2}  # the field that describes a page of a type
 VALUES: Final = 1  # of each of the three kinds of page
+WORDS: Final = 1 << 20  # of a dictionary, or one for each value; the library has 16 bytes for each
 ENCODING: Final = {DATA: 2, DATA_2: 4}
 # encodings of texts: each in full (PLAIN, DELTA_LENGTH_BYTE_ARRAY), and places in the dictionary.
 # In another, DELTA_BYTE_ARRAY, a text repeats the beginning of the one before
@@ -69,16 +79,44 @@ def pages_of(data: BinaryIO, chunk: ColumnChunk) -> Iterator[Page]:
     end = at + chunk.packed
     if not len(MAGIC) <= at <= end <= data.seek(0, 2):
         raise NotReadable(f"{chunk.name} lies outside the file")
-    for _ in range(PAGES):
+    for number in range(PAGES):
         if at >= end:
             return
         data.seek(at)
         page = _head(data.read(min(HEAD_BYTES, end - at)))
         if page is None:
             raise NotReadable(f"{chunk.name} has a page without a size")
+        if page.encoding is None and (number or page.values > max(chunk.values, WORDS)):
+            raise NotReadable(f"{chunk.name} has a second dictionary, or too many words in one")
         yield page._replace(at=at + page.at)
         at += page.at + page.packed
+        if at > end:
+            raise NotReadable(f"{chunk.name} has a page beyond its end")
     raise NotReadable(f"{chunk.name} has more than {PAGES} pages")
+
+
+class PageReader:
+    """Reads the page headers of an open file's columns, in all no more than a file of its size has:
+    many columns, and many row groups, may be said to have the same pages.
+    """
+
+    def __init__(self, data: BinaryIO, groups: Sequence[RowGroup]) -> None:
+        self._data = data
+        size = data.seek(0, os.SEEK_END)
+        rows = min(sum(max(one.rows, 0) for one in groups), max(FREE_ROWS, size * ROWS_A_BYTE))
+        columns = min(max((len(one.chunks) for one in groups), default=0), COLUMNS)
+        self._left = FREE_PAGES + size // BYTES_A_PAGE + rows * columns // VALUES_A_PAGE
+
+    def of(self, chunk: ColumnChunk) -> list[Page]:
+        """Return a column's pages. Raises `NotReadable`."""
+        pages = [*islice(pages_of(self._data, chunk), self._left + 1)]
+        self._left -= len(pages)
+        if self._left < 0:
+            raise NotReadable(f"{chunk.name} is in too many pages for the file's size")
+        if sum(page.values for page in pages if page.encoding is not None) != chunk.values:
+            # the library reads whole pages, whatever the footer counts
+            raise NotReadable(f"{chunk.name} has pages of other than {chunk.values} values")
+        return pages
 
 
 def _head(data: bytes) -> Page | None:
@@ -95,19 +133,24 @@ def _head(data: bytes) -> Page | None:
 
 def _parsed_head(data: bytes) -> Page | None:
     reader = ThriftReader(data)
-    sizes: dict[int, int | None] = {}
-    values, encoding = 0, None
+    numbers: dict[int, int | None] = {}
+    about: dict[int, tuple[int, int | None]] = {}
     try:
         for number, kind in reader.fields():
-            if number in (UNPACKED, PACKED):
-                sizes[number] = reader.integer(kind)
-            elif number in (DATA, DICTIONARY, DATA_2) and kind == STRUCT:
-                values, encoding = _about(reader, ENCODING.get(number))
+            if number in (TYPE, UNPACKED, PACKED):
+                numbers[number] = reader.integer(kind)
+            elif number in ABOUT.values() and kind == STRUCT:
+                about[number] = _about(reader, ENCODING.get(number))
             else:
                 reader.skip(kind)
     except (IndexError, ValueError):
         raise NotReadable("has an unreadable page header") from None
-    packed, unpacked = sizes.get(PACKED), sizes.get(UNPACKED)
+    kind = numbers.get(TYPE)
+    # the library goes by the type: what another field says would be believed here alone
+    if kind is None or [*about] != [ABOUT.get(kind)]:
+        raise NotReadable("has a page header of another kind than its page")
+    ((values, encoding),) = about.values()
+    packed, unpacked = numbers.get(PACKED), numbers.get(UNPACKED)
     if packed is None or unpacked is None or min(packed, unpacked, values) < 0:
         return None
     return Page(packed, unpacked, values, encoding, reader.at)

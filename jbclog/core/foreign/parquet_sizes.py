@@ -20,8 +20,8 @@ from jbclog.core.foreign.parquet_pages import (
     CODES,
     IN_FULL,
     Page,
+    PageReader,
     footer_of,
-    pages_of,
 )
 
 COLUMNS: Final = 1000
@@ -97,10 +97,13 @@ def sizes_of(data: BinaryIO) -> FileSize:
         data.seek(0)
         data = io.BytesIO(data.read(size))
     groups = groups_in(footer_of(data))
-    return FileSize(size, tuple(_group(data, group, number) for number, group in enumerate(groups)))
+    pages = PageReader(data, groups)
+    return FileSize(
+        size, tuple(_group(data, pages, group, number) for number, group in enumerate(groups))
+    )
 
 
-def _group(data: BinaryIO, group: RowGroup, number: int) -> GroupSize:
+def _group(data: BinaryIO, pages: PageReader, group: RowGroup, number: int) -> GroupSize:
     if group.rows < 0 or len(group.chunks) > COLUMNS:
         raise NotReadable("has a footer that contradicts itself")
     columns: dict[str, ColumnSize] = {}
@@ -108,17 +111,13 @@ def _group(data: BinaryIO, group: RowGroup, number: int) -> GroupSize:
         name, dot, _ = chunk.name.partition(".")
         if chunk.values < 0 or (not dot and chunk.values != group.rows):
             raise NotReadable(f"row group {number}: {chunk.name} has {chunk.values} values")
-        found, before = _chunk(data, chunk, group.rows), columns.get(name)
+        found, before = _chunk(data, chunk, pages.of(chunk), group.rows), columns.get(name)
         columns[name] = found if before is None else before.plus(found)
     return GroupSize(group.rows, columns)
 
 
-def _chunk(data: BinaryIO, chunk: ColumnChunk, rows: int) -> ColumnSize:
-    pages = [*pages_of(data, chunk)]
+def _chunk(data: BinaryIO, chunk: ColumnChunk, pages: list[Page], rows: int) -> ColumnSize:
     data_pages = [page for page in pages if page.encoding is not None]
-    if sum(page.values for page in data_pages) != chunk.values:
-        # the library reads whole pages, whatever the footer counts
-        raise NotReadable(f"{chunk.name} has pages of other than {chunk.values} values")
     largest = max((page.unpacked for page in pages), default=0)
     if chunk.kind not in TEXTS:
         at_once = largest + min(chunk.values, BATCH_ROWS) * A_VALUE

@@ -22,15 +22,21 @@ import pyarrow.parquet as pq
 
 from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_opened, open_foreign
 from jbclog.core.foreign.parquet_footer import MOST_ITEMS, ColumnChunk, RowGroup, groups_in
-from jbclog.core.foreign.parquet_pages import CODES, IN_FULL, Page, footer_of, pages_of
+from jbclog.core.foreign.parquet_pages import (
+    CODES,
+    COLUMNS,
+    FREE_ROWS,
+    IN_FULL,
+    ROWS_A_BYTE,
+    Page,
+    PageReader,
+    footer_of,
+)
 from jbclog.core.foreign.values import expect_values
 
 GROUP_ROWS: Final = 262_144
 THREADED_ROWS: Final = 4096  # threads take longer for fewer
 GROUP_BYTES: Final = 128 * MIB  # of the columns read, uncompressed
-ROWS_A_BYTE: Final = 16  # rows without any reading take a quarter of a byte each
-FREE_ROWS: Final = 1_000_000  # whatever the file's size
-COLUMNS: Final = 200
 TEXTS: Final = (
     pa.types.is_string,
     pa.types.is_large_string,
@@ -133,6 +139,7 @@ class ParquetTable:
         self._data = data
         self.row_groups = groups
         self.metadata: pq.FileMetaData = file.metadata
+        self._pages = PageReader(data, groups)
         # as stored: `file.schema_arrow` has the types that are read
         self.schema: pa.Schema = self.metadata.schema.to_arrow_schema()
 
@@ -177,11 +184,17 @@ class ParquetTable:
                 continue
             if chunk.values > GROUP_ROWS or chunk.values != group.rows:
                 raise NotReadable(f"row group {index}: {chunk.name} has {chunk.values} values")
-            pages = [*pages_of(self._data, chunk)]
+            pages = self._pages_in(index, chunk)
             unpacked += max(chunk.unpacked, sum(page.unpacked for page in pages))
             if unpacked > self._most_bytes:
                 raise NotReadable(f"row group {index} has more than {self._most_bytes // MIB} MiB")
             self._expect_short_texts(index, chunk, pages)
+
+    def _pages_in(self, index: int, chunk: ColumnChunk) -> list[Page]:
+        try:
+            return self._pages.of(chunk)
+        except NotReadable as error:
+            raise NotReadable(f"row group {index}: {error}") from error
 
     def _expect_short_texts(self, index: int, chunk: ColumnChunk, pages: Sequence[Page]) -> None:
         """A text that a page has once may stand in many rows: that of a dictionary, or one of which

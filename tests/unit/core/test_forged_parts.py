@@ -1,0 +1,116 @@
+"""Parquet parts whose page headers say what is not so: a sentence before the library reads them."""
+
+from __future__ import annotations
+
+import io
+import os
+import resource
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from jbclog.core.foreign.files import NotReadable
+from jbclog.core.foreign.parquet_sizes import sizes_of
+from jbclog.core.foreign.tables import GROUP_BYTES, open_table, read_small
+from jbclog.record.schema import SCHEMAS
+from support.faults.forged_parts import FORGED, forge, write
+
+REFUSED = {
+    "a negative packed size": "page without a size",
+    "a negative unpacked size": "page without a size",
+    "a negative number of values": "page without a size",
+    "a page beyond its column": "page beyond its end",
+    "2 GB in a small page": "more than 128 MiB",
+    "2**31 - 1 values in a small page": "pages of other than",
+    "2**31 - 1 words in a small dictionary": "too many words",
+    "a page without a type": "of another kind",
+    "a page of another type": "of another kind",
+    "a page of no type": "of another kind",
+    "two dictionaries": "second dictionary",
+    "a dictionary behind its data": "second dictionary",
+    "no pages": "pages of other than",
+    "a header of two kinds": "of another kind",
+}
+"""What is said of some, whatever the library would say."""
+MANY = ("empty pages that all row groups share", "row groups of one row")
+"""Too many pages in a table of many columns."""
+OF_A_STORE = {**REFUSED, MANY[0]: "too many pages"}
+del OF_A_STORE["2 GB in a small page"]  # the limit of the table is for that
+
+
+def part(tmp_path: Path, table: str) -> Path:
+    """Two row groups with all columns of a table."""
+    path = tmp_path / table / "part-0000.parquet"
+    path.parent.mkdir()
+    write(path, 100, 50)
+    return path
+
+
+@pytest.mark.parametrize("table", SCHEMAS)
+def test_what_is_taken_to_pieces_and_not_changed_is_the_same(tmp_path: Path, table: str) -> None:
+    path = part(tmp_path, table)
+    rows, size = read_small(path), path.stat().st_size
+    forge(path)
+    assert path.stat().st_size == size
+    assert read_small(path).equals(rows)
+    with open_table(path) as opened:
+        assert opened.schema.equals(SCHEMAS[table])
+
+
+@pytest.mark.parametrize("table", SCHEMAS)
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_forged_page_is_refused_before_the_library_reads_it(
+    tmp_path: Path, table: str, name: str
+) -> None:
+    path = part(tmp_path, table)
+    FORGED[name](path)
+    pool, began = pa.default_memory_pool(), time.process_time()
+    before = pool.bytes_allocated()
+    with open_table(path) as opened, pytest.raises(NotReadable, match=REFUSED[name]):  # noqa: PT012
+        for _ in opened.groups():
+            assert pool.bytes_allocated() - before < GROUP_BYTES
+    assert time.process_time() - began < 5
+
+
+@pytest.mark.parametrize("name", OF_A_STORE)
+def test_a_store_s_file_is_refused_while_it_is_measured(tmp_path: Path, name: str) -> None:
+    path = part(tmp_path, "samples")
+    FORGED[name](path)
+    with path.open("rb") as data, pytest.raises(NotReadable, match=OF_A_STORE[name]):
+        sizes_of(data)
+
+
+@pytest.mark.parametrize("name", MANY)
+def test_pages_are_limited_by_the_file_s_size_and_rows(tmp_path: Path, name: str) -> None:
+    """A hundred row groups with the same empty pages in each of their columns were twelve million
+    headers in 5 MB.
+    """
+    path = part(tmp_path, "samples")
+    FORGED[name](path)
+    began = time.process_time()
+    with open_table(path) as opened, pytest.raises(NotReadable, match="too many pages"):
+        [*opened.groups()]
+    assert time.process_time() - began < 5
+
+
+@pytest.mark.parametrize("name", sorted({*FORGED} - {*REFUSED, *MANY}))
+def test_the_others_are_an_error_of_the_library_or_rows(tmp_path: Path, name: str) -> None:
+    """In a child, which the library could end."""
+    path = part(tmp_path, "samples")
+    FORGED[name](path)
+    child = os.fork()
+    if not child:
+        code = 1
+        try:
+            resource.setrlimit(resource.RLIMIT_CPU, (5, 5))
+            with suppress(OSError, pa.ArrowException):
+                read_small(path)
+            with suppress(NotReadable):
+                sizes_of(io.BytesIO(path.read_bytes()))
+            code = 0
+        finally:
+            os._exit(code)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
