@@ -9,7 +9,7 @@ shown it. By Starlette and uvicorn.
 4. Nothing is loaded from elsewhere: the policy allows this server's own files, no inline script or
    style, no frame.
 5. A browser that takes nothing for a while is disconnected; it connects again and gets the whole
-   state.
+   state. So is a connection without a whole request.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ import socket
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from functools import partial
+from io import BufferedReader
 from pathlib import Path
 from typing import Final
 
@@ -33,8 +35,9 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from jbclog.app.watch import words
 from jbclog.app.watch.batch_queue import BatchQueue
+from jbclog.app.watch.connections import AT_ONCE, Connection
 from jbclog.app.watch.feed import Feed
-from jbclog.app.watch.past_runs import past_runs, report_of
+from jbclog.app.watch.past_runs import open_report, past_runs
 from jbclog.core.errors import JbclogError, UsageError, unexpected_error_text
 from jbclog.core.text import clean, json_line
 from jbclog.live import RunState
@@ -43,6 +46,7 @@ EVERY_S: Final = 0.5
 MOST_BROWSERS: Final = 100
 GRACE_S: Final = 2  # for answers on their way when the server ends
 WAITING: Final = 20  # messages for a slow browser
+PIECE: Final = 64 << 10  # of a report, or of the whole state: a client may take nothing
 COOKIE: Final = "jbclog_token"
 LOOPBACK: Final = ("127.0.0.1", "localhost", "::1")
 POLICY: Final = (
@@ -198,6 +202,7 @@ class Broadcast:
     queues: Queues = tuple
     feed: Feed = field(default_factory=Feed)
     browsers: set[Queue] = field(default_factory=set)
+    whole: str | None = None  # the whole state, once for all who join between two messages
 
     async def run(self) -> None:
         while True:
@@ -213,6 +218,7 @@ class Broadcast:
             return json_line({"trouble": f"internal error, {unexpected_error_text(error)}"})
 
     def _hand_out(self, message: str) -> None:
+        self.whole = None
         for queue in list(self.browsers):
             if queue.qsize() >= WAITING:
                 self.browsers.discard(queue)  # it has taken nothing for ten seconds
@@ -238,9 +244,11 @@ class Broadcast:
     async def messages(self, queue: Queue) -> AsyncIterator[str]:
         """Yield what a browser gets: the whole state, then changes, until it is too slow."""
         # a change that it has already may follow: the page leaves out points that it has
-        whole = self.feed.whole()
-        if whole:
-            yield _event(whole)
+        if self.whole is None:
+            self.whole = self.feed.whole()
+        whole = _event(self.whole) if self.whole else ""
+        for place in range(0, len(whole), PIECE):
+            yield whole[place : place + PIECE]
         while (message := await queue.get()) is not None:
             yield _event(message)
 
@@ -259,6 +267,20 @@ class Stream(StreamingResponse):
             await super().__call__(scope, receive, send)
         finally:
             self._broadcast.browsers.discard(self._queue)
+
+
+class FileStream(StreamingResponse):
+    """An open file in pieces, closed with the end of the answer."""
+
+    def __init__(self, file: BufferedReader, media_type: str, headers: dict[str, str]) -> None:
+        super().__init__(iter(partial(file.read, PIECE), b""), 200, headers, media_type)
+        self._file = file
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._file.close()
 
 
 def _event(message: str) -> str:
@@ -288,12 +310,10 @@ def application(broadcast: Broadcast, access: Access, path: Path) -> ASGIApp:
 
     def report(request: Request) -> Response:
         try:
-            data = report_of(path, request.path_params["name"])
+            file = open_report(path, request.path_params["name"])
         except OSError:
             return PlainTextResponse("this run has no report; `jbclog report` writes it", 404)
-        return Response(
-            data, media_type="text/html; charset=utf-8", headers={CSP.decode(): OF_REPORT}
-        )
+        return FileStream(file, "text/html; charset=utf-8", {CSP.decode(): OF_REPORT})
 
     routes = [Route(place, _file(file, kind)) for place, (file, kind) in FILES.items()]
     routes += [Route("/favicon.ico", lambda _: Response(status_code=204)), Route("/events", events)]
@@ -325,7 +345,7 @@ def listening(address: str, port: int) -> socket.socket:
     try:
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         opened.bind((address, port))
-        opened.listen(128)
+        opened.listen(AT_ONCE)
     except OSError as error:
         opened.close()
         raise UsageError(
@@ -344,7 +364,13 @@ class PageServer(uvicorn.Server):
         self._broadcast = Broadcast(source, queues, Feed(words.no_run(path)))
         app = application(self._broadcast, access, path)
         config = uvicorn.Config(
-            app, log_level="error", access_log=False, server_header=False, ws="none"
+            app,
+            http=Connection,
+            backlog=AT_ONCE,
+            ws="none",
+            log_level="error",
+            access_log=False,
+            server_header=False,
         )
         config.timeout_graceful_shutdown = GRACE_S
         super().__init__(config)

@@ -94,7 +94,12 @@ def test_its_files_have_a_strict_policy(served: Served, path: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "path", ["/watch", "/../pyproject.toml", "/static/watch.js", "/uplot.js/", "/%2e%2e/server.py"]
+    "path",
+    [
+        *("/watch", "/../pyproject.toml", "/static/watch.js", "/uplot.js/", "/%2e%2e/server.py"),
+        *("//etc/passwd", "/runs/..%2f..%2fetc%2fpasswd", "/runs/%2fetc%2fpasswd", "/runs/%00"),
+        *("/runs/%2e%2e", "/runs/..%5c..", "/runs/%C0%AE%C0%AE/", f"/runs/{'a' * 5000}"),
+    ],
 )
 def test_nothing_else_is_served(served: Served, path: str) -> None:
     assert code(served, path) in (404, 307)
@@ -122,6 +127,11 @@ def test_it_only_reads(served: Served, method: str) -> None:
             ("127.0.0.1.evil.example", 421),
             ("192.168.1.5", 421),
             ("", 421),
+            ("127.0.0.1:80:80", 421),
+            ("[::1]evil.example", 421),
+            ("localhost.evil.example", 421),
+            ("127.1", 421),
+            ("0.0.0.0", 421),
         ),
     ],
 )

@@ -1,0 +1,80 @@
+"""The connections to the page's server: how many there may be, and how long one may hold its place.
+
+uvicorn by itself waits without end for a request that does not come, and for a client that takes
+nothing: whoever opens a thousand connections then holds them, with all that waits for him.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from operator import attrgetter
+from typing import Final
+
+from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
+
+MOST_CONNECTIONS: Final = 250
+AT_ONCE: Final = 100  # that are accepted before it is counted how many there are
+WAITS_S: Final = 20.0  # for a whole request, and for a client to take what waits for it
+LOOK_S: Final = 5.0
+
+
+class Connection(H11Protocol):
+    """A connection that is ended where nothing moves on it.
+
+    Where there are too many, the one is ended that has been without a request for longest: whoever
+    asks at once gets an answer.
+    """
+
+    _timer: asyncio.TimerHandle | None = None
+    _seen: RequestResponseCycle | None = None
+    moved_s = 0.0
+    is_ended = False
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        super().connection_made(transport)
+        self._moves()
+        self._timer = self.loop.call_later(LOOK_S, self._look)
+        self._make_room()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        super().connection_lost(exc)
+
+    def pause_writing(self) -> None:
+        self._moves()
+        super().pause_writing()
+
+    def resume_writing(self) -> None:
+        self._moves()
+        super().resume_writing()
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a request has come whose answer is not complete."""
+        return self.cycle is not None and not self.cycle.response_complete
+
+    def _moves(self) -> None:
+        self.moved_s = self.loop.time()
+
+    def _make_room(self) -> None:
+        held = [one for one in self.connections if isinstance(one, Connection) and not one.is_ended]
+        if len(held) > MOST_CONNECTIONS:
+            idle = [one for one in held if not one.is_busy]  # this one at least
+            min(idle, key=attrgetter("moved_s")).end()
+
+    def end(self) -> None:
+        """End the connection now: to close it would wait for the client to take the rest."""
+        self.is_ended = True
+        self.transport.abort()
+
+    def _look(self) -> None:
+        """End the connection where it waited too long for its client."""
+        if self.cycle is not self._seen or (self.is_busy and not self.flow.write_paused):
+            self._seen = self.cycle
+            self._moves()
+        elif self.loop.time() - self.moved_s > WAITS_S:
+            self.end()
+            return
+        self._timer = self.loop.call_later(LOOK_S, self._look)

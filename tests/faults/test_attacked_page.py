@@ -1,0 +1,138 @@
+"""`jbclog watch --web` and clients that mean no good: a thousand connections of each kind hold
+neither memory nor the answers to others.
+"""
+
+from __future__ import annotations
+
+import http.client
+import re
+import resource
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+import pytest
+
+from support.records.live_rows import Recording
+
+ANSWERS_S = 5.0
+MEMORY = 500  # MB
+ATTACKED_S = 45.0
+LARGE = 200 << 20
+
+pytestmark = [pytest.mark.campaign, pytest.mark.timeout(900)]
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Iterator[Recording]:
+    ended = Recording(tmp_path)
+    ended.finalize()
+    (ended.folder / "report.html").write_bytes(b"x" * LARGE)
+    going = Recording(tmp_path, began_us=ended.began_us + 60_000_000)
+    going.rows(600)
+    going.commit()
+    yield ended
+    going.abandon()
+
+
+@pytest.fixture
+def server(tmp_path: Path, recording: Recording) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    command = [sys.executable, "-m", "jbclog", "watch", str(tmp_path), "--web", "--port", "0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stderr is not None
+            found = re.search(r"http://127\.0\.0\.1:(\d+)/", process.stderr.readline())
+            assert found is not None
+            yield process, int(found[1])
+        finally:
+            process.kill()
+
+
+def attacks(run: str, port: int) -> dict[str, bytes]:
+    """What each client sends, and then nothing more; and takes nothing."""
+
+    def get(path: str, more: str = "") -> bytes:
+        return f"GET {path} HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n{more}\r\n".encode()
+
+    return {
+        "silence": b"",
+        "half a request": b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n",
+        "headers without end": b"GET / HTTP/1.1\r\n" + b"X: y\r\n" * 20_000,
+        "a long line": b"GET /" + b"x" * 200_000,
+        "streams": get("/events"),
+        "reports": get(f"/runs/{run}"),
+        "hours": get("/hour?port=dde-1%201") * 50,
+        "lists of runs": get("/runs") * 50,
+        "half a body": get("/", "Content-Length: 1000000\r\n"),
+        "heads of streams": get("/events").replace(b"GET", b"HEAD", 1),
+        "a websocket": get("/events", "Connection: Upgrade\r\nUpgrade: websocket\r\n"),
+    }
+
+
+def answer_s(port: int) -> float | None:
+    """How long the page takes to be there; None: it is refused."""
+    began = time.monotonic()
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=10 * ANSWERS_S)
+    try:
+        connection.request("GET", "/")
+        answer = connection.getresponse()
+        return time.monotonic() - began if answer.status == 200 and answer.read() else None
+    except (OSError, http.client.HTTPException):
+        return None
+    finally:
+        connection.close()
+
+
+def resident_mb(pid: int) -> int:
+    text = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+    return int(re.findall(r"VmHWM:\s+(\d+)", text)[0]) // 1024
+
+
+def attacked(stack: ExitStack, port: int, sent: bytes) -> None:
+    made = stack.enter_context(socket.socket())
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    made.setblocking(False)
+    with suppress(OSError):
+        made.connect(("127.0.0.1", port))
+    made.settimeout(0.05)
+    with suppress(OSError):
+        made.sendall(sent)
+
+
+@pytest.mark.parametrize("kind", attacks("", 0))
+def test_a_thousand_connections(
+    server: tuple[subprocess.Popen[str], int], recording: Recording, kind: str
+) -> None:
+    process, port = server
+    sent = attacks(recording.folder.name, port)[kind]
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, hard), hard))
+    answers: list[float | None] = []
+    try:
+        with ExitStack() as clients:
+            for number in range(1000):
+                attacked(clients, port, sent)
+                if number % 100 == 99:
+                    answers.append(answer_s(port))
+            end = time.monotonic() + ATTACKED_S
+            while time.monotonic() < end:
+                answers.append(answer_s(port))
+                time.sleep(1.0)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    memory = resident_mb(process.pid)
+    took = [one for one in answers if one is not None]
+    print(f"{kind}: {len(answers)} asked, {len(took)} answered, {max(took):.1f} s, {memory} MB")
+    assert answers[-1] is not None, "the attack keeps nothing for ever"
+    assert max(took) < ANSWERS_S
+    assert len(took) > len(answers) / 2
+    assert memory < MEMORY
+    assert process.poll() is None
+    process.terminate()
+    _, told = process.communicate(timeout=60)
+    assert "Traceback" not in told
+    assert "internal error" not in told
