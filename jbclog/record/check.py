@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.rows import SIGNAL_COLUMNS, TABLES, quality_of
-from jbclog.core.text import count_text
+from jbclog.core.text import count_text, shortened
 from jbclog.record import capture, chains, sealed_files
 from jbclog.record.conclude import files_of, is_later, live_files, sealed_file
 from jbclog.record.cross_check import cross_check
@@ -37,6 +37,7 @@ from jbclog.record.parts import part_paths, read_through, row_groups
 from jbclog.record.units import units_of
 
 MOST_OF_A_KIND: Final = 100  # findings
+LONGEST: Final = 2000  # characters of one that repeats what the tables hold
 # a crash at the start, or a report, leaves them so
 MAY_BE_EMPTY: Final = ("recipes", capture.FOLDER, "figures", "tables")
 
@@ -214,7 +215,7 @@ def _ledger(folder: Path, manifest: Manifest) -> Iterator[Finding]:
         if mine != said:
             station, port, signal = place
             text = f"ledger, {station} port {port}: {signal}: {said}, the tables give {mine}"
-            yield Finding(NAME, text)
+            yield Finding(NAME, shortened(text, LONGEST))
     if manifest.exit_status != "lost" and manifest.lost is None:
         for facts in manifest.stations:
             yield from (Finding("samples/", text) for text in disagreements(derived, facts))
@@ -263,7 +264,7 @@ def _qualities(rows: pa.Table) -> Iterator[Finding]:
                 f"quality {pair['quality']} contradicts reasons {pair['reasons']} in"
                 f" {count_text(pair['count_all'], 'row')}"
             )
-            yield Finding("samples/", text)
+            yield Finding("samples/", shortened(text, LONGEST))
         for column in reasons.keys() - set(SIGNAL_COLUMNS):
             yield Finding(
                 "samples/",
@@ -304,12 +305,15 @@ def _order(rows: pa.Table, ends: dict[tuple[str, int], _Last], stepped: bool) ->
     A row without a temperature has its due time, which can precede a late answer to the previous
     tick.
     """
-    for pair in rows.group_by(["station", "port"]).aggregate([]).to_pylist():
-        station, port = pair["station"], pair["port"]
+    known = rows.select(["station", "port", "tick", "time", "temperature_c"])
+    places = [("station", "ascending"), ("port", "ascending")]
+    ordered = known.take(pc.sort_indices(known, sort_keys=places))  # within a port as they stand
+    counted = ordered.group_by(["station", "port"], use_threads=False)
+    begin = 0
+    for pair in counted.aggregate([([], "count_all")]).to_pylist():
+        station, port, count = pair["station"], pair["port"], pair["count_all"]
         last = ends.setdefault((station, port), _Last())
-        mine = rows.filter(
-            pc.and_(pc.equal(rows["station"], station), pc.equal(rows["port"], port))
-        )
+        mine, begin = ordered.slice(begin, count), begin + count
         answered = mine.filter(pc.is_valid(mine["temperature_c"]))
         wrong, last.tick = _falls(mine["tick"], last.tick, strictly=True)
         if wrong:

@@ -49,7 +49,8 @@ def pdf_of(data: Mapping[str, object], dated: datetime) -> bytes:
 @cache
 def drawable(text: str) -> str:
     """Return the text with `LACKING` for each letter that the fonts lack."""
-    lacking = () if text.isascii() else set(text) - _letters()
+    is_plain = text.isascii() and text.isprintable()
+    lacking = () if is_plain else set(text) - _letters()
     return text.translate(dict.fromkeys(map(ord, lacking), LACKING)) if lacking else text
 
 

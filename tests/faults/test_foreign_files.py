@@ -256,6 +256,8 @@ SLICE = [
     ("recipes/sn100c-tht.toml", "dotted key", BAD),
     ("samples/part-0000.parquet", "nested station", BAD),
     ("samples/part-0000.parquet", "empty pages that all row groups share", BAD),
+    ("samples/part-0000.parquet", "a station of its own in each row", BAD),
+    ("samples/part-0000.parquet", "texts of their own in each row", BAD),
     ("settings/part-0000.parquet", "a header of two kinds", BAD),
     ("counters/part-0000.parquet", "2**31 - 1 words in a small dictionary", BAD),
     (WIRE_NAME, "heads in one another", BAD),

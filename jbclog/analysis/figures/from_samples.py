@@ -88,10 +88,12 @@ def _coded(
     """
     given = pd.Categorical(column)
     names = [ok if text == "ok" else str(text) for text in given.categories]
-    distinct = [*dict.fromkeys(names)]
-    number = np.array([*map(distinct.index, names), -1], dtype=np.int32)  # code -1 is the last one
+    distinct = {name: number for number, name in enumerate(dict.fromkeys(names))}
+    # code -1 is the last one
+    number = np.array([*map(distinct.__getitem__, names), -1], dtype=np.int32)
     return coded(
-        number[np.asarray(given.codes) if but is None else np.where(but, -1, given.codes)], distinct
+        number[np.asarray(given.codes) if but is None else np.where(but, -1, given.codes)],
+        [*distinct],
     )
 
 

@@ -14,6 +14,7 @@ from jbclog.analysis.figures.curves import Span, merged, widened, within
 from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import duration_text
 from jbclog.analysis.figures.trace import MarkKind, Trace
+from jbclog.core.text import clean
 
 LANE_PT: Final = 11.2
 NO_DATA: Final = "no data"
@@ -108,7 +109,8 @@ def _word(axes: Axes, row: int, name: str, span: Span, trace: Trace, form: Forma
     """Write the word of a span in its middle, with the duration of a gap, if it fits."""
     points, is_gap = form.font_pt - 1, name == NO_DATA
     width = span.seconds / (trace.end - trace.start) * size_pt(axes)[0]
-    texts = [f"{span.word} {duration_text(span.seconds)}", span.word] if is_gap else [span.word]
+    word = clean(span.word)  # of a foreign record it can be any
+    texts = [f"{word} {duration_text(span.seconds)}", word] if is_gap else [word]
     text = next((text for text in texts if (len(text) + 1) * LETTER * points <= width), None)
     if text is None:
         return

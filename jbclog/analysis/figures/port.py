@@ -1,7 +1,8 @@
 """The figure of one port: temperature, power and lanes on one time axis; only lanes for a station
 without a temperature.
 
-A figure contains numbers and words from fixed lists, and no text from outside.
+A figure contains numbers and words from fixed lists; of a foreign record the words of its lanes,
+cleaned.
 """
 
 from __future__ import annotations

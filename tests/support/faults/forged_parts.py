@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import pyarrow as pa
@@ -330,7 +331,7 @@ def _two_headers(path: Path) -> None:
     """180 GB of text, written out, in a dictionary that is said to be none."""
     rows = 200_000
     word = pa.DictionaryArray.from_arrays(pa.array([0] * rows, pa.int32()), [" " * 900_000])
-    write(path, rows, rows, station=word)
+    write(path, rows, rows, {"station": word})
     _each(_as_data, dictionaries=True)(path)
 
 
@@ -340,14 +341,32 @@ def _many_groups(path: Path) -> None:
     relist(path, 1700)
 
 
+def _own_texts(*columns: str) -> Bomb:
+    """Rows of which each has a text of its own in these columns, as far as a table has them."""
+
+    def made(path: Path) -> None:
+        rows = 200_000
+        texts = pa.array([f"text {number}" for number in range(rows)])
+        there = {name: texts for name in columns if name in SCHEMAS[path.parent.name].names}
+        write(path, rows, 50_000, there)
+        relist(path, rows)
+
+    return made
+
+
 def write(
-    path: Path, rows: int, group: int, station: pa.Array | None = None, **how: object
+    path: Path,
+    rows: int,
+    group: int,
+    instead: Mapping[str, pa.Array] = MappingProxyType({}),
+    **how: object,
 ) -> None:
-    """Write a part with rows that are all alike, and with the keys of the one that it replaces."""
+    """Write a part with rows that are all alike but for the columns `instead`, and with the keys of
+    the one that it replaces.
+    """
     known = (pq.read_metadata(path).metadata or {}) if path.exists() else {}
     columns = {field.name: _alike(field.type, rows) for field in SCHEMAS[path.parent.name]}
-    if station is not None:
-        columns["station"] = station
+    columns |= instead
     schema = pa.schema(
         [
             pa.field(field.name, columns[field.name].type, field.nullable)
@@ -410,6 +429,10 @@ FORGED: Final[dict[str, Bomb]] = {
     "a header of two kinds": _two_headers,
     "empty pages that all row groups share": lambda path: forge(path, _empty, _shared),
     "row groups of one row": _many_groups,
+    "a station of its own in each row": _own_texts("station"),
+    "texts of their own in each row": _own_texts(
+        *("quality", "reasons", "status", "kind", "text", "setting", "readback", "counter", "raw")
+    ),
     "levels that repeat": lambda path: forge(path, footer=_repeated),
     "columns that are not there": lambda path: forge(path, footer=_childless),
 }
