@@ -346,7 +346,7 @@ def _own_texts(*columns: str) -> Bomb:
 
     def made(path: Path) -> None:
         rows = 200_000
-        texts = pa.array([f"text {number}" for number in range(rows)])
+        texts = pa.array([f"temperature_c=text {number}" for number in range(rows)])
         there = {name: texts for name in columns if name in SCHEMAS[path.parent.name].names}
         write(path, rows, 50_000, there)
         relist(path, rows)
