@@ -219,9 +219,8 @@ def _trend(
         else None
     )
     changes = list(_changes([one.run for one in points], found, *place))
-    warnings = list(
-        _other_rates([found[one.run] for one in points if one.value is not None], place[0])
-    )
+    measured = [found[one.run] for one in points if one.value is not None]
+    warnings = [*_other_rates(measured, place[0]), *_copies(measured)]
     return Trend(*place, metric, unit, points, chart, index, changes, warnings, resolution)
 
 
@@ -233,6 +232,15 @@ def _other_rates(runs: Iterable[Found], station: str) -> Iterator[str]:
             f"{rate} in {count_text(count, 'run')}" for rate, count in counts.most_common()
         )
         yield f"rates differ: {rates}; {WHAT_A_RATE_CHANGES}"
+
+
+def _copies(runs: Iterable[Found]) -> Iterator[str]:
+    """Yield a sentence if a run is there more than once: chart and capability take each for one."""
+    counts = Counter(one.manifest_sha256 for one in runs if one.manifest_sha256)
+    copies = sum(counts.values()) - len(counts)
+    if copies:
+        are = "is a copy of another run" if copies == 1 else "are copies of other runs"
+        yield f"{copies} of the runs {are} (the same manifest) and counted as well"
 
 
 def _changes(

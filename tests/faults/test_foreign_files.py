@@ -10,6 +10,7 @@ import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -302,6 +303,23 @@ def test_one_bad_folder_is_a_finding_in_its_place(kept: Path, tmp_path: Path, pa
             verb,
             ended,
         )
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(900)
+def test_five_hundred_copies_of_one_run(kept: Path, tmp_path: Path, pairs: Pairs) -> None:
+    """Of each some lines, in time, and errors that count once."""
+    place = Place(kept, tmp_path / "home")
+    for number in range(500):
+        name = f"20260101T00{number // 60:02d}{number % 60:02d}Z-bench-aaaa"
+        shutil.copytree(place.good, place.runs / name, copy_function=os.link)
+    words = {verb: words_of(verb, place.places) for verb in OF_A_FOLDER}
+    words["publish"] = ["publish", str(place.runs), str(tmp_path / "store")]
+    ended = {verb: pairs.run(those, limited=verb != "publish") for verb, those in words.items()}
+    with_one_line = {
+        verb: replace(one, output=one.output.replace("\n", " ")) for verb, one in ended.items()
+    }
+    assert {verb: one.trouble for verb, one in with_one_line.items() if one.trouble} == {}
 
 
 def _gone(path: Path) -> None:

@@ -94,6 +94,20 @@ def test_a_run_that_is_off_is_a_signal_with_its_name(home: Path, tmp_path: Path)
     assert f"{found.points[-1].run}: test 1" in trend(tmp_path).stdout
 
 
+def test_a_run_that_is_there_more_than_once_is_warned_of(tmp_path: Path) -> None:
+    first, _ = many_runs(tmp_path, [0.0, 1.0])
+    (found,) = trends(open_runs(tmp_path))
+    assert found.warnings == []
+    copytree(first, tmp_path / "a copy")
+    (found,) = trends(open_runs(tmp_path))
+    assert found.warnings == [
+        "1 of the runs is a copy of another run (the same manifest) and counted as well"
+    ]
+    copytree(first, tmp_path / "another copy")
+    said = "warning: 2 of the runs are copies of other runs (the same manifest)"
+    assert said in trend(tmp_path).stdout
+
+
 def test_what_would_mislead_is_refused_in_a_sentence(home: Path, tmp_path: Path) -> None:
     few = trend(home, "--upper", "15", "--until", "2026-09-21T10:00")
     assert few.exit_code == 0

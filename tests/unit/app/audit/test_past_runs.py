@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from shutil import copytree
 
 import pytest
 
@@ -124,6 +125,16 @@ def test_an_error_of_a_run_counts_once(ledger: Ledger) -> None:
     assert ledger.audit(0) == {"alarm.high": 1, "port.error": 2, "station.error": 1}
     assert ledger.audit(0.01) is None  # no run since: nobody can tell
     assert ledger.audit(24) is None
+
+
+def test_an_error_of_a_run_with_copies_counts_once(ledger: Ledger) -> None:
+    """A backup, or a way to make a station look bad."""
+    one = run(ledger.out, -5)
+    one.say((-4, "port.error"), (-3, "port.error"))
+    one.end(-1)
+    for name in ("0 copy", f"{one.folder.name}-copy", one.folder.name.replace("abcd", "aaaa")):
+        copytree(one.folder, ledger.out / name)
+    assert ledger.audit(0) == {"port.error": 2}
 
 
 def test_a_run_over_several_audits_counts_part_by_part(ledger: Ledger) -> None:
