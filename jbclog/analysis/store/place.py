@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote
 
 from jbclog.analysis.store.checkpoints import expect_bounded
+from jbclog.analysis.store.endpoint import expect_reaction
 from jbclog.core.errors import StoreError, UsageError
 from jbclog.core.foreign.files import (
     Kind,
@@ -262,10 +263,14 @@ def expect_library() -> None:
 
 @contextmanager
 def explained(url: str) -> Iterator[None]:
-    """Turn the errors of the library into a `StoreError` of one line."""
+    """Turn the errors of the library into a `StoreError` of one line; a server that does not react
+    is one as well.
+    """
     from deltalake.exceptions import DeltaError
     from pyarrow import ArrowException
 
+    if S3.match(url):
+        expect_reaction(url)
     try:
         yield
     except (DeltaError, OSError, ArrowException, ValueError) as error:
