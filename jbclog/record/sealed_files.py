@@ -66,10 +66,13 @@ def _sha256(folder: Path, path: Path, _mtime_ns: int, _size: int) -> str:
 
 PLAYED: Final = (f"{FOLDER}/", "recipes/", "line.toml")  # what a replay reads
 CHANGED: Final = "was changed: its SHA-256 is not the manifest's"
+MOST_LOSSES: Final = 100  # of a capture, that are told one by one
 
 
 def losses(path: Path) -> Iterator[str]:
-    """Yield a sentence for each stretch of a capture file that is damaged or unreadable."""
+    """Yield a sentence for each stretch of a capture file that is damaged or unreadable, up to
+    `MOST_LOSSES`, and how many more there are.
+    """
     head, why, found = None, "", list[Hole]()
     try:
         head = read_head(path)
@@ -82,7 +85,9 @@ def losses(path: Path) -> Iterator[str]:
         return
     if why and not any(hole.gap.is_refused for hole in found):
         yield why
-    yield from (hole.describe(head) for hole in found)
+    yield from (hole.describe(head) for hole in found[:MOST_LOSSES])
+    if len(found) > MOST_LOSSES:
+        yield f"{len(found) - MOST_LOSSES} more stretches are damaged or missing"
 
 
 def _portable(error: RecordError, path: Path) -> str:

@@ -151,3 +151,15 @@ def test_a_capture_whose_blocks_are_all_damaged_is_searched_to_its_end(tmp_path:
     *_, last = blocks(path)
     assert isinstance(last, Block), "each but the last one lost the end of its length"
     assert last.text == "11999.0\theard\t00\n"
+
+
+def test_of_many_losses_the_first_are_told(tmp_path: Path) -> None:
+    """A byte behind each block: 80 000 sentences for 5 MB, in what `recover` says of the run."""
+    path = wire_path(tmp_path, "a")
+    block_file(path, [f"{number}.0\theard\t00\n" for number in range(300)])
+    begin, *blocks_of = path.read_bytes().split(FIXED)
+    path.write_bytes(begin + b"".join(FIXED + one + b"?" for one in blocks_of))
+    *told, last = losses(path)
+    assert len(told) == 100
+    assert last == "201 more stretches are damaged or missing"
+    assert count_rows(path) == 1 + 300
