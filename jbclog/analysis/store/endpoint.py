@@ -1,5 +1,5 @@
-"""Whether the S3 server that the environment names reacts at all: the library waits half a minute
-for each request, and hears no signal meanwhile.
+"""Whether the S3 server that the environment names reacts at all: the library has far longer limits
+of its own for each request.
 """
 
 from __future__ import annotations
