@@ -66,7 +66,7 @@ def _sha256(folder: Path, path: Path, _mtime_ns: int, _size: int) -> str:
 
 PLAYED: Final = (f"{FOLDER}/", "recipes/", "line.toml")  # what a replay reads
 CHANGED: Final = "was changed: its SHA-256 is not the manifest's"
-MOST_LOSSES: Final = 100  # of a capture, that are told one by one
+MOST_LOSSES: Final = 100  # of a capture, that are reported one by one
 
 
 def losses(path: Path) -> Iterator[str]:

@@ -21,8 +21,8 @@ PORTS: Final = {"http": 80, "https": 443}
 def expect_reaction(store: str) -> None:
     """Raise `StoreError` where the server of `store` does not react within `ANSWERS_S`.
 
-    Any reaction counts, also that of a server which expects TLS; each other mistake is the
-    library's to tell. Through a proxy, and at Amazon's own addresses, nothing is asked.
+    Any reaction counts, also that of a server which expects TLS; the library reports each other
+    mistake. Through a proxy, and at Amazon's own addresses, nothing is asked.
     """
     if any(os.environ.get(name) or os.environ.get(name.upper()) for name in PROXIES):
         return

@@ -21,7 +21,7 @@ LOOK_S: Final = 5.0
 class Connection(H11Protocol):
     """A connection that is ended where nothing moves on it.
 
-    Where there are too many, the one is ended that has been without a request for longest: whoever
+    Where there are too many, the one is ended that has waited for its client for longest: whoever
     asks at once gets an answer.
     """
 
@@ -51,9 +51,9 @@ class Connection(H11Protocol):
         super().resume_writing()
 
     @property
-    def is_busy(self) -> bool:
-        """Whether a request has come whose answer is not complete."""
-        return self.cycle is not None and not self.cycle.response_complete
+    def is_waiting(self) -> bool:
+        """Whether the client has to act: to send a request, or to take what is written."""
+        return self.cycle is None or self.cycle.response_complete or self.flow.write_paused
 
     def _moves(self) -> None:
         self.moved_s = self.loop.time()
@@ -61,8 +61,8 @@ class Connection(H11Protocol):
     def _make_room(self) -> None:
         held = [one for one in self.connections if isinstance(one, Connection) and not one.is_ended]
         if len(held) > MOST_CONNECTIONS:
-            idle = [one for one in held if not one.is_busy]  # this one at least
-            min(idle, key=attrgetter("moved_s")).end()
+            waiting = [one for one in held if one.is_waiting]  # this one at least
+            min(waiting, key=attrgetter("moved_s")).end()
 
     def end(self) -> None:
         """End the connection now: to close it would wait for the client to take the rest."""
@@ -71,7 +71,7 @@ class Connection(H11Protocol):
 
     def _look(self) -> None:
         """End the connection where it waited too long for its client."""
-        if self.cycle is not self._seen or (self.is_busy and not self.flow.write_paused):
+        if self.cycle is not self._seen or not self.is_waiting:
             self._seen = self.cycle
             self._moves()
         elif self.loop.time() - self.moved_s > WAITS_S:

@@ -227,12 +227,15 @@ def _put_chunk(out: bytearray, data: bytes, chunk: Fields, change: Pages) -> Non
     begin = min(at for at in (of(about, DATA_AT), of(about, DICTIONARY_AT)) if at)
     name = b".".join(of(about, PATH)[1]).decode()
     at, data_at, dictionary_at = len(out), None, None
+    written: dict[int, bytes] = {}  # a page can be there a thousand times
     for page in change(name, [*_pages(data, begin, begin + of(about, PACKED))]):
         if page.is_dictionary:
             dictionary_at = len(out) if dictionary_at is None else dictionary_at
         else:
             data_at = len(out) if data_at is None else data_at
-        out += encoded(page.head) + page.body
+        if id(page) not in written:
+            written[id(page)] = encoded(page.head) + page.body
+        out += written[id(page)]
     put(about, DATA_AT, at if data_at is None else data_at)
     put(about, DICTIONARY_AT, dictionary_at, I64)
     put(about, PACKED, len(out) - at)
