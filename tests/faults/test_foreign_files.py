@@ -259,6 +259,8 @@ SLICE = [
     ("samples/part-0000.parquet", "empty pages that all row groups share", BAD),
     ("samples/part-0000.parquet", "a station of its own in each row", BAD),
     ("settings/part-0000.parquet", "a header of two kinds", BAD),
+    ("settings/part-0000.parquet", "columns by other names", BAD),
+    ("events/part-0000.parquet", "a long word that the footer does not count", BAD),
     ("counters/part-0000.parquet", "2**31 - 1 words in a small dictionary", BAD),
     (WIRE_NAME, "heads in one another", BAD),
     ("live.sqlite", "endless views", CRASHED),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -23,6 +23,7 @@ DEPTH: Final = 8
 LONGEST_VARINT: Final = 10  # bytes of 64 bits
 # of each list: the library builds a schema's tree by recursion, one call a level
 MOST_ITEMS: Final = 8192
+NESTED: Final = 32  # groups of a schema in each other
 LONG_LIST: Final = 15
 # cached footers (a week has 168 parts a table), and the maximum size of each
 KEPT, KEPT_BYTES = 256, 64 << 10
@@ -173,7 +174,8 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 # The library's own metadata view aborts the process (pyarrow 26: an exception that its Python
 # binding does not catch) where a footer contradicts itself; one altered byte is enough.
-GROUPS = 4  # fields of FileMetaData,
+SCHEMA, GROUPS = 2, 4  # fields of FileMetaData,
+ELEMENT_KIND, ELEMENT_NAME, CHILDREN = 1, 4, 5  # of SchemaElement,
 COLUMNS, ROWS = 1, 3  # of RowGroup,
 ABOUT, SECRET, SECRET_ABOUT = 3, 8, 9  # of ColumnChunk,
 # of ColumnMetaData,
@@ -219,7 +221,8 @@ class RowGroup:
 
 
 def groups_in(footer: bytes) -> tuple[RowGroup, ...]:
-    """Parse the row groups of a footer. Raises `NotReadable`.
+    """Parse the row groups of a footer. Raises `NotReadable`, also where their columns are not
+    those of its schema, by which the library reads them.
 
     A report opens each part several times for each station, so the last few small footers are
     cached, and the last large one.
@@ -228,19 +231,64 @@ def groups_in(footer: bytes) -> tuple[RowGroup, ...]:
 
 
 def _groups_in(footer: bytes) -> tuple[RowGroup, ...]:
-    reader, found = ThriftReader(footer), []
+    reader = ThriftReader(footer)
+    elements: list[Element] = []
+    found: list[RowGroup] = []
     try:
         for number, kind in reader.fields():
-            if number != GROUPS:
+            if number == SCHEMA:
+                elements += [_element(reader) for _ in reader.items(kind, STRUCT)]
+            elif number == GROUPS:
+                found += [_group(reader) for _ in reader.items(kind, STRUCT)]
+            else:
                 reader.skip(kind)
-                continue
-            found += [_group(reader) for _ in reader.items(kind, STRUCT)]
+        leaves = _leaves(elements)
+        if any([(one.name, one.kind) for one in group.chunks] != leaves for group in found):
+            raise ValueError("columns that are not those of the schema")
     except (IndexError, ValueError):
         raise NotReadable("has an unreadable footer") from None
     return tuple(found)
 
 
 _kept, _last_large = lru_cache(maxsize=KEPT)(_groups_in), lru_cache(maxsize=1)(_groups_in)
+
+
+Element = tuple[str, int, int]
+"""An element of a schema: its name, number of children and physical type."""
+
+
+def _element(reader: ThriftReader) -> Element:
+    name, numbers = "", {ELEMENT_KIND: 0, CHILDREN: 0}
+    for number, kind in reader.fields():
+        if number in numbers:
+            numbers[number] = reader.integer(kind) or 0
+        elif number == ELEMENT_NAME:
+            name = (reader.binary(kind) or b"").decode()  # or ValueError
+        else:
+            reader.skip(kind)
+    return name, numbers[CHILDREN], numbers[ELEMENT_KIND]
+
+
+def _leaves(elements: Sequence[Element]) -> list[tuple[str, int]]:
+    """Return the columns of a schema in their order, by path and type. Raises ValueError."""
+    found: list[tuple[str, int]] = []
+    prefixes, left = [""], [elements[0][1] if elements else 0]  # of the groups above
+    for name, children, kind in elements[1:]:
+        while left and not left[-1]:
+            prefixes.pop()
+            left.pop()
+        if not left or len(left) > NESTED or children < 0:
+            raise ValueError("a schema that is none")
+        left[-1] -= 1
+        path = f"{prefixes[-1]}{name}"
+        if children:
+            prefixes.append(f"{path}.")
+            left.append(children)
+        else:
+            found.append((path, kind))
+    if any(left) or len({path for path, _ in found}) < len(found):
+        raise ValueError("a schema without all of its columns, or with two of one name")
+    return found
 
 
 def _group(reader: ThriftReader) -> RowGroup:

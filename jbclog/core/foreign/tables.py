@@ -21,7 +21,13 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_opened, open_foreign
-from jbclog.core.foreign.parquet_footer import MOST_ITEMS, ColumnChunk, RowGroup, groups_in
+from jbclog.core.foreign.parquet_footer import (
+    MOST_ITEMS,
+    TEXTS,
+    ColumnChunk,
+    RowGroup,
+    groups_in,
+)
 from jbclog.core.foreign.parquet_pages import (
     CODES,
     COLUMNS,
@@ -37,7 +43,7 @@ from jbclog.core.foreign.values import expect_values
 GROUP_ROWS: Final = 262_144
 THREADED_ROWS: Final = 4096  # threads take longer for fewer
 GROUP_BYTES: Final = 128 * MIB  # of the columns read, uncompressed
-TEXTS: Final = (
+PLAIN_TEXTS: Final = (
     pa.types.is_string,
     pa.types.is_large_string,
     pa.types.is_binary,
@@ -200,17 +206,19 @@ class ParquetTable:
         """A text that a page has once may stand in many rows: that of a dictionary, or one of which
         others are said to have the beginning. Written out, they may be far longer.
         """
-        kind = self.schema.field(chunk.name).type if chunk.name in self.schema.names else None
-        if kind is None or not any(fits(kind) for fits in TEXTS):
+        if chunk.kind not in TEXTS:
             return
-        if chunk.unpacked * chunk.values <= self._most_bytes:
+        if sum(page.unpacked for page in pages) * chunk.values <= self._most_bytes:
             return
         longest, written_once, is_known = _texts_in(pages)
+        kind = self.schema.field(chunk.name).type if chunk.name in self.schema.names else None
+        # not in a structure, and no decimals
+        is_plain = kind is not None and any(fits(kind) for fits in PLAIN_TEXTS)
         if longest * chunk.values + written_once <= self._most_bytes:
             return
         written = (
             sum(written_out(batch.column(0)) for batch in self._as_dictionary(index, chunk.name))
-            if is_known
+            if is_known and is_plain
             else longest * chunk.values
         )
         if written > self._most_bytes:

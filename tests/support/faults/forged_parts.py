@@ -158,7 +158,8 @@ def put(fields: Fields, number: int, value: Any, kind: int = I32) -> None:
 SCHEMA, ALL_ROWS, GROUPS = 2, 3, 4
 CHUNKS, ROWS = 1, 3
 ABOUT, INDEXES = 3, (4, 5, 6, 7)
-PATH, VALUES, PACKED, DATA_AT, DICTIONARY_AT = 3, 5, 7, 9, 11
+CHUNK_KIND, PATH, VALUES, PACKED, DATA_AT, DICTIONARY_AT = 1, 3, 5, 7, 9, 11
+OF_NUMBERS, OF_TEXTS = 2, 6  # physical types: INT64 and BYTE_ARRAY
 TYPE, PAGE_UNPACKED, PAGE_PACKED, CRC, OF_DATA, OF_DICTIONARY, OF_DATA_2 = 1, 2, 3, 4, 5, 7, 8
 DICTIONARY: Final = 2  # a type of pages
 PAGE_VALUES, PAGE_ENCODING, PAGE_STATISTICS = 1, 2, 5
@@ -404,6 +405,61 @@ def _repeated(footer: Fields) -> None:
     put(_element(footer, b"station"), ELEMENT_REPEATS, REPEATED)
 
 
+def _renamed(footer: Fields) -> None:
+    """The chunks of texts have a name that nobody asks for; the schema, by which the library reads
+    them, has the right one.
+    """
+    for chunk in _chunks(footer):
+        if of(of(chunk, ABOUT), CHUNK_KIND) == OF_TEXTS:
+            put(of(chunk, ABOUT), PATH, (BINARY, [b"elsewhere"]))
+
+
+def _retyped(footer: Fields) -> None:
+    for chunk in _chunks(footer):
+        put(of(chunk, ABOUT), CHUNK_KIND, OF_NUMBERS)
+
+
+def _of_one_name(footer: Fields) -> None:
+    """Two columns with the name of one."""
+    put(_element(footer, b"port"), ELEMENT_NAME, b"station")
+    for chunk in _chunks(footer):
+        if of(of(chunk, ABOUT), PATH)[1] == [b"port"]:
+            put(of(chunk, ABOUT), PATH, (BINARY, [b"station"]))
+
+
+def _chunks(footer: Fields) -> list[Fields]:
+    return [chunk for group in of(footer, GROUPS)[1] for chunk in of(group, CHUNKS)[1]]
+
+
+def _long_word(name: str, pages: list[Page]) -> list[Page]:
+    """A word of 900 kB in place of each in the dictionaries of stations, of which the footer knows
+    nothing.
+    """
+    if not name.startswith("station"):
+        return pages
+    word = (900_000).to_bytes(4, "little") + b" " * 900_000
+    packed = pa.compress(word, codec="zstd", asbytes=True)
+    found = [page.copy(packed) if page.is_dictionary else page for page in pages]
+    for page in found:
+        if page.is_dictionary:
+            put(page.head, PAGE_UNPACKED, len(word))
+    return found
+
+
+def _uncounted(path: Path) -> None:
+    """180 GB of text, written out, in a column that the footer says to have some hundred bytes."""
+    write(path, 200_000, 200_000)
+    forge(path, _long_word)
+
+
+def _in_a_structure(path: Path) -> None:
+    """The same in a structure in place of a column."""
+    rows = 200_000
+    stations = pa.StructArray.from_arrays([_alike(pa.string(), rows)], ["a"])
+    write(path, rows, rows, {"station": stations})
+    forge(path, _long_word)
+
+
 def _childless(footer: Fields) -> None:
     put(of(footer, SCHEMA)[1][0], ELEMENT_CHILDREN, MOST)
 
@@ -436,6 +492,11 @@ FORGED: Final[dict[str, Bomb]] = {
     "texts of their own in each row": _own_texts(
         *("quality", "reasons", "status", "kind", "text", "setting", "readback", "counter", "raw")
     ),
+    "a long word that the footer does not count": _uncounted,
+    "a long word in a structure": _in_a_structure,
+    "columns by other names": lambda path: forge(path, footer=_renamed),
+    "columns of another type": lambda path: forge(path, footer=_retyped),
+    "two columns of one name": lambda path: forge(path, footer=_of_one_name),
     "levels that repeat": lambda path: forge(path, footer=_repeated),
     "columns that are not there": lambda path: forge(path, footer=_childless),
 }
