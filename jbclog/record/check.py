@@ -21,7 +21,7 @@ from jbclog.core.text import count_text, shortened
 from jbclog.record import capture, chains, sealed_files
 from jbclog.record.conclude import files_of, is_later, live_files, sealed_file
 from jbclog.record.cross_check import cross_check
-from jbclog.record.guard_actions import plain_events
+from jbclog.record.guard_actions import event_dicts
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
 from jbclog.record.manifest import (
     NAME,
@@ -237,9 +237,7 @@ def _units(folder: Path, manifest: Manifest) -> Iterator[Finding]:
 
 
 def _events(folder: Path, manifest: Manifest) -> Iterator[Finding]:
-    rows = (
-        row for group in row_groups(folder, "events") for row in plain_events(group).to_pylist()
-    )
+    rows = (row for group in row_groups(folder, "events") for row in event_dicts(group))
     for seq, text in chains.breaks(manifest.run, rows):
         yield Finding("events/", f"event {seq} {text}")
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
@@ -30,6 +30,7 @@ LEASE: Final = "lease.json"
 LOST: Final = "guard.lost"
 BLANK: Final = b"\n"  # reserved space
 RETRY_S: Final = 0.05
+ROWS_AT_ONCE: Final = 8192
 SAFE: Final = "safety.safe_state"
 REACHED: Final = {SAFE: "verified", "safety.not_safe": "failed"}
 
@@ -134,7 +135,7 @@ def take_in(folder: Path, run: str, events: list[EventRow]) -> None:
         None,
     )
     for group in row_groups(folder, "events"):
-        for last in plain_events(group).to_pylist():
+        for last in event_dicts(group):
             known |= {(last["time"], last["text"])} & wanted
     missing = [event for event in events if (event.time, event.text) not in known]
     if missing:
@@ -151,6 +152,12 @@ def _table(values: list[object]) -> pa.Table:
 
     batch = encode(0, "events", values)
     return decode(batch, batch.crc)
+
+
+def event_dicts(events: pa.Table) -> Iterator[dict[str, Any]]:
+    """Yield events as they are hashed: some at a time, as one takes a kilobyte and more."""
+    for batch in plain_events(events).to_batches(max_chunksize=ROWS_AT_ONCE):
+        yield from batch.to_pylist()
 
 
 def plain_events(events: pa.Table) -> pa.Table:

@@ -9,11 +9,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from jbclog.analysis.verdict.reached import Targets
 from jbclog.core.foreign.tables import open_table
 from jbclog.core.goal import Goal
 from jbclog.core.rows import StationFacts, TipCheck
+
+ROWS_AT_ONCE: Final = 8192  # of a table: one takes up to a kilobyte as an object
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,8 +194,8 @@ def read_adjustments(folder: Path) -> dict[tuple[str, int], float]:
 def _rows(table: Path, columns: list[str]) -> Iterator[dict[str, object]]:
     for part in sorted(table.glob("part-*.parquet")):
         with open_table(part) as opened:
-            for group in opened.groups(columns):
-                yield from group.to_pylist()
+            for batch in opened.batches(ROWS_AT_ONCE, columns):
+                yield from batch.to_pylist()
 
 
 def _text(value: object) -> str | None:
