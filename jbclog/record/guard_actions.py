@@ -154,7 +154,7 @@ def _table(values: list[object]) -> pa.Table:
     return decode(batch, batch.crc)
 
 
-def event_dicts(events: pa.Table) -> Iterator[dict[str, Any]]:
+def event_dicts(events: pa.Table) -> Iterator[Any]:
     """Yield events as they are hashed: some at a time, as one takes a kilobyte and more."""
     for batch in plain_events(events).to_batches(max_chunksize=ROWS_AT_ONCE):
         yield from batch.to_pylist()
