@@ -145,9 +145,9 @@ def _parsed_head(data: bytes) -> Page | None:
                 reader.skip(kind)
     except (IndexError, ValueError):
         raise NotReadable("has an unreadable page header") from None
-    kind = numbers.get(TYPE)
+    page_type = numbers.get(TYPE)
     # the library goes by the type: what another field says would be believed here alone
-    if kind is None or [*about] != [ABOUT.get(kind)]:
+    if page_type is None or [*about] != [ABOUT.get(page_type)]:
         raise NotReadable("has a page header of another kind than its page")
     ((values, encoding),) = about.values()
     packed, unpacked = numbers.get(PACKED), numbers.get(UNPACKED)
