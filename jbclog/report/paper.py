@@ -35,7 +35,7 @@ from jbclog.report.paper_tables import (
     merge_repeated,
     model_text,
 )
-from jbclog.report.typeset import LACKING, LACKING_MEANS, drawable, pdf_of
+from jbclog.report.typeset import LACKING, LACKING_MEANS, drawable, drawable_in_figure, pdf_of
 
 MOST_REASONS: Final = 6
 MOST_FINDINGS: Final = 60
@@ -70,7 +70,7 @@ def _data(facts: Facts) -> dict[str, object]:
     """
     shown = _Fitting().of(cleaned(_content(facts)))
     assert isinstance(shown, dict)
-    drawings = {figure.file: drawable(figure.wide) for figure in _figures(facts)}
+    drawings = {figure.file: drawable_in_figure(figure.wide) for figure in _figures(facts)}
     if LACKING in f"{shown}{drawings}":
         shown["sections"][-1]["parts"].append(paragraph(LACKING_MEANS, "quiet"))
     return {**shown, "drawings": drawings}

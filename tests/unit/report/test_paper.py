@@ -26,7 +26,7 @@ from jbclog.core.text import clean
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata, read_manifest, write_manifest
 from jbclog.report.maker import tools
-from jbclog.report.typeset import FONTS, LACKING, LACKING_MEANS, drawable
+from jbclog.report.typeset import FONTS, LACKING, LACKING_MEANS, MARKS, drawable, drawable_in_figure
 from jbclog.report.verify import verified
 from jbclog.report.write import write_report
 from support.readers.pdf_read import faults, page_texts
@@ -194,6 +194,7 @@ def test_text_from_outside_is_shown_and_never_evaluated(tmp_path: Path) -> None:
     assert "root:" not in front
 
 
+MARK = "\u0301"  # combines with the letter before it
 MARKUP = {
     "import": '#import "@preview/x:0.1.0": *',
     "read": '#read("/etc/passwd")',
@@ -209,7 +210,7 @@ MARKUP = {
     "marks": "\u202e\u2066\u200f\u200b\u2028",
     "NUL and others": "a\0b\x01\x1b[31m\x7f",
     "surrogates": "\ud800 \udfff",
-    "combining": "a" + "\u0301" * 4000,
+    "combining": "a" + MARK * 4000,
     "no blank": "W" * 100_000,
     "none of text": "\ufffc\ufffe\uffff\ue000\U0010ffff",
     "selectors": "1\ufe0f\u20e3 \u2764\ufe0e",
@@ -311,7 +312,7 @@ def test_every_letter_that_is_kept_can_be_set(tmp_path: Path) -> None:
             known.append({chr(code) for code in font.getBestCmap()})
     letters = {letter for letter in known[0] & known[1] if clean(letter) == letter}
     assert len(letters) > 5000
-    assert drawable("".join(letters)) == "".join(letters)
+    assert drawable(" ".join(letters)) == " ".join(letters)
     assert {
         letter
         for letter in map(chr, range(0x20, 0x3000))
@@ -340,6 +341,9 @@ def test_the_colours_of_a_figure_differ_in_grey() -> None:
 def test_letters_that_the_font_lacks_are_told_and_not_lost_in_silence(tmp_path: Path) -> None:
     assert drawable("王 ΔT ✓") == f"{LACKING} ΔT ✓"
     assert drawable("a\0\x1b\ud800b\n") == f"a{3 * LACKING}b\n"
+    assert drawable(f"a{MARKS * MARK}b") == f"a{MARKS * MARK}b"
+    assert drawable(f"a{(MARKS + 1) * MARK}b{MARK}") == f"a{LACKING}b{MARK}"
+    assert drawable_in_figure(f"<text>a{MARK} q{MARK}</text>") == f"<text>\u00e1 q{LACKING}</text>"
     run = seal(
         tmp_path,
         [station(rows=300)],
