@@ -16,6 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.children import kill
 from jbclog.core.errors import StartRefused
 from jbclog.core.rows import StationFacts
 from jbclog.core.states import SafetyResult, StationOutcome
@@ -240,9 +241,7 @@ class GuardProcess:
 
     def kill(self) -> None:
         """Kill it; does not wait long for one that a hanging disk keeps from ending."""
-        self._process.kill()
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(KILL_S)
+        kill(self._process, KILL_S)
         self._close()
 
     def _close(self) -> None:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.children import kill
 from jbclog.core.clock import Clock
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.json_reader import builder, json_of
@@ -123,9 +124,7 @@ class JointCounting:
         process, self._process = self._process, None
         if process is None:
             return
-        process.kill()
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(KILL_S)
+        kill(process, KILL_S)
         for stream in (process.stdin, process.stdout):
             if stream is not None:
                 stream.close()

@@ -53,11 +53,11 @@ def _text(run: Path) -> str:
         manifest = (run / MANIFEST).lstat()
     except OSError:
         return "not readable"
-    return _told(run, manifest.st_ino, manifest.st_mtime_ns, manifest.st_size)
+    return _manifest_text(run, manifest.st_ino, manifest.st_mtime_ns, manifest.st_size)
 
 
 @lru_cache(maxsize=2 * MOST)
-def _told(run: Path, *_: int) -> str:
+def _manifest_text(run: Path, *_: int) -> str:
     """Return what the manifest says, which is read again once the file is another one."""
     found = summary_of(run)
     if not isinstance(found, Found):
