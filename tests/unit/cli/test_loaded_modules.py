@@ -78,6 +78,7 @@ RUN = PLAN | {
     *("app.run.goals", "app.run.recorder", "app.run.run_record", "app.run.runner"),
     *("app.run.tasks", "app.run.unit_feed", "cli.progress", "cli.run", "cli.terminal"),
     *(
+        "core.children",
         "core.clock",
         "core.durable_files",
         "core.foreign.database",
