@@ -151,7 +151,7 @@ class Contents:
 LOOK_S = 0.25
 RETRY_S = 1.0  # the same after a garbled answer: a time-out, and a probe's answer
 MOST = 9  # three looks, each with three tries
-# up to so many reads the last answer was accepted: without doubt, or there was a third
+# up to so many answers the last one was accepted: without doubt, or there was a third
 BELIEVED_AT_ONCE = 2
 
 CLEARED = tuple(command.letters for command in READINGS if command.effect is Effect.CLEARS)
@@ -229,15 +229,13 @@ class RetryGroup:
 
     def believed(self, before: Exchange | None) -> Exchange | None:
         """Return the accepted answer, which is `before` where none of these was."""
-        last, others = self.all[-1], [received(one) for one in self.all[:-1]]
+        last = self.all[-1]
         if before is None:
             return last if last.replies else None
         if not is_understood(last):
             return before
-        is_proven = len(self.all) <= BELIEVED_AT_ONCE or received(last) in (
-            *others,
-            received(before),
-        )
+        others = [received(one) for one in self.all[:-1] if is_understood(one)]
+        is_proven = len(others) < BELIEVED_AT_ONCE or received(last) in (*others, received(before))
         return last if is_proven else before
 
 

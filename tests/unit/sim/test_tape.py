@@ -347,7 +347,7 @@ def answer(text: bytes) -> bytes:
     return checked(b"\x020100A%s\x03\x00" % text)
 
 
-NONE, SOME = answer(b"SER00000"), answer(b"SER00011")
+NONE, SOME, OTHER = answer(b"SER00000"), answer(b"SER00011"), answer(b"SER00022")
 
 
 def asked(at_s: float, question: bytes, *answers: bytes) -> list[CaptureRow]:
@@ -476,13 +476,29 @@ def test_who_is_well_behind_gets_neither_of_them() -> None:
 
 
 def test_three_answers_of_which_none_bears_another_out_are_not_believed() -> None:
-    one = with_model({5.5: (NONE,), 15.5: (SOME, answer(b"SER00022"), answer(b"SER00033"))}, ERROR)
+    one = with_model({5.5: (NONE,), 15.5: (SOME, OTHER, answer(b"SER00033"))}, ERROR)
     at_second(one, ERROR, 10)
     assert heard(one, ERROR, 15.5, 15.52, 15.54, 15.56)[1:] == [
-        answer(b"SER00022"),
+        OTHER,
         answer(b"SER00033"),
         NONE,
     ]
+
+
+def test_a_question_without_an_answer_is_no_look() -> None:
+    """Asked, lost, asked for the model, asked twice more: of two answers the last was accepted."""
+    turns = {5.5: (NONE,), 16.1: (SOME, OTHER), 25.5: (OTHER,)}
+    rows = [
+        *(one for second in range(30) for one in asked(5.0 + second, MODEL, answer(b"SMN  DDE"))),
+        *(one for at_s, answers in turns.items() for one in asked(at_s, ERROR, *answers)),
+        row(15.7, "sent", ERROR),
+    ]
+    one = station(tape(*sorted(rows, key=lambda one: one.at_s)), ticks=RecordedGrid(5.0, 1.0))
+    at_second(one, ERROR, 10)
+    assert heard(one, ERROR, 15.7) == []
+    assert heard(one, MODEL, 16.0) == [answer(b"SMN  DDE")]
+    assert heard(one, ERROR, 16.1, 16.12, 16.5) == [SOME, OTHER, OTHER]
+    assert one.repeated == {ERROR: 1}
 
 
 def test_flags_are_told_once_and_by_who_comes_late_all_the_same() -> None:
