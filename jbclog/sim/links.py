@@ -6,6 +6,7 @@ import ctypes
 import os
 import select
 import selectors
+import signal
 import socket
 import struct
 import sys
@@ -173,7 +174,14 @@ class Waiter:
 
     def wake(self) -> None:
         """End a wait, from a signal handler or another thread."""
-        os.write(self._wake_write, b".")
+        with suppress(BlockingIOError):  # full: it wakes as it is
+            os.write(self._wake_write, b".")
+
+    def wake_on_signals(self) -> None:
+        """Let each signal with a handler end a wait, also one that arrives just before the wait:
+        Python would call the handler only afterwards.
+        """
+        signal.set_wakeup_fd(self._wake_write, warn_on_full_buffer=False)
 
     def close(self) -> None:
         self._selector.close()

@@ -117,6 +117,7 @@ class Server:
 
     def stop_on_signals(self) -> None:
         """End `run` on SIGINT and SIGTERM."""
+        self._waiter.wake_on_signals()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: self.stop())
 

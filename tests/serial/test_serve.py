@@ -259,6 +259,19 @@ def test_signals_end_it_in_good_order(tmp_path: Path, number: signal.Signals) ->
     assert not (tmp_path / "sim" / "s1").is_symlink()
 
 
+def test_a_signal_that_interrupts_no_wait_ends_it_as_well() -> None:
+    """As one does that arrives just before a wait: here another thread takes it."""
+    serving = (
+        "import signal, threading, time\nfrom jbclog.sim.links import Waiter\nfrom"
+        " jbclog.sim.serve import Server\nserver = Server([], Waiter())\n"
+        "server.stop_on_signals()\n"
+        "def take():\n time.sleep(0.3)\n"
+        " signal.pthread_kill(threading.get_ident(), signal.SIGTERM)\n"
+        "threading.Thread(target=take).start()\nserver.run()"
+    )
+    assert subprocess.run([sys.executable, "-c", serving], timeout=30).returncode == 0
+
+
 def test_it_ends_when_its_parent_dies(tmp_path: Path) -> None:
     parent = (
         "import os, sys, time; from pathlib import Path; from jbclog.sim.process import"
