@@ -19,7 +19,7 @@ from jbclog.protocol.commands.ranges import range_problem
 # Checks beyond the schema: the families' ranges and steps, and conflicts between keys.
 #
 # Only what a manual prints is held against a value (`Command.limits`); what the station alone
-# knows, its highest and lowest temperature, is checked live (`settings.live_problems`).
+# knows, its highest and lowest temperature, is checked live (`recipe_settings.live_problems`).
 
 SOLDERING: Final = tuple(
     name for name, family in FAMILIES.items() if "sleep_delay" in family.commands

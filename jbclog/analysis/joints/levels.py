@@ -2,8 +2,8 @@
 
 A reading is *at rest* if no draw was in the `CALM_S` before it and the tip has moved no more than
 `CALM_K` in that time. The level is the median of these readings at a setpoint. With less than
-`LEAST_S` of them there is no level. The idle error (`metrics/idling.py`) measures how far a level
-lies from its setpoint.
+`LEAST_S` of them there is no level. The idle error (`analysis/metrics/idling.py`) measures how far
+a level lies from its setpoint.
 """
 
 from __future__ import annotations

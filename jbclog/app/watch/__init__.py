@@ -1,5 +1,5 @@
-"""Shows a run while it is recorded: in the terminal (`terminal.py`) and as a page (`page.py`). Both
-read through `jbclog.live`.
+"""Shows a run while it is recorded: in the terminal (`terminal.py`) and as a page (`server.py` and
+`static/`). Both read through `jbclog.live`.
 
 `words.py` has the texts that both show.
 """

@@ -259,7 +259,7 @@ class SessionContext:
         grows: bool = False,
     ) -> Steps[Value]:
         """Read a decisive value until two answers are equal; during the start with more tries
-        (`client/confirmed_reads.py`).
+        (`protocol/client/confirmed_reads.py`).
         """
 
         def ask() -> Steps[Value]:

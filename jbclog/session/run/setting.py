@@ -5,7 +5,7 @@ A setting is idempotent, so a failed write is repeated, `REPEATS` times at most:
 1. A refusal is final, unless the write was not understood (N 1, N 2).
 2. It is repeated if two answers have the value from before. A third value is a mismatch.
 3. If it cannot be read back, it is repeated once the link has answered another request; a setting
-   that can heat (`recipe.order.CAN_HEAT`) is not: it is never repeated without those two answers.
+   that can heat (`config.recipe.CAN_HEAT`) is not: it is never repeated without those two answers.
 4. Nothing is repeated once the run is ending: `RunEnded` passes through here.
 
 Each repeated write is a row of `settings` (``repeated``), an event and a count in the station's

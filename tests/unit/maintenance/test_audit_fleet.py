@@ -1,7 +1,7 @@
 """The audit of a fleet that is simulated over two years, with the truth beside it.
 
 `-s` prints the figures. `SHIFTS` with the seeds of `TUNED`, and `workshop` with 1203 and 1204, are
-what the constants of `pace.py` and `forecast.py` were set by; all others were never looked at
+what the constants of `due.py` were set by; all others were never looked at
 before they were counted here, but for (SHIFTS, MONTHLY, 302): by it was learned that another unit
 can happen to fit in one counter of hours, and every other counter beside one that cannot be is in
 doubt since.
