@@ -1,9 +1,9 @@
-"""Hundreds of sessions in one thread: an event loop as a reactor, without a task or future per
+"""Runs hundreds of sessions in one thread: an event loop as a reactor, without a task or future per
 request.
 
-The loop watches descriptors and alarms; a callback that reads bytes resumes the session and carries
-out its next request before it returns (`session_runner.py`). Opening a port can block, so it
-happens in a thread.
+Each session has a `SessionRunner`, which carries out its requests (`session_runner.py`): the loop
+calls it when bytes or an alarm are there; it resumes the session with them and carries out the next
+request before it returns. Opening a port can block, so it happens in a thread.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import logging
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from math import inf
 
 from jbclog.core import clock
 from jbclog.core.errors import cause
@@ -87,7 +88,7 @@ class Reactor:
                 self.loop.call_soon(runner.start)
             if self._runners:
                 self.loop_lag.start()
-                self._turn()
+                self._run_loop()
             if self._failure is None:
                 at_end()
         finally:
@@ -98,32 +99,34 @@ class Reactor:
         if self._failure is not None:
             raise self._failure
 
-    def _turn(self) -> None:
+    def _run_loop(self) -> None:
         """Run the loop until the last session has ended.
 
         A failure outside the sessions (no memory, say) may have lost a callback that a session
         waits for. Then all are ended in order, and those that do not end within `ENDING_S` are
         abandoned.
         """
-        end = float("inf")
-        while self._runners and self.now() < end:
+        abandon_at = inf
+        while self._runners and self.now() < abandon_at:
             try:
-                if self._failure is not None and end > self.now() + ENDING_S:
-                    end = self.now() + ENDING_S
-                    self.loop.call_at(end, self.loop.stop)
+                if self._failure is not None and abandon_at == inf:
+                    abandon_at = self.now() + ENDING_S
+                    self.loop.call_at(abandon_at, self.loop.stop)
                     self.end("the program failed")
                 self.loop.run_forever()
             except Exception as error:
                 self._failure = self._failure or error
 
     def failed(self, runner: SessionRunner, error: Exception) -> None:
-        """Note that a session raised an exception, which none may; end the others in order."""
+        """Note that a session raised an exception, which none may; end the others in order. A
+        runner calls it.
+        """
         self._failure = self._failure or error
         self.ended(runner)
         self.loop.call_soon(self.end, f"a session broke: {cause(error)}")
 
     def ended(self, runner: SessionRunner) -> None:
-        """Remove a session that has ended."""
+        """Remove a session that has ended; stop after the last. A runner calls it."""
         self._runners.discard(runner)
         if not self._runners:
             self.loop.stop()

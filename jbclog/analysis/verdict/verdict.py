@@ -74,7 +74,7 @@ def judge(
     by: int = RULES,
     measuring: Measuring = measure,
 ) -> Judgement:
-    """Return the verdict by version `by` of the rules (`analysis/rule_versions.py`).
+    """Judge a sealed run by version `by` of the rules (`analysis/rule_versions.py`).
 
     `acceptance`: station -> the limits of its recipe, None if it states none. `measuring` reads the
     samples.

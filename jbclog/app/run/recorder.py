@@ -65,7 +65,10 @@ LOOK_AT_PORTS_EVERY_S = 10.0  # for other programs that have them open
 
 
 class Recorder:
-    """The state of a run in progress in `folder`, whose guard `guarding` may have begun."""
+    """A run in progress in `folder`; `guarding` is its guard, which may have begun.
+
+    `missed` returns how many messages could not be shown; `units` gives the serials of units.
+    """
 
     def __init__(
         self,
@@ -82,6 +85,7 @@ class Recorder:
         self._missed = missed
         self._clock = SystemClock()
         self._guarding = guarding
+        # tools that earlier runs left hot on these ports are made safe first
         self._left_over = settle(out, {station.spec.url for station in plan.stations}, is_held)
         self._run_record = RunRecord(
             plan,
@@ -98,18 +102,20 @@ class Recorder:
         self._reactor = Reactor(allow_missing=plan.starts_without_missing)
         self._sharers = SharedPortWatch(context.order.url for context in self._contexts)
         self._wires = self._capturing() if plan.wanted.wire else None
-        wanted = plan.wanted
-        refuses = any(one.recipe.units.repeat == "refuse" for one in plan.stations)
-        self._units = (
-            None
-            if units is None
-            else UnitFeed(
-                units, self._keep_at_once, self._micros, wanted.until_units, refuses_repeats=refuses
-            )
-        )
-        self._goals = Goals(wanted.goals(), self._note, self._reactor.end, self._units)
+        self._units = None if units is None else self._unit_feed(units)
+        self._goals = Goals(plan.wanted.goals(), self._note, self._reactor.end, self._units)
         self._cut_short: Exit | None = None
         self._have_all_begun = False
+
+    def _unit_feed(self, source: LineSource) -> UnitFeed:
+        plan = self._plan
+        return UnitFeed(
+            source,
+            self._keep_at_once,
+            self._micros,
+            plan.wanted.until_units,
+            refuses_repeats=any(one.recipe.units.repeat == "refuse" for one in plan.stations),
+        )
 
     @property
     def stations(self) -> list[StationFacts]:
@@ -117,24 +123,24 @@ class Recorder:
         return [context.facts for context in self._contexts]
 
     def conduct(self, signals: Signals) -> Result:
+        """Run from the guard's start to the final manifest; `signals` end the run in good order."""
         signals.notify(self._on_signal)
         try:
             self._start_guard()
         except StartRefused as refusal:
             return self._refuse(str(refusal))
         self._begin()
-        broken = self._pull()
+        error = self._run_sessions()
         self._end_units()
         self._close_captures()
         self._note_missed()
-        record = self._run_record.close() or broken
+        lacking = self._run_record.close() or error
         self._run_record.manifest.goals = self._goals.reached()
-        return self._run_record.conclude(record, self._cut_short)
+        return self._run_record.conclude(lacking, self._cut_short)
 
     def _begin(self) -> None:
         manifest = self._run_record.manifest
-        # others can now see whose ports this run holds
-        manifest.stations = [context.facts for context in self._contexts]
+        manifest.stations = self.stations  # others can now see whose ports this run holds
         manifest.wire = None if self._wires is None else "open"
         manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
         self._run_record.begin()
@@ -175,7 +181,7 @@ class Recorder:
 
     # -- during ------------------------------------------------------------------------------------
 
-    def _pull(self) -> str | None:
+    def _run_sessions(self) -> str | None:
         """Run all sessions to their ends; return the internal error that ended them, or None."""
         for context in self._contexts:
             self._add(context)
@@ -247,8 +253,8 @@ class Recorder:
         )
 
     def _look(self) -> None:
-        if not self._have_all_begun:
-            self._keep_from_collector()
+        """Do what is due every second."""
+        self._freeze_sessions()
         self._look_at_clock()
         self._note_captures()
         self._note_sharers()
@@ -275,13 +281,16 @@ class Recorder:
         if step:
             text = (
                 f"The host's clock was stepped by {step:+.3f} s, from {before} to"
-                f" {iso(utc.micros(now))}; "
+                f" {iso(utc.micros(now))}; sampling times and durations are not affected."
             )
-            text += "sampling times and durations are not affected."
             self._note("clock.step", text, Severity.WARNING, value=step)
 
-    def _keep_from_collector(self) -> None:
-        """Keep the sessions from the collector: a full pass would delay 250 stations by 40 ms."""
+    def _freeze_sessions(self) -> None:
+        """Keep the sessions from the garbage collector, until all have begun: a full pass would
+        delay 250 stations by 40 ms.
+        """
+        if self._have_all_begun:
+            return
         gc.freeze()
         self._have_all_begun = all(
             context.facts.first_tick is not None or context.facts.outcome != RUNNING
