@@ -1,8 +1,8 @@
-"""One station's run, from the first byte to the safe state. Start here.
+"""One station's run, from the first byte to the safe state: start with `run_station`.
 
 ::
 
-    start, in three steps with the other stations -> sample ⇄ outage -> (end, stop, failure) -> make
+    start, in three steps with the other stations -> sample ⇄ outage -> whatever ends it -> make
     safe -> counters
 """
 
@@ -24,7 +24,7 @@ from jbclog.core.rows import Journal, NoJournal, Severity, StationFacts
 from jbclog.core.states import StationOutcome
 from jbclog.session.run.apply import apply, apply_status, examine
 from jbclog.session.run.condition import bring_condition, check_condition, look_at_condition
-from jbclog.session.run.context import EXAMINED, HEATED, PREPARED, SessionContext
+from jbclog.session.run.context import EXAMINED, HEATED, PREPARED, PortState, SessionContext
 from jbclog.session.run.countdown import compare_countdowns
 from jbclog.session.run.counters import read_counters
 from jbclog.session.run.identify import StationAbsent, identify, measure_turnaround
@@ -38,22 +38,6 @@ from jbclog.session.run.setting import listed
 from jbclog.session.run.watch import OBSERVERS, SettingChanged, is_at_work
 from jbclog.session.scheduler import Grid
 
-
-def learn_provisos(context: SessionContext) -> Steps[None]:
-    """Read the port errors and report them, where one of them voids a signal
-    (docs/reference/contradictions.md, B-44).
-
-    Raises `LinkError` or `StationError` where the station does not answer.
-    """
-    if not context.family.port_errors.voids:
-        return
-    for port in context.ports.values():
-        error = yield from context.read_confirmed(
-            context.command("port_error"), port.number, known=port.error or 0
-        )
-        OBSERVERS["port_error"](context, port, error)
-
-
 # The start has three steps, each finished on all stations before the next begins on any:
 #
 # 1. Read and check everything: identity, tools, settings, limits, cooling, rate. Nothing is
@@ -64,8 +48,8 @@ def learn_provisos(context: SessionContext) -> Steps[None]:
 # If a station fails in the first step, nothing was written anywhere. Later no setting is rolled
 # back: written settings are named, and each touched tool goes to its safe state; before the third
 # step a resting tool is left alone, because an order could heat it. Counters are read last, while
-# the tools warm up, because nothing depends on them. Sessions do not know each
-# other: they yield `Gather`, and the driver resumes all together, or throws `NotStarted`.
+# the tools warm up, because nothing depends on them. Sessions do not know each other: they yield
+# `Gather`, and the driver resumes all together, or throws `NotStarted`.
 
 
 def start(context: SessionContext) -> Steps[SamplingPlan]:
@@ -98,9 +82,24 @@ def start(context: SessionContext) -> Steps[SamplingPlan]:
     yield from apply_status(context)
     yield from _wait_for_others(context, HEATED)
     context.has_started = True
-    yield from learn_provisos(context)
+    yield from _read_port_errors(context)
     yield from read_counters(context)
     return pace
+
+
+def _read_port_errors(context: SessionContext) -> Steps[None]:
+    """Read the port errors and report them, where one of them voids a signal
+    (docs/reference/contradictions.md, B-44).
+
+    Raises `LinkError` or `StationError` where the station does not answer.
+    """
+    if not context.family.port_errors.voids:
+        return
+    for port in context.ports.values():
+        error = yield from context.read_confirmed(
+            context.command("port_error"), port.number, known=port.error or 0
+        )
+        OBSERVERS["port_error"](context, port, error)
 
 
 def _wait_for_others(context: SessionContext, step: int) -> Steps[None]:
@@ -108,7 +107,7 @@ def _wait_for_others(context: SessionContext, step: int) -> Steps[None]:
     context.step = step + 1
 
 
-def notify_failure(context: SessionContext) -> Steps[None]:
+def _notify_failure(context: SessionContext) -> Steps[None]:
     """Notify the other sessions that this station does not start; it does not wait for them."""
     try:
         context.station.unasked((yield Gather(context.step, context.facts.reason)))
@@ -117,10 +116,8 @@ def notify_failure(context: SessionContext) -> Steps[None]:
 
 
 def _ready_text(context: SessionContext) -> str:
-    facts, answers = (
-        context.facts,
-        f"answers in {context.facts.turnaround_us['median'] / 1000:.2f} ms (median)",
-    )
+    facts = context.facts
+    answers = f"answers in {facts.turnaround_us['median'] / 1000:.2f} ms (median)"
     if context.link_is_faster is not None:
         answers += f" ({context.link_is_faster})"
     if not context.family.models:
@@ -129,12 +126,6 @@ def _ready_text(context: SessionContext) -> str:
         f"port {port.number} {context.tool_text(port.tool)}" for port in context.ports.values()
     )
     return f"{facts.model} {answers}, tools: {tools}"
-
-
-SEVERITY: Mapping[str, Severity] = {
-    StationOutcome.NOT_STARTED: Severity.WARNING,
-    StationOutcome.LEFT_OUT: Severity.WARNING,
-}  # else error
 
 
 def run_station(context: SessionContext) -> Steps[StationFacts]:
@@ -149,26 +140,9 @@ def run_station(context: SessionContext) -> Steps[StationFacts]:
     try:
         yield from _record(context)
         facts.outcome = StationOutcome.COMPLETED
-    except NotStarted as others:
-        facts.outcome = StationOutcome.NOT_STARTED
-        facts.reason = f"{context.name}: the run did not start because of {others}"
-    except LeftOut as why:
-        facts.outcome, facts.reason = StationOutcome.GONE, f"{context.name}: {why}"
-    except RunEnded as end:
-        facts.outcome, facts.reason = _ended(context, str(end))
-    except (StationAbsent, StationGone) as error:
-        facts.outcome, facts.reason = StationOutcome.GONE, str(error)
-    except StartRefused as error:
-        facts.outcome, facts.reason = StationOutcome.REFUSED, str(error)
-    except SettingChanged as error:
-        facts.outcome, facts.reason = StationOutcome.STOPPED, str(error)
-    except (LinkError, StationError) as error:
-        if isinstance(error, LinkFlooded):
-            report_flood(context, error)
-        facts.outcome, facts.reason = StationOutcome.GONE, f"{context.name}: {error}"
     except Exception as error:
-        _fail(context, error)
-    context.tries = 1
+        _note_end(context, error)
+    context.tries = 1  # a start that failed leaves more
     if not context.has_started and facts.outcome != StationOutcome.COMPLETED:
         yield from _give_up(context)
     try:
@@ -178,9 +152,34 @@ def run_station(context: SessionContext) -> Steps[StationFacts]:
     return facts
 
 
+def _note_end(context: SessionContext, error: Exception) -> None:
+    """Put outcome and reason into the facts, by what ended the recording."""
+    facts, name = context.facts, context.name
+    match error:
+        case NotStarted():
+            facts.outcome = StationOutcome.NOT_STARTED
+            facts.reason = f"{name}: the run did not start because of {error}"
+        case LeftOut():
+            facts.outcome, facts.reason = StationOutcome.GONE, f"{name}: {error}"
+        case RunEnded():
+            facts.outcome, facts.reason = _ended(context, str(error))
+        case StationAbsent() | StationGone():
+            facts.outcome, facts.reason = StationOutcome.GONE, str(error)
+        case StartRefused():
+            facts.outcome, facts.reason = StationOutcome.REFUSED, str(error)
+        case SettingChanged():
+            facts.outcome, facts.reason = StationOutcome.STOPPED, str(error)
+        case LinkError() | StationError():
+            if isinstance(error, LinkFlooded):
+                report_flood(context, error)
+            facts.outcome, facts.reason = StationOutcome.GONE, f"{name}: {error}"
+        case _:
+            _fail(context, error)
+
+
 def _give_up(context: SessionContext) -> Steps[None]:
-    """Handle a station that does not start: report what was written, and notify the others. A
-    dispensable one is left out.
+    """Handle a station that does not start: report what was written, and notify the others. One
+    that the run may miss is left out.
     """
     facts = context.facts
     if context.written:
@@ -190,7 +189,7 @@ def _give_up(context: SessionContext) -> Steps[None]:
             f" (step {context.step} of {START_STEPS} of the start)" if context.step > 1 else ""
         )
         facts.outcome = StationOutcome.LEFT_OUT if context.order.may_be_missing else facts.outcome
-    yield from notify_failure(context)
+    yield from _notify_failure(context)
 
 
 def _ended(context: SessionContext, why: str) -> tuple[StationOutcome, str]:
@@ -206,7 +205,7 @@ def _ended(context: SessionContext, why: str) -> tuple[StationOutcome, str]:
 
 def _record(context: SessionContext) -> Steps[None]:
     pace = yield from start(context)
-    context.tries = 1
+    context.tries = 1  # of decisive reads; the start had more
     sampler = Sampler(context, pace.readings, _grid(context, pace), paced=pace.paced)
     try:
         yield from _sample(context, sampler)
@@ -240,31 +239,36 @@ def _sample(context: SessionContext, sampler: Sampler) -> Steps[None]:
 def _close(context: SessionContext) -> Steps[None]:
     at_work = [port for port in context.ports.values() if is_at_work(context, port)]
     yield from _make_safe_uninterrupted(context)
+    if context.connected and not isinstance(context.journal, NoJournal):
+        yield from _read_last(context, at_work)
+    _report_end(context)
+    context.publish()
+
+
+def _read_last(context: SessionContext, at_work: list[PortState]) -> Steps[None]:
+    """Read what is due once the tools are safe, where the station was sampled."""
+    if context.after_safe is None:
+        return
     try:
-        if (
-            context.connected
-            and context.after_safe is not None
-            and not isinstance(context.journal, NoJournal)
-        ):
-            yield from compare_countdowns(context, at_work)
-            yield from context.after_safe()
-            yield from read_counters(context)
-            yield from check_condition(context)
+        yield from compare_countdowns(context, at_work)
+        yield from context.after_safe()
+        yield from read_counters(context)
+        yield from check_condition(context)
     except (LinkError, StationError, RunEnded) as error:
         context.note(
             "counters.missed",
             Severity.WARNING,
             f"The counters could not be read at the end: {error}.",
         )
-    _report_end(context)
-    context.publish()
 
 
 def _make_safe_uninterrupted(context: SessionContext) -> Steps[None]:
     """Make the tools safe without interruption by the run's end, by a fault of the program or by a
     failed record.
+
+    After a fault it is tried once more, then once without a journal, which may be what fails.
     """
-    journals: list[Journal] = [context.journal, NoJournal()]  # for further tries
+    journals: list[Journal] = [context.journal, NoJournal()]  # of the two further tries
     while True:
         try:
             yield from make_safe(context)
@@ -290,11 +294,17 @@ def _fail(context: SessionContext, error: Exception) -> None:
     )
 
 
+_SEVERITY: Mapping[str, Severity] = {
+    StationOutcome.NOT_STARTED: Severity.WARNING,
+    StationOutcome.LEFT_OUT: Severity.WARNING,
+}  # else error
+
+
 def _report_end(context: SessionContext) -> None:
     facts = context.facts
     good = facts.outcome == StationOutcome.COMPLETED
     if facts.reason or not good:
-        severity = Severity.INFO if good else SEVERITY.get(facts.outcome, Severity.ERROR)
+        severity = Severity.INFO if good else _SEVERITY.get(facts.outcome, Severity.ERROR)
         context.note(
             f"station.{facts.outcome}",
             severity,
