@@ -331,7 +331,7 @@ class Dialogue:
         (docs/reference/contradictions.md, B-43).
         """
         if data and data == question.repeated and self._is_clear:
-            self._meet(ACKNOWLEDGED_WITH_VALUE[question.command.name], question, data)
+            self._note_anomaly(ACKNOWLEDGED_WITH_VALUE[question.command.name], question, data)
             return ""
         return None if data else ""
 
@@ -342,7 +342,7 @@ class Dialogue:
         docs/reference/protocol.md, Similar codes; docs/reference/contradictions.md, B-10.
         """
         if question.is_short and len(data) == 6 and data[0] in " 0":
-            self._meet(10, question, data)
+            self._note_anomaly(10, question, data)
             return data[1:]
         return None if not data or (question.digits == 5 and len(data) == 6) else data
 
@@ -359,9 +359,10 @@ class Dialogue:
             raise AnswerFormat(
                 f"{question.title()}: answered by A{text}, which is no acknowledgement"
             )
-        self._meet(question.also_number, question, text)
+        self._note_anomaly(question.also_number, question, text)
 
-    def _meet(self, number: int, question: Question, raw: str) -> None:
+    def _note_anomaly(self, number: int, question: Question, raw: str) -> None:
+        """Count an odd form by its B-number (docs/reference/contradictions.md)."""
         self.anomalies.meet(number, question.title(), raw, question.port)
 
     def _addresses_fit(self, question: Question, frame: Frame) -> bool:
@@ -386,7 +387,7 @@ class Dialogue:
                 self.anomalies.meet(6, question.title(), raw, times=0)
             return True
         if pair in self._moving:
-            self._meet(9, question, f"{pair}{frame.header}{frame.text}")
+            self._note_anomaly(9, question, f"{pair}{frame.header}{frame.text}")
             return True
         return False
 
@@ -403,7 +404,7 @@ class Dialogue:
             self.strays["code"] += 1
             return
         if not code:
-            self._meet(11, question, f"N{frame.text}")
+            self._note_anomaly(11, question, f"N{frame.text}")
         self._settled()
         meaning = COMMUNICATION_ERRORS.get(number, "unknown communication error")
         raise REFUSALS.get(number, Refusal)(

@@ -93,6 +93,10 @@ class Station(Dialogue):
     ) -> Steps[Value]:
         return self.ask(self.question(command, port, tool))
 
+    # `request`, `value`, `rest` and `completed` are `ask` without a generator of its own, for
+    # answers in good order, which are nearly all (`interface.Client`). Comments in them name the
+    # methods of `Dialogue` that they stand for; whatever is unusual goes through those.
+
     def request(self, question: PreparedRead) -> Ask | None:
         assert isinstance(question, Question)
         seen = self.turnaround_s
@@ -182,6 +186,9 @@ class Station(Dialogue):
         return self._ask_short(question) if question.is_short else self._ask(question, heard)
 
     def _ask(self, question: Question, heard: IoResult | None = None) -> Steps[Value]:
+        """Ask until an answer is believed, at most `question.tries` times; `heard` is the result of
+        the first request, where that was sent already.
+        """
         tries, last_data = question.tries, None
         while True:
             tries -= 1
@@ -200,7 +207,7 @@ class Station(Dialogue):
             except (*UNCERTAIN, NotReceived) as error:
                 failure = error
             except Refusal as error:
-                if error.code != UNDEFINED or tries < REPEATS:
+                if error.code != UNDEFINED or tries < REPEATS:  # N 99999: once more
                     raise
                 failure = error
             else:
@@ -215,7 +222,7 @@ class Station(Dialogue):
         """Count an odd form. A station that used its own letters is accepted under no others."""
         row = question.odd_row(text)
         if row is not None:
-            self._meet(row, question, text)
+            self._note_anomaly(row, question, text)
         if question.also:
             self._own_code.add(question.code)
             question.also = ""
@@ -224,7 +231,7 @@ class Station(Dialogue):
         """Accept an answer that came twice under the letters of another command."""
         self._settled()
         self.data = data
-        self._meet(question.also_number, question, f"A{question.also}{data}")
+        self._note_anomaly(question.also_number, question, f"A{question.also}{data}")
         try:
             return question.value_of(data)
         except ValueError as error:
@@ -245,8 +252,7 @@ class Station(Dialogue):
 
         A write that the station did not understand is sent again, unless `once`. Raises `Refusal`
         where the station refuses, and `AnswerTimeout` or another `StationError` where it is not
-        known whether it was executed. A write is sent even on a flooded
-        link: it may stop a tool.
+        known whether it was executed. A write is sent even on a flooded link: it may stop a tool.
         """
         self.permit(command, value, port, tool)
         data = command.quantity.encode(value)
@@ -265,7 +271,7 @@ class Station(Dialogue):
             yield from self._write_without_data(command)
         except OutOfRange:
             if (command.name, data) == EXTRACTOR_ORDER:
-                self._meet(19, question, data)
+                self._note_anomaly(19, question, data)
             raise
         finally:
             self._moving = ()
@@ -284,7 +290,7 @@ class Station(Dialogue):
         question = self._make(command, "W", None, None)
         yield from self._write(question, again=False)
         self._without_data.add(command.name)
-        self._meet(WITHOUT_DATA[command.name], question, f"W{question.code}")
+        self._note_anomaly(WITHOUT_DATA[command.name], question, f"W{question.code}")
 
     def _pairs(self, address: Value) -> tuple[Pair, ...]:
         """Return further addresses that may acknowledge a change to `address`
@@ -349,7 +355,7 @@ class Station(Dialogue):
             ) from why
         padded.tries = question.tries
         self._padded = padded
-        self._meet(10, question, f"R{question.code} ")
+        self._note_anomaly(10, question, f"R{question.code} ")
         return value
 
     def _settle(self, doubted: Question) -> Steps[None]:
