@@ -86,6 +86,7 @@ class StationPlan:
             return asked
         if asked == AS_FAST_AS_POSSIBLE or self.family is None or self.demand is None:
             return None
+        # nothing is measured yet: the median and the longest are the same
         assumed = response(self.family, self.turnaround_s, self.turnaround_s)
         return taken_rate_hz(asked, self.recipe, self.family, self.demand, assumed)
 
@@ -97,6 +98,21 @@ class StationPlan:
         for port in self.ports:
             found += settings_for(self.recipe, self.family, port)
         return found
+
+    def setting_notes(self) -> Iterator[str]:
+        """Yield limits and units inferred from another manual, once for each key of the recipe, and
+        a long feed.
+        """
+        if self.family is None:
+            return
+        for key, one in {one.key: one for one in self.writes()}.items():
+            found = (
+                unit_note(one.command, self.family.manual),
+                inferred_note(one.command, one.value, self.family.manual),
+            )
+            yield from (f"{key}: {note}" for note in found if note is not None)
+        if self.family.has_feeder and (feed := long_feed(self.recipe)) is not None:
+            yield feed
 
     def condition(self) -> ConditionRecord | None:
         """Return the recipe's solder condition: read, compared, and written only if allowed."""
@@ -141,26 +157,12 @@ class Plan:
             *self._not_put_to_work(),
             *self._differing_on_missing(),
         ]
-        return [*plain, *self._not_printed(), *self._asked_later()]
-
-    def _not_printed(self) -> Iterator[str]:
-        """Yield limits and units inferred from another manual, once for each key of a recipe."""
-        for station in self.stations:
-            manual = "" if station.family is None else station.family.manual
-            for key, one in {one.key: one for one in station.writes()}.items():
-                found = (
-                    unit_note(one.command, manual),
-                    inferred_note(one.command, one.value, manual),
-                )
-                yield from (
-                    f"{station.spec.name}: {key}: {text}" for text in found if text is not None
-                )
-            if (
-                station.family is not None
-                and station.family.has_feeder
-                and (feed := long_feed(station.recipe)) is not None
-            ):
-                yield f"{station.spec.name}: {feed}"
+        settings = [
+            f"{station.spec.name}: {note}"
+            for station in self.stations
+            for note in station.setting_notes()
+        ]
+        return [*plain, *settings, *self._asked_later()]
 
     def _differing_on_missing(self) -> Iterator[str]:
         asked = {one.recipe_file: one.recipe.run.on_missing for one in self.stations}
@@ -216,6 +218,33 @@ class Plan:
 
 def make_plan(wanted: RunOptions) -> Plan:
     """Read and check everything. Raises `Problems` or `UsageError` with all mistakes (exit 2)."""
+    line, recipes = _load_files(wanted)
+    chosen = _chosen(line, wanted)
+    stations = tuple(
+        station_plan(spec, recipes[spec.name], wanted, line.replay)
+        for spec in chosen
+        if spec.name in recipes
+    )
+    problems = [
+        *_without_recipe(line, chosen, recipes),
+        *_unused(line, chosen, wanted),
+        *(problem for station in stations for problem in _mismatches(line, station)),
+        *_missing_metadata(stations, wanted),
+        *_misplaced_tips(chosen, wanted),
+        *_out_of_reach(stations, wanted),
+    ]
+    if problems:
+        raise Problems(problems)
+    return Plan(line, _with_file_names(stations), wanted)
+
+
+# -- files -----------------------------------------------------------------------------------------
+
+
+def _load_files(wanted: RunOptions) -> tuple[Line, dict[str, Recipe]]:
+    """Return the line file, and each station's recipe by name. Raises `Problems` or `UsageError`
+    with the mistakes of all files.
+    """
     problems: list[Problem] = []
     line = _load_line(wanted, problems)
     recipes = _load_recipes(wanted, line, problems)
@@ -223,23 +252,7 @@ def make_plan(wanted: RunOptions) -> Plan:
         raise UsageError(f"{wanted.line} is a recipe and {wanted.recipe} a line file: swap them")
     if line is None or problems:
         raise Problems(problems)
-    chosen = _chosen(line, wanted)
-    problems += [*_without_recipe(line, chosen, recipes), *_unused(line, chosen, wanted)]
-    stations = tuple(
-        station_plan(spec, recipes[spec.name], wanted, line.replay)
-        for spec in chosen
-        if spec.name in recipes
-    )
-    for station in stations:
-        problems += _mismatches(line, station)
-    problems += _missing_metadata(stations, wanted)
-    problems += [*_misplaced_tips(chosen, wanted), *_out_of_reach(stations, wanted)]
-    if problems:
-        raise Problems(problems)
-    return Plan(line, _with_file_names(stations), wanted)
-
-
-# -- files -----------------------------------------------------------------------------------------
+    return line, recipes
 
 
 def _load_line(wanted: RunOptions, problems: list[Problem]) -> Line | None:
