@@ -16,7 +16,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import metadata_of, open_table
 from jbclog.core.locks import commit_status, is_held
-from jbclog.core.rows import StationFacts
+from jbclog.core.rows import TABLES, StationFacts
 from jbclog.core.states import StationOutcome
 from jbclog.live.event_history import EventHistory, SettingHistory
 from jbclog.live.heartbeat import DELAYED_S, Heartbeat
@@ -203,10 +203,7 @@ class RunFollower:
 
     def _read_first(self, new: list[tuple[int, str]]) -> None:
         """Read the newest rows and all events; older samples come later."""
-        parts = {
-            table: part_paths(self.folder, table)
-            for table in ("samples", "events", "settings", "counters")
-        }
+        parts = {table: part_paths(self.folder, table) for table in TABLES}
         sealed = {table: parts_through(paths) for table, paths in parts.items()}
         if (
             new

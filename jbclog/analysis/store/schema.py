@@ -21,12 +21,13 @@ import pyarrow as pa
 from jbclog.analysis.run_alarms import ARROW_TYPES
 from jbclog.analysis.run_alarms import TABLE as ALARMS
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA, METRICS
+from jbclog.core.rows import TABLES
 from jbclog.record.schema import FLOAT, INT, SCHEMAS, TEXT, TIME
 
 SCHEMA: Final = 1
 PROPERTY: Final = "jbclog.schema"
 RUNS: Final = "runs"
-RECORD: Final = ("samples", "events", "settings", "counters")
+RECORD: Final = TABLES
 """Tables that a sealed run has, and that never change."""
 FINDINGS: Final = ("joints", "metrics", "units", "alarms")
 """Tables that are computed, or that annotations change."""

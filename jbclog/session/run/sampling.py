@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from jbclog.core.errors import LinkError, RobotModeOff, StartRefused, StationError, StationSilent
 from jbclog.core.io_requests import Ask, IoResult, Listen, RunEnded, Steps, T, Wait
 from jbclog.core.quantities import OFF, text_of
-from jbclog.core.rows import SettingOutcome, SettingRow, Severity
+from jbclog.core.rows import SettingOutcome, Severity
 from jbclog.protocol.client.dialogue import LEAST_S
 from jbclog.protocol.commands.command import Scope
 from jbclog.session.run.alarms import AlarmWatch
@@ -30,6 +30,7 @@ from jbclog.session.run.lateness import (
 from jbclog.session.run.omega_states import report_completions
 from jbclog.session.run.safe import put_in_safe_state
 from jbclog.session.run.scan import SKIPPED, PortScan, Scanner, SignalRead
+from jbclog.session.run.setting import keep_row
 from jbclog.session.scheduler import Demand, Grid, ScheduledRead, SlowReadings
 
 # A tool connected or changed during the run: its settings are read, never written. If it would not
@@ -70,24 +71,10 @@ def _stays_hot(context: SessionContext, port: PortState) -> bool:
 
 
 def _record(context: SessionContext, port: PortState) -> None:
-    time, tool = context.utc.micros(context.now), context.tool_text(port.tool)
     for command in readable_settings(context, Scope.TOOL):
         if command.name in port.held:
             value = text_of(port.held[command.name])
-            row = SettingRow(
-                time,
-                context.name,
-                port.number,
-                tool,
-                command.name,
-                command.unit,
-                None,
-                None,
-                value,
-                None,
-                SettingOutcome.READ,
-            )
-            context.journal.setting(row)
+            keep_row(context, command, port, SettingOutcome.READ, readback=value)
 
 
 def _make_safe(context: SessionContext, port: PortState) -> Steps[None]:
