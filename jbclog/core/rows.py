@@ -2,7 +2,7 @@
 
 A row of `samples` is a list in the order of `SAMPLE_COLUMNS`, because a run makes thousands a
 second. docs/reference/tables.md describes every column; `record/schema.py` has the types for
-Parquet.
+Parquet. A new column belongs in both: docs/how-to/change.md.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 
 Times are UTC microseconds; whole numbers are int64 (narrow ones overflow in squares and sums and
 take the same space on disk). A nullable value was not due, or not answered.
+
+Parts and batches with other columns are refused (`parts.py`, `batches.py`), those of earlier
+releases too: docs/how-to/change.md has what a new column takes.
 """
 
 from __future__ import annotations

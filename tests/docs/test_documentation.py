@@ -67,6 +67,14 @@ def test_commands_exist(page: Path) -> None:
     assert [fault for one in typed for words in calls(one) if (fault := wrong(words))] == []
 
 
+@pytest.mark.parametrize(
+    "name",
+    dict.fromkeys(re.findall(r"`((?:\w+/)+\w+\.py)`", text_of("explanation/architecture.md"))),
+)
+def test_a_file_that_the_architecture_names_is_there(name: str) -> None:
+    assert (ROOT / "jbclog" / name).is_file()
+
+
 def test_every_campaign_has_its_row() -> None:
     named = set(re.findall(r"`([\w/]+/test_\w+\.py)`", text_of("reference/campaigns.md")))
     files = (

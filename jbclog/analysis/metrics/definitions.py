@@ -28,8 +28,8 @@ class Definition:
 
 
 METHODS: Final = 2
-"""The version of the metrics. Raise it whenever a record gives another figure or reason: no cache
-of an older one is used then.
+"""The version of the metrics. Raise it for a metric more or less, and whenever a record gives
+another figure or reason: no cache of an older one is used then.
 """
 
 TIP, FEEDER = ("tip",), ("feeder",)

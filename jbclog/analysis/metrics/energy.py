@@ -1,4 +1,4 @@
-"""Power and energy of the heater.
+"""Power and energy of the heater, and how much the tool worked.
 
 Power is in ‰ of the station's theoretical maximum (R-PP). *Energy* is its integral over the whole
 record by the trapezoid rule on the run's grid, in ‰·s, without a value if the record has a gap.
