@@ -85,7 +85,7 @@ def only_reads(data: bytes) -> bool:
     return frame is not None and frame.header == "R"
 
 
-# The reader's rules:
+# The reader's rules (`FrameReader`):
 #
 # 1. A frame is STX, `SHORTEST` to `LONGEST` printable characters, ETX, and one byte of any value:
 #    the check byte can be STX, ETX, XON, XOFF or NUL. Everything else is garbage, an STX without
@@ -135,7 +135,7 @@ class FrameReader:
         return forgotten
 
     def keep(self, chunk: bytes) -> bool:
-        """Keep `chunk` where with it a frame has begun and nothing else came, as `feed` would, and
+        """Keep `chunk`, as `feed` would, if all that is held then is the beginning of one frame;
         return whether it was kept.
         """
         stream = self.held + chunk
@@ -153,7 +153,7 @@ class FrameReader:
             self._drop(match.start() - place)
             frame = _checked(match)
             is_stx = match[2][0] == STX
-            place = match.end() - is_stx
+            place = match.end() - is_stx  # rule 3
             self._lent = int(is_stx and frame is not None)
             found.append(frame or CorruptFrame(match[0]))
         begun = _BEGUN.search(stream, place)

@@ -312,10 +312,18 @@ COUNTERS = (
 def order(
     name: str, letters: str, manual: str, note: str = "", effect: Effect = Effect.ERASES
 ) -> Command:
-    """Return a command that carries nothing. Only one that stops is not dangerous."""
-    risky = effect is not Effect.STOPS
+    """Return a write without a value. All are dangerous, except those that stop the machine."""
     return Command(
-        name, letters, Scope.STATION, NOTHING, "w", manual, Limits(0, 0), effect, risky, note=note
+        name,
+        letters,
+        Scope.STATION,
+        NOTHING,
+        "w",
+        manual,
+        Limits(0, 0),
+        effect,
+        dangerous=effect is not Effect.STOPS,
+        note=note,
     )
 
 
@@ -347,10 +355,9 @@ SOFTWARE_VERSION = Command(
 
 IGNORE_FUSE_ERROR = order("ignore_fuse_error", "IFE", "002 W-IFE", "B-37: data 00000")
 
-# Printed for UCR alone (manuals 002 and 004).
 FUSE = Choice(("absent", "present"))
 
-UCR = (
+UCR = (  # printed for UCR alone (manuals 002 and 004)
     Command(
         "fuse", "FST", Scope.STATION, FUSE, "r", "002 R-FST", note="B-39: garbled row; UCR only"
     ),
