@@ -30,7 +30,8 @@ from jbclog.protocol.frame import Frame
 from jbclog.record.annotations import append
 from jbclog.record.check import check
 from jbclog.record.folder import create_run
-from jbclog.record.manifest import DIGEST, END, NAME
+from jbclog.record.manifest import DIGEST, END, NAME, read_manifest
+from jbclog.record.manifest_counts import LONGEST_NAME
 from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
 from support.campaigns.each_row import each_row
@@ -372,6 +373,31 @@ def foreign_manifest(run: Path, first: int, *, keep: Sequence[str] = (), **more:
     return text.removesuffix(END.decode()) + DIGEST % sha256(text.encode()).hexdigest()
 
 
+KEPT = ("files", "started", "ended")
+"""Parts of a foreign manifest without which it would be read as none."""
+
+
+def is_taken(run: Path) -> bool:
+    """Whether a reader takes the manifest: not with a station's name of 5000 letters."""
+    stations = json.loads((run / NAME).read_text("utf-8"))["stations"]
+    return all(len(one["name"]) <= LONGEST_NAME for one in stations)
+
+
+def test_a_foreign_manifest_is_read_unless_a_station_s_name_is_too_long(
+    sealed: Path, tmp_path: Path
+) -> None:
+    run, taken = copied(sealed, tmp_path), list[bool]()
+    for number in range(len(HOSTILE)):
+        (run / NAME).write_text(foreign_manifest(sealed, number, keep=KEPT), "utf-8")
+        taken.append(is_taken(run))
+        if taken[-1]:
+            assert read_manifest(run).stations[0].name in HOSTILE.values()
+        else:
+            with pytest.raises(RecordError, match=f"at most {LONGEST_NAME}"):
+                read_manifest(run)
+    assert taken.count(False) == 2  # the two stations, each once
+
+
 @pytest.mark.parametrize(
     "first", [pytest.param(one, marks=pytest.mark.campaign) for one in (7, None)]
 )
@@ -381,9 +407,7 @@ def test_every_text_of_a_foreign_manifest(sealed: Path, tmp_path: Path, first: i
         (run / NAME).write_text(foreign_manifest(run, number))
         outside = tree(tmp_path)
         assert all(shown(run, "check", "annotate", "recover", "runs", "runs --json"))
-        (run / NAME).write_text(
-            foreign_manifest(sealed, number, keep=["files", "started", "ended"])
-        )
+        (run / NAME).write_text(foreign_manifest(sealed, number, keep=KEPT))
         outside |= {str(run / NAME): (run / NAME).read_bytes()}
         assert all(shown(run))
         now = tree(tmp_path)
@@ -391,7 +415,9 @@ def test_every_text_of_a_foreign_manifest(sealed: Path, tmp_path: Path, first: i
             name for name in now.keys() - outside.keys() if not Path(name).is_relative_to(run)
         } == set()
         assert {name: data for name, data in now.items() if name in outside} == outside
-        assert Acting((run / "report.html").read_text("utf-8")).found == []
+        page = run / "report.html"
+        assert page.exists() == is_taken(run)
+        assert not page.exists() or Acting(page.read_text("utf-8")).found == []
 
 
 @pytest.mark.parametrize(
