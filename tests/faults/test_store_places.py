@@ -111,8 +111,7 @@ def test_publishing_from_two_hosts_is_one_run(run: Path, s3: Server, tmp_path: P
     ]
     said = [process.communicate(timeout=120)[0].strip() for process in processes]
     assert sorted(text.partition(": ")[2] for text in said) == [
-        "already there (version 1)",
-        "published (version 1)",
+        f"{result.value} (version 1)" for result in (Result.THERE, Result.PUBLISHED)
     ]
     assert check(place_of(url), timedelta(0)).leftovers == []
     assert len(jbclog.open_runs(url)[0].samples()) == len(jbclog.open_run(run).samples())
