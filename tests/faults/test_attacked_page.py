@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+from support.campaigns.awaited import INTERNAL_ERROR
 from support.records.live_rows import Recording
 
 ANSWERS_S = 5.0
@@ -130,7 +131,7 @@ def withstands(
     process.terminate()
     _, heard = process.communicate(timeout=60)
     assert "Traceback" not in heard
-    assert "internal error" not in heard
+    assert INTERNAL_ERROR not in heard
     return f"{len(answers)} asked, {len(took)} answered, {max(took):.1f} s, {memory} MB"
 
 

@@ -28,6 +28,7 @@ import pytest
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.sim.process import SimProcess
+from support.campaigns.awaited import NOT_STARTED
 from support.command import WireLog
 from support.links.flooders import Flooded, Flooders
 from support.links.flooding import SHAPES
@@ -110,7 +111,7 @@ def run(case: Case, folder: Path, *, flooded: bool = True) -> Outcome:
                 text = re.sub(rf'(name = "{name}"\n(?:.*\n)*?url = )".*?"', rf'\1"{url}"', text)
             (folder / "sim" / "flooded.toml").write_text(text)
             ended = _recorded(folder, case)
-            if "the run did not start" in (folder / "said").read_text():
+            if NOT_STARTED in (folder / "said").read_text():
                 raise TooBusy
         wire = WireLog(log)
         for name in names:
@@ -261,7 +262,7 @@ def test_every_speed_and_shape_over_every_transport(
 
 
 HEAD: Final = """\
-| transport | shape | bytes/s | piece | Hz | told as flooded | others later, ms | end behind last row, s | memory, MB |
+| transport | shape | bytes/s | piece | Hz | noticed | others later, ms | end behind last row, s | memory, MB |
 |---|---|---|---|---|---|---|---|---|"""  # noqa: E501
 
 

@@ -34,6 +34,7 @@ from jbclog.record.manifest import DIGEST, END, NAME, read_manifest
 from jbclog.record.manifest_counts import LONGEST_NAME
 from jbclog.sim.setup import virtual_station
 from jbclog.sim.virtual import VirtualStation
+from support.campaigns.awaited import INTERNAL_ERROR
 from support.campaigns.each_row import each_row
 from support.faults.hostile_names import ALLOWED_NAME, HOSTILE, Acting, steers
 from support.records.small_run import make_run
@@ -214,7 +215,7 @@ def test_names_of_files_on_the_command_line(
         )
         assert ended.exit_code in (1, 2, 3, 4), (verb, text)
         assert "Traceback" not in ended.output
-        assert "internal error" not in ended.output, (verb, text)
+        assert INTERNAL_ERROR not in ended.output, (verb, text)
         assert steers(ended.output) == [], (verb, text)
         assert list(tmp_path.iterdir()) == []
 
@@ -308,7 +309,7 @@ def shown(run: Path, *verbs: str) -> list[str]:
     ):
         name, *more = verb.split()
         ended = CliRunner().invoke(app, [name, str(run), *more])
-        assert "internal error" not in ended.output, ended.output
+        assert INTERNAL_ERROR not in ended.output, ended.output
         assert steers(ended.output) == [], f"{verb}: {ended.output}"
         told.append(ended.output)
     return told
@@ -459,7 +460,7 @@ def test_a_foreign_run_that_is_not_finished(sealed: Path, tmp_path: Path, text: 
         name: data for name, data in tree(tmp_path).items() if not Path(name).is_relative_to(run)
     }
     ended = CliRunner().invoke(app, ["recover", str(run)])
-    assert "internal error" not in ended.output, ended.output
+    assert INTERNAL_ERROR not in ended.output, ended.output
     assert steers(ended.output) == []
     assert {
         name: data for name, data in tree(tmp_path).items() if not Path(name).is_relative_to(run)

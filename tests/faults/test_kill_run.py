@@ -28,6 +28,7 @@ from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
 from support import program
+from support.campaigns.awaited import SEALING_CHILD_ENDED
 from support.command import until
 from support.faults import crash, killed_run
 from support.faults.killed_run import (
@@ -229,7 +230,7 @@ def test_a_sealing_child_that_is_killed_loses_nothing(series: Series) -> None:
         _, said = run.communicate(timeout=200)
     (folder,) = killed_run.folders(series.out)
     assert run.returncode == 4, said
-    assert "the sealing child ended with -9" in said
+    assert f"{SEALING_CHILD_ENDED} -9" in said
     kept = keepsake(folder, series.home / "copies")
     recover(folder)
     assert differences(kept, sealed_rows(folder)) == []

@@ -25,6 +25,7 @@ from jbclog.record.annotations import read
 from jbclog.record.check import check
 from jbclog.record.guard_actions import ACTION_LOG as DIARY
 from jbclog.record.manifest import read_manifest
+from support.campaigns.awaited import LEFT_HOT_NOTED
 from support.command import jbclog, until
 from support.faults.guarded import (
     TOOLS,
@@ -133,7 +134,7 @@ def test_safe_closes_what_was_left_and_tells_it(line: ServedLine, left_hot: Path
     done = jbclog("safe", "--line", line.path)
     assert done.returncode == 0, done.stderr
     assert line.at_work() == 0
-    assert f"run {left_hot} left tools hot; noted in its record" in done.stderr
+    assert f"run {left_hot} {LEFT_HOT_NOTED}" in done.stderr
     assert not (left_hot / LEASE).exists()
     assert registered_runs() == []
     assert annotated(left_hot) == [

@@ -16,6 +16,7 @@ import pytest
 
 from jbclog.analysis.store import endpoint
 from jbclog.core.errors import StoreError
+from support.campaigns.awaited import INTERNAL_ERROR
 from support.faults.s3_server import KEY, SECRET, Server
 from support.records.many_runs import many_runs
 
@@ -170,7 +171,7 @@ def test_every_verb_of_a_store_answers(
             or took > (10.0 if kind == "silent" else OF_THE_LIBRARY_S)
             or KEY in said
             or SECRET in said
-            or "internal error" in said
+            or INTERNAL_ERROR in said
         ):
             wrong[verb] = f"{ended.returncode} in {took:.1f} s: {said[:500]}"
     assert wrong == {}

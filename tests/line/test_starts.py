@@ -7,7 +7,6 @@ say at which setting or reading and after how many tries.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 from random import Random
@@ -20,6 +19,7 @@ from jbclog.core.rows import SettingRow, StationFacts
 from jbclog.protocol.commands.status import STAND, WORKING
 from jbclog.session.run.context import StationTask
 from jbclog.sim.virtual import VirtualStation
+from support.campaigns.awaited import HOW_OFTEN
 from support.links.lossy_wire import ACCIDENTS, LossyWire
 from support.oracles.sane import assert_memory_is_bounded, must_end_within
 from support.virtual.virtual_run import RECIPE, VirtualRun, prepare
@@ -50,9 +50,6 @@ IN_STATION = (
     "alarm_low_limit",
     "alarm_high_delay",
     "alarm_low_delay",
-)
-HOW_OFTEN = re.compile(
-    r"in \d+ (try|tries|writes?)\b|only \d+ of 12 questions|silent for 10 s in step \d"
 )
 
 

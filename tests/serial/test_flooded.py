@@ -19,6 +19,12 @@ import pandas as pd
 import pytest
 
 from jbclog.sim.process import SimProcess
+from support.campaigns.awaited import (
+    ITS_LINK_FLOODED,
+    LINK_FLOODED,
+    MADE_SAFE_BY_GUARD,
+    NOT_CONFIRMED_TO_GUARD,
+)
 from support.command import WireLog, jbclog, started, until
 from support.links.flooders import Flooded, Flooders
 from support.virtual.lines import line
@@ -76,20 +82,20 @@ def test_what_is_flooded_from_the_start_is_said_to_be_so(
     with bench(tmp_path, transport, shape) as made:
         began = time.monotonic()
         scanned = jbclog("scan", made.url)
-        assert "the link is flooded" in scanned.stdout + scanned.stderr
+        assert LINK_FLOODED in scanned.stdout + scanned.stderr
         assert scanned.returncode != 0
         examined = jbclog("doctor", "--line", made.line)
         assert "dde-1" in examined.stdout
-        assert "the link is flooded" in examined.stdout
+        assert LINK_FLOODED in examined.stdout
         assert examined.returncode == 1
         run = jbclog(
             "run", made.recipe, "--line", made.line, "--out", tmp_path / "runs", "-d", "5s"
         )
         assert run.returncode == 3
-        assert "dde-1: the link is flooded" in run.stderr
+        assert f"dde-1: {LINK_FLOODED}" in run.stderr
         read = jbclog("read", "dde-1", "tip_temperature", "--line", made.line)
         assert read.returncode == 3
-        assert "the link is flooded" in read.stderr
+        assert LINK_FLOODED in read.stderr
         assert made.wire.writes("dde-1") == []
         assert time.monotonic() - began < 60  # five starts of Python, on a busy machine
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024 < MOST_MB
@@ -129,10 +135,8 @@ def test_a_guard_tells_a_flooded_station_and_the_others_in_time(tmp_path: Path) 
         finally:
             run.kill()
     _, said = run.communicate(timeout=60)
-    assert "dde-2 port 1: the tool was put in its safe state by the guard" in said
-    assert re.search(
-        r"dde-1 port 1: the tool was ordered .* does not confirm it \(its link is flooded\)", said
-    )
+    assert f"dde-2 port 1: the tool {MADE_SAFE_BY_GUARD}" in said
+    assert f"dde-1 port 1: the tool {NOT_CONFIRMED_TO_GUARD} {ITS_LINK_FLOODED}" in said
 
 
 @pytest.mark.campaign

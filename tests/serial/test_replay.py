@@ -23,6 +23,7 @@ from jbclog.record.capture import wire_path
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.sim.process import SimProcess
+from support.campaigns.awaited import CAPTURE_LACKS, RECORDING_ENDS
 from support.command import RECIPE, is_sampling, jbclog, started, until
 from support.readers.run_files import read_rows
 
@@ -406,7 +407,7 @@ def test_a_recorder_that_was_killed_leaves_all_but_the_last_second(tmp_path: Pat
         recorder.communicate()
     assert jbclog("recover", run).returncode == 0
     assert check(run) == []
-    assert "at most the last 1 s are missing" in (read_manifest(run).wire or "")
+    assert f"{CAPTURE_LACKS} 1 s" in (read_manifest(run).wire or "")
     last, samples = max(row.at_s for row in read_rows(wire)), open_run(run).samples(station="dde-1")
     t0 = read_manifest(run).t0_mono or 0.0
     assert samples["tick"].max() / HZ < last - t0 + 1.0
@@ -419,7 +420,7 @@ def test_a_recorder_that_was_killed_leaves_all_but_the_last_second(tmp_path: Pat
         [],
     )
     assert re.search(
-        r"dde-1: the recording ends [\d.]+ s after the run's start, before its session",
+        rf"dde-1: {RECORDING_ENDS} [\d.]+ s after the run's start, before its session",
         told["left"][0],
     )
 

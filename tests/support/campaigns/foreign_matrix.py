@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from support import program
+from support.campaigns.awaited import INTERNAL_ERROR
 
 DEADLINE_S: Final = 5.0  # of processor time and of waiting, each
 HANGS_S: Final = 40.0  # on the wall, on a machine that has other work
@@ -87,7 +88,7 @@ class Ended:
             return f"no answer within {HANGS_S:g} s"
         if self.code not in CODES:
             return f"ended with {self.code}: {self.output[-200:]}"
-        for word in ("internal error", "Traceback", "MemoryError"):
+        for word in (INTERNAL_ERROR, "Traceback", "MemoryError"):
             if word in self.output:
                 return self.output[self.output.index(word) :][:300]
         if self.peak_mb > MEMORY:

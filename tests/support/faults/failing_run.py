@@ -28,6 +28,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.locks import FolderLock
 from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, StationFacts
 from jbclog.protocol.commands.status import STAND
+from jbclog.record.conclude import NOT_KEPT
 from jbclog.record.live import COMMIT_S, LiveStore
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
@@ -222,12 +223,7 @@ def _account(one: Trial, code: int | None, *, was_sealed: bool) -> list[str]:
     if not was_sealed and code == 0:
         wrong.append("it was not sealed, and the exit code was 0")
     kinds = {str(row[5]) for row in sealed["events"]}
-    if (
-        missing
-        and was_sealed
-        and not kinds & set(TOLD)
-        and "could not be stored" not in str(manifest.lost)
-    ):
+    if missing and was_sealed and not kinds & set(TOLD) and NOT_KEPT not in str(manifest.lost):
         wrong.append(
             f"{missing} samples are missing, and nothing tells why: {sorted(kinds)},"
             f" {manifest.lost}"

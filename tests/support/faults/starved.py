@@ -22,6 +22,7 @@ from jbclog.guard import lease
 from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
 from jbclog.sim.port import STAND as STANDING
+from support.campaigns.awaited import INTERNAL_ERROR
 from support.command import until
 from support.faults.guarded import GUARD, TOOLS, guard_that_is_there
 from support.oracles.invariants import Ended, violations
@@ -181,7 +182,7 @@ class Starving:
         code = -signal.SIGABRT if NO_THREAD in said else self.code or 0  # as the C library ends it
         found = violations(self.folder, heard_in(self.line.log, begin), ended=Ended(code, said))
         manifest = read_manifest(self.folder)
-        broken = [facts.name for facts in manifest.stations if "internal error" in facts.reason]
+        broken = [facts.name for facts in manifest.stations if INTERNAL_ERROR in facts.reason]
         wrong = [
             text
             for text in found

@@ -20,6 +20,7 @@ from jbclog.guard.lease import LOCK, StationLease, read_leases
 from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.supervisor import REPLACED_AT_MOST, UNANSWERED_MOST, GuardProcess, GuardSupervisor
 from jbclog.guard.watch import BEAT, RENEW_S, GuardLost
+from support.campaigns.awaited import HAS_A_GUARD
 from support.command import until
 from support.faults.guarded import guard_process
 
@@ -262,7 +263,7 @@ def test_a_second_one_ends_where_the_first_goes_on(guard: GuardProcess, tmp_path
     second = guard_process(tmp_path)
     _, said = second.communicate(timeout=200)
     assert second.returncode == 4
-    assert b"has a guard already" in said
+    assert HAS_A_GUARD.encode() in said
     assert _renews(guard)
 
 
