@@ -8,6 +8,7 @@ newer files.
 from __future__ import annotations
 
 import gzip
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -41,6 +42,7 @@ from jbclog.record.capture_file import Block, blocks
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.record.sealed_files import losses
+from support.campaigns.awaited import RECORDING_ENDS
 from support.faults.altered_files import (
     Altered,
     Count,
@@ -422,3 +424,8 @@ def test_replay_tells_of_a_hole_and_does_not_call_it_the_same(run: Path, tmp_pat
     assert first.startswith("wire/dde-1.tsv.gz: bytes ")
     assert ": damaged; nothing is known from " in first
     assert second == DOUBTFUL
+    assert re.search(
+        rf"^dde-1: {RECORDING_ENDS} -?[\d.]+ s after the run's start, before its session$",
+        told.stderr,
+        re.MULTILINE,
+    )

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
 from jbclog.app import safe_state
 from jbclog.core.errors import LinkError
+from jbclog.guard.lease import StationLease, read_leases, write_leases
 from jbclog.protocol.commands.robot import TOOLS_002
 from jbclog.sim.port import WORKING
+from support.campaigns.awaited import LEFT_HOT_NOTED
+from support.faults.guarded import actions_in
 from support.virtual.manual import Bench, Make, says, station_text
 
 STAND = "WPS100001"
@@ -51,6 +55,23 @@ def test_each_tool_is_told_to_stand_and_read_back(make: Make) -> None:
     ]
     assert writes(bench, "dme-1") == [STAND, "WPS200001", "WPS400001"]
     assert ended.err == ""
+
+
+@pytest.mark.usefixtures("own_state")
+def test_a_run_that_left_its_tools_hot_is_named_and_its_lease_closed(
+    make: Make, tmp_path: Path
+) -> None:
+    bench = put_to_work(make(safe_text("dde-1", "dde", "tools = {1 = 2, 2 = 0}")))
+    run, url = tmp_path / "run", bench.target("dde-1").url
+    run.mkdir()
+    lease = StationLease(
+        "dde-1", url, 19200, "8N1", 1, "dde", "DDE", None, "stand", (1,), feeds=False
+    )
+    write_leases(run, [lease])
+    ended = bench.do("safe")
+    assert (ended.code, ended.err) == (0, f"run {run} {LEFT_HOT_NOTED}\n")
+    assert read_leases(run) == []
+    assert [kind for kind, *_ in actions_in(run)] == ["safety.safe_state", "guard.left_over"]
 
 
 @pytest.mark.parametrize(("last", "now"), [(False, ", 350 °C"), (True, ", temperature not known")])

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -23,13 +25,27 @@ from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.parts import part_paths, part_through, through, write_part
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.seal import seal_rows
+from jbclog.record.seal_child import SealChild
 from jbclog.record.store import Segment
+from support.campaigns.awaited import SEALING_CHILD_ENDED
 from support.records import few_rows
 
 
 def concluded(folder: Path) -> Manifest:
     seal_rows(folder)
     return conclude(folder, Manifest(folder.name, exit_status="success"), FolderLock.take(folder))
+
+
+def test_a_sealing_child_that_is_killed_is_a_problem_and_takes_no_row(tmp_path: Path) -> None:
+    store = few_rows.begun(tmp_path)
+    few_rows.hand_over(store, range(10))
+    store.close()
+    child = SealChild(store.folder, store.lock)
+    os.kill(child.pid, signal.SIGKILL)
+    assert child.wait() == f"{SEALING_CHILD_ENDED} -9"
+    seal_rows(store.folder)
+    assert few_rows.sealed_numbers(store.folder) == list(range(10))
+    store.release()
 
 
 def test_parts_are_encoded_as_measured(tmp_path: Path) -> None:
