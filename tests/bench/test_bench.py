@@ -19,6 +19,7 @@ NAMES = (
     "open_run",
     "watch",
     "many_runs",
+    "index",
     "store",
     "audit",
     "old_ledger",

@@ -205,15 +205,12 @@ def test_the_families_are_those_that_are_driven() -> None:
     } == set(FAMILIES)
 
 
-def test_each_benchmark_has_one_row_and_exists() -> None:
+def test_each_benchmark_has_one_row() -> None:
     listed = re.findall(
-        r"^\| `python (tests/bench/bench_\w+\.py)` \|", text_of("benchmarks.md"), re.MULTILINE
+        r"^\| [^|]*`python (tests/bench/bench_\w+\.py)\b", text_of("benchmarks.md"), re.MULTILINE
     )
-    measured = {
-        path.relative_to(ROOT).as_posix() for path in (ROOT / "tests" / "bench").glob("bench_*.py")
-    }
-    assert set(listed) <= measured
-    assert len(listed) == len(set(listed))
+    there = (ROOT / "tests" / "bench").glob("bench_*.py")
+    assert sorted(listed) == sorted(path.relative_to(ROOT).as_posix() for path in there)
 
 
 def test_the_glossary_is_in_order() -> None:
