@@ -21,6 +21,15 @@ from support.faults.batch_trial import Trial, disturbed, faults, recording, writ
 
 Bench = tuple[Path, WireLog]
 STAND = "WPS100001"
+LINE = """
+[line]
+name = "bench"
+
+[[station]]
+name = "dde-1"
+url = "nowhere"
+family = "dde"
+"""
 
 
 def test_killed_and_started_again_every_job_is_done_once(bench: Bench, tmp_path: Path) -> None:
@@ -80,6 +89,18 @@ def test_a_signal_ends_what_runs_with_its_tools_safe(
     for station in ("dde-1", "ucr-1"):
         assert STAND in wire.writes(station)[-2:]
     assert wire.writes("ale-1") == []
+
+
+def test_killed_while_its_folder_is_made_it_has_started_nothing(tmp_path: Path) -> None:
+    """A step of the campaign below that needs no station."""
+    line, out = tmp_path / "line.toml", tmp_path / "runs"
+    line.write_text(LINE)
+    jobs = write_batch(tmp_path, line, count=1)
+    killed = program("faults.killed_batch", 12, "batch", jobs, "--out", out)
+    done = subprocess.run(killed, capture_output=True, text=True, timeout=200, check=False)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert out.is_dir()
+    assert list(out.glob("*.batch/*/jobs")) == []
 
 
 @pytest.mark.campaign
