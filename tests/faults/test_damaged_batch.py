@@ -96,6 +96,7 @@ def test_some_places(batches: dict[str, Path], name: str, alteration: Alteration
 
 
 @pytest.mark.campaign
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("alteration", [flip, zeros, cut])
 @pytest.mark.parametrize("name", [NAME, f"{NAME}-wal"])
 def test_every_seventh_byte(

@@ -399,10 +399,12 @@ def test_a_foreign_manifest_is_read_unless_a_station_s_name_is_too_long(
     assert taken.count(False) == 2  # the two stations, each once
 
 
-@pytest.mark.parametrize(
-    "first", [pytest.param(one, marks=pytest.mark.campaign) for one in (7, None)]
-)
-def test_every_text_of_a_foreign_manifest(sealed: Path, tmp_path: Path, first: int | None) -> None:
+@pytest.mark.campaign
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("first", [7, None])
+def test_every_text_of_a_foreign_manifest(
+    sealed: Path, tmp_path: Path, first: int | None, counted: Callable[..., None]
+) -> None:
     for number in range(len(HOSTILE)) if first is None else [first]:
         run = copied(sealed, tmp_path / str(number))
         (run / NAME).write_text(foreign_manifest(run, number))
@@ -419,6 +421,7 @@ def test_every_text_of_a_foreign_manifest(sealed: Path, tmp_path: Path, first: i
         page = run / "report.html"
         assert page.exists() == is_taken(run)
         assert not page.exists() or Acting(page.read_text("utf-8")).found == []
+        counted(foreign_manifests=2, pages=page.exists())
 
 
 @pytest.mark.parametrize(
