@@ -15,13 +15,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from jbclog.analysis.store.place import place_of
 from jbclog.app.index.index_file import IndexFile
-from jbclog.app.publish.publisher import Publisher
 from support.campaigns.foreign_matrix import Ended, Pairs
 from support.faults.bombs import BATCHES, INDEXES
 from support.faults.store_bombs import BOMBS, put, told
 from support.records.many_runs import many_runs
+from support.records.plant_store import published
 
 VERBS = {
     "runs": ["runs", "{store}"],
@@ -55,10 +54,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def filled(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = place_of(tmp_path_factory.mktemp("plant") / "store")
-    with Publisher(place) as publisher:
-        publisher.publish(run)
-    return Path(place.url)
+    return Path(published(tmp_path_factory.mktemp("plant") / "store", run).url)
 
 
 @pytest.fixture

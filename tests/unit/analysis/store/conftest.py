@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis.store.place import place_of
-from jbclog.app.publish.publisher import Publisher
 from support.records.many_runs import many_runs
+from support.records.plant_store import published
 
 
 @pytest.fixture(scope="module")
@@ -19,10 +18,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def filled(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    place = place_of(tmp_path_factory.mktemp("plant") / "store")
-    with Publisher(place) as publisher:
-        publisher.publish(run)
-    return Path(place.url)
+    return Path(published(tmp_path_factory.mktemp("plant") / "store", run).url)
 
 
 @pytest.fixture

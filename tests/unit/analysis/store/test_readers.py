@@ -13,18 +13,17 @@ from deltalake import DeltaTable
 from typer.testing import CliRunner
 
 import jbclog
-from jbclog.analysis.store.place import Place, place_of
+from jbclog.analysis.store.place import Place
 from jbclog.analysis.store.reader import Store
 from jbclog.analysis.store.schema import DATA
 from jbclog.analysis.trend import trends
-from jbclog.app.publish.folder import publish_all
-from jbclog.app.publish.publisher import Publisher, Result
 from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
 from support.lazy import duckdb
 from support.lazy import polars as pl
 from support.readers.texts import ROOT
 from support.records.many_runs import many_runs, one_run, told
+from support.records.plant_store import published
 
 RUNS = 4
 
@@ -39,12 +38,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def place(home: Path, tmp_path_factory: pytest.TempPathFactory) -> Place:
-    found = place_of(tmp_path_factory.mktemp("plant") / "store")
-    with Publisher(found) as one:
-        assert {getattr(each, "result", each) for each in publish_all(one, home)} == {
-            Result.PUBLISHED
-        }
-    return found
+    return published(tmp_path_factory.mktemp("plant") / "store", home)
 
 
 def said(*words: object) -> dict[str, object]:

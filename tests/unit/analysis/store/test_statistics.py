@@ -16,35 +16,23 @@ import jbclog
 from jbclog.analysis.fleet.moments import QUANTILE_ERROR
 from jbclog.analysis.fleet.processes import Processes
 from jbclog.analysis.store import parts, statistics
-from jbclog.analysis.store.place import Place, place_of
+from jbclog.analysis.store.place import Place
 from jbclog.analysis.store.reader import Store
 from jbclog.analysis.store.statistics import Part, finish, partial
-from jbclog.app.publish.folder import publish_all
-from jbclog.app.publish.publisher import Publisher, Result
 from jbclog.app.publish.upkeep import compact
 from jbclog.core.errors import RecordError, UsageError
 from support.records.many_runs import one_run, told
+from support.records.plant_store import published
 
 FIGURES = ["mean", "sd", "min", "max"]
 
 
-def _published(home: Path, place: Place) -> None:
-    with Publisher(place) as one:
-        assert {getattr(each, "result", each) for each in publish_all(one, home)} == {
-            Result.PUBLISHED
-        }
-
-
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
-    home, found = (
-        tmp_path_factory.mktemp("runs"),
-        place_of(tmp_path_factory.mktemp("plant") / "store"),
-    )
+    home = tmp_path_factory.mktemp("runs")
     for number, tips in enumerate((["dde-1=T-1"], ["dde-1:1=T-2"], [])):
         one_run(home, number, 0.3 * number, metadata=told(tips=tips, order="88123"))
-    _published(home, found)
-    return found
+    return published(tmp_path_factory.mktemp("plant") / "store", home)
 
 
 @pytest.mark.parametrize("by", [("station", "port"), ("run",), ("tip",), ("line", "run", "tip")])
@@ -139,10 +127,9 @@ def test_joints_of_other_rules_are_found_anew(
 
 
 def test_rows_of_other_runs_in_the_same_file_do_not_count(tmp_path: Path) -> None:
-    place = place_of(tmp_path / "store")
     for number in range(3):
         one_run(tmp_path / "runs", number, 5.0 * number, rows=300 + 10 * number)
-    _published(tmp_path / "runs", place)
+    place = published(tmp_path / "store", tmp_path / "runs")
     whole = jbclog.open_runs(place.url).statistics(by=["run"])
     [*compact(place)]
     assert len(DeltaTable(place.of("samples")).file_uris()) == 1
@@ -162,9 +149,8 @@ def test_rows_of_other_runs_in_the_same_file_do_not_count(tmp_path: Path) -> Non
 
 
 def test_a_part_that_is_missing_is_no_shorter_answer(tmp_path: Path) -> None:
-    place = place_of(tmp_path / "store")
     one_run(tmp_path / "runs", 0)
-    _published(tmp_path / "runs", place)
+    place = published(tmp_path / "store", tmp_path / "runs")
     runs = jbclog.open_runs(place.url)
     DeltaTable(place.of("samples")).delete("row < 5")
     with pytest.raises(

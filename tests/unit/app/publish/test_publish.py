@@ -25,6 +25,7 @@ from jbclog.core.errors import RecordError
 from jbclog.record import annotations
 from jbclog.record.manifest import RunState, read_manifest, write_manifest
 from support.records import sealed_run, small_run
+from support.records.plant_store import published
 
 NAME = 'a plant\'s "store" = 100 % – Łódź'  # what a folder of a user may be called
 
@@ -37,10 +38,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def filled(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Place:
     """A store with this run."""
-    place = place_of(tmp_path_factory.mktemp("plant") / NAME)
-    with Publisher(place) as one:
-        assert one.publish(folder).result is Result.PUBLISHED
-    return place
+    return published(tmp_path_factory.mktemp("plant") / NAME, folder)
 
 
 @pytest.fixture

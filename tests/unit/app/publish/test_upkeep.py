@@ -35,6 +35,7 @@ from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record import annotations
 from support.records.many_runs import many_runs
+from support.records.plant_store import published
 
 AT_ONCE = timedelta(0)
 OF_THIS_RELEASE = Path(__file__).parents[3] / "data" / "stores" / "schema-1"
@@ -47,11 +48,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def filled(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Place:
-    place = place_of(tmp_path_factory.mktemp("plant") / "store")
-    with Publisher(place) as one:
-        for run in runs:
-            assert one.publish(run).result is Result.PUBLISHED
-    return place
+    return published(tmp_path_factory.mktemp("plant") / "store", *runs)
 
 
 @pytest.fixture
@@ -264,11 +261,7 @@ def in_parts(runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setattr(publisher, "rows_of", split)
     monkeypatch.setattr(commits, "BATCHES", 1)
-    place = place_of(tmp_path / "in parts")
-    with Publisher(place) as one:
-        for run in runs:
-            assert one.publish(run).result is Result.PUBLISHED
-    return place
+    return published(tmp_path / "in parts", *runs)
 
 
 def test_a_run_in_parts_has_its_rows_in_order_after_compaction(
