@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -50,55 +51,86 @@ def zoom_of(trace: Trace, most: int) -> str | None:
     """Return the data of a port with at most `most` rows; None where there is no temperature."""
     if trace.states or np.isnan(trace.temperature).all():
         return None
+    words, page = _Words(), _in_page(trace, most)
+    stream = np.concatenate(_stream(trace, page, words))
+    header = _header(trace, page, words)
+    head = json.dumps(header, separators=(",", ":"), allow_nan=False).encode("ascii")
+    return base64.b64encode(len(head).to_bytes(4, "little") + head + varints(stream)).decode()
+
+
+@dataclass(frozen=True, slots=True)
+class _InPage:
+    """What of a port is in the page: which of its rows, in how many stretches its bands are, which
+    lanes, and how long those are that are left out.
+    """
+
+    columns: Mapping[str, Readings]
+    rows: NDArray[np.bool_]
+    stretches: int
+    unit: float
+    lanes: Mapping[str, Sequence[Span]]
+    left: Mapping[str, int]
+    settings: Sequence[tuple[Span, float]]
+
+
+def _in_page(trace: Trace, most: int) -> _InPage:
     columns = {"temperature_c": trace.temperature, "power_permille": trace.power}
     if trace.air is not None and not np.isnan(trace.air.external).all():
         columns["external_c"] = trace.air.external
-    words, stream = _Words(), list[Ints]()
-    kept = _kept(trace, most)
-    stretches = 0 if kept.all() else most // BAND_SHARE
-    unit = trace.grid.period_s or 0.001
-    lanes = _lanes(trace)
-    seen = {
-        name: spans
-        for name, spans in lanes.items()
-        if len(spans) <= max(LEAST_SPANS, most * MOST_SPANS // MOST_READINGS)
-    }
+    rows, lanes = _kept(trace, most), _lanes(trace)
+    most_spans = max(LEAST_SPANS, most * MOST_SPANS // MOST_READINGS)
+    return _InPage(
+        columns,
+        rows,
+        0 if rows.all() else most // BAND_SHARE,
+        trace.grid.period_s or 0.001,
+        {name: spans for name, spans in lanes.items() if len(spans) <= most_spans},
+        {name: len(spans) for name, spans in lanes.items() if len(spans) > most_spans},
+        held_settings(trace),
+    )
+
+
+def _stream(trace: Trace, page: _InPage, words: _Words) -> list[Ints]:
+    """Return the numbers: rows, their reasons, bands, lanes, settings. Their texts go into `words`
+    in this order.
+    """
+    columns, kept = page.columns, page.rows
     reasons = (
         trace.reasons[kept]
         if len(trace.reasons)
         else coded(np.full(np.count_nonzero(kept), -1), [])
     )
-    stream += _rows(
-        np.round((trace.seconds[kept] - trace.start) / unit),
+    stream = _rows(
+        np.round((trace.seconds[kept] - trace.start) / page.unit),
         [values[kept] for values in columns.values()],
     )
     stream += [_runs(words.reasons(reasons, columns))]
-    for values in columns.values() if stretches else ():
-        stream += _band(trace, values, stretches)
-    for spans in seen.values():
+    for values in columns.values() if page.stretches else ():
+        stream += _band(trace, values, page.stretches)
+    for spans in page.lanes.values():
         stream += [_spans(trace, spans, [words.code(span.word) for span in spans])]
-    held = held_settings(trace)
+    held = page.settings
     stream += [_spans(trace, [span for span, _ in held], [_whole(celsius) for _, celsius in held])]
-    header = {
+    return stream
+
+
+def _header(trace: Trace, page: _InPage, words: _Words) -> dict[str, object]:
+    return {
         "start": round(trace.grid.t0_utc_us / 1e6 + trace.start, 6),
         "seconds": round(trace.end - trace.start, 6),
-        "unit": unit,
+        "unit": page.unit,
         "period": round(trace.period_s, 6),
         "joined": round(JOINED_PERIODS * trace.period_s, 6),
-        "columns": list(columns),
-        "rows": int(np.count_nonzero(kept)),
-        "stretches": stretches,
-        "parts": [] if not stretches else _parts(trace, kept),
-        "lanes": [[name, len(spans)] for name, spans in seen.items()],
-        "left": [[name, len(spans)] for name, spans in lanes.items() if name not in seen],
-        "settings": len(held),
+        "columns": list(page.columns),
+        "rows": int(np.count_nonzero(page.rows)),
+        "stretches": page.stretches,
+        "parts": [] if not page.stretches else _parts(trace, page.rows),
+        "lanes": [[name, len(spans)] for name, spans in page.lanes.items()],
+        "left": [[name, length] for name, length in page.left.items()],
+        "settings": len(page.settings),
         "limits": _limits(trace),
         "words": words.all,
     }
-    head = json.dumps(header, separators=(",", ":"), allow_nan=False).encode("ascii")
-    return base64.b64encode(
-        len(head).to_bytes(4, "little") + head + varints(np.concatenate(stream))
-    ).decode()
 
 
 class _Words:

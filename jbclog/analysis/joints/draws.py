@@ -110,9 +110,26 @@ def _as_draws(
     """Return each group of contacts as a draw."""
     if not groups:
         return []
+    heats, peaks = _heats_and_peaks(parts, model, groups)
+    over = np.maximum(peaks / max(HIGH_NOISES * model.noise.flow, HIGH_PERMILLE), 1.0)
+    sure = 1 - 0.5 * np.exp(1 - over)
+    period_s = parts[0].stretch.period_s
+    return [
+        _as_draw(group, heat, peak, confidence, model, period_s)
+        for group, heat, peak, confidence in zip(
+            groups, heats.tolist(), peaks.tolist(), sure.tolist(), strict=True
+        )
+    ]
+
+
+def _heats_and_peaks(
+    parts: Sequence[Flow], model: ThermalModel, groups: Sequence[Sequence[Contact]]
+) -> tuple[Floats, Floats]:
+    """Return the heat and the highest flow of each group; the heat reaches beyond its edges, up to
+    the next group and the ends of its stretch.
+    """
     flow, period = np.concatenate([part.flow for part in parts]), parts[0].stretch.period_s
-    noise, late_s = model.noise, model.delay.moved_s
-    margin = max(round(2 * noise.smooth_s / period), 1)
+    margin = max(round(2 * model.noise.smooth_s / period), 1)
     first = np.array([group[0].first for group in groups], dtype=np.int64)
     last = np.array([group[-1].last for group in groups], dtype=np.int64)
     of_stretch = np.array([(group[0].begin, group[0].end) for group in groups], dtype=np.int64)
@@ -121,39 +138,32 @@ def _as_draws(
         last + margin + 1, np.minimum(np.append(first[1:], len(flow)), of_stretch[:, 1])
     )
     heats = segments(begin, np.maximum(until, begin)).total(flow) * period
-    peaks = segments(first, last + 1).greatest(flow)
-    over = np.maximum(peaks / max(HIGH_NOISES * noise.flow, HIGH_PERMILLE), 1.0)
-    sure = 1 - 0.5 * np.exp(1 - over)
-    found: list[Draw] = []
-    for group, heat, peak, confidence in zip(
-        groups, heats.tolist(), peaks.tolist(), sure.tolist(), strict=True
-    ):
-        start_s, end_s = group[0].start_s, group[-1].end_s
-        few = (end_s - start_s) / period + 1 < FEW_READINGS
-        ends, begins = group[-1].last >= group[-1].end - 2, group[0].first <= group[0].begin + 1
-        cut = ENDS if ends else BEGINS if begins else None
-        dwell = (
-            end_s - start_s
-            if len(group) == 1
-            else sum(contact.end_s - contact.start_s for contact in group)
-        )
-        confidence = round(confidence * (0.5 if few else 1.0), 3)
-        found.append(
-            Draw(
-                start_s,
-                end_s,
-                dwell,
-                heat,
-                peak,
-                len(group),
-                confidence,
-                cut,
-                None,
-                model.loss,
-                late_s=late_s,
-            )
-        )
-    return found
+    return heats, segments(first, last + 1).greatest(flow)
+
+
+def _as_draw(
+    group: Sequence[Contact],
+    heat: float,
+    peak: float,
+    confidence: float,
+    model: ThermalModel,
+    period_s: float,
+) -> Draw:
+    start_s, end_s = group[0].start_s, group[-1].end_s
+    few = (end_s - start_s) / period_s + 1 < FEW_READINGS
+    ends, begins = group[-1].last >= group[-1].end - 2, group[0].first <= group[0].begin + 1
+    return Draw(
+        start_s,
+        end_s,
+        sum(contact.end_s - contact.start_s for contact in group),
+        heat,
+        peak,
+        len(group),
+        round(confidence * (0.5 if few else 1.0), 3),
+        cut=ENDS if ends else BEGINS if begins else None,
+        loss=model.loss,
+        late_s=model.delay.moved_s,
+    )
 
 
 class FlowByTime:

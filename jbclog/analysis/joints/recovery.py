@@ -236,50 +236,27 @@ def _measured_joints(
     tip: _Tip, series: Series, timing: _Timing, draws: Sequence[Draw]
 ) -> list[Joint]:
     """Return the joints, with what each did to the tip."""
-    joints = dict[int, Joint]()
     complete = np.flatnonzero(~timing.broken)
-    values, first, setpoints = tip.track.values, timing.first[complete], timing.setpoints[complete]
-    touched = np.maximum(timing.touched[complete], first + 1)
-    begin, end, least = values[first], values[touched - 1], segments(first, touched).least(values)
+    setpoints = timing.setpoints[complete]
     levels = np.array([tip.levels.get(one, np.nan) for one in setpoints.tolist()])
-    outcomes = _outcomes(
-        tip, timing, complete, np.where(np.isnan(levels), setpoints, levels) - tip.within_c
-    )
-    energies = _energies(series, timing, complete, outcomes, draws)
-    lowest = np.minimum(least, outcomes.lowest)
+    floors = np.where(np.isnan(levels), setpoints, levels) - tip.within_c
+    outcomes = _outcomes(tip, timing, complete, floors)
     columns = (
-        setpoints,
-        setpoints - begin,
-        levels - begin,
-        begin - lowest,
-        lowest,
-        end,
+        *_fall(tip.track, timing, complete, levels, outcomes),
         outcomes.recovery,
         outcomes.had,
-        energies,
+        _energies(series, timing, complete, outcomes, draws),
     )
     known = zip(*(_none_where_nan(column) for column in columns), strict=True)
+    joints = dict[int, Joint]()
     for place, (setpoint, deficit, below, depth, low, last, recovery, had, energy) in enumerate(
         known
     ):
         number = int(complete[place])
-        draw, cut = draws[number], timing.cuts[number]
-        heat_j = _joules(tip, draw)
-        if setpoint is None:
-            low = float(least[place])
-            joints[number] = Joint(
-                draw,
-                heat_j,
-                depth_c=float(begin[place]) - low,
-                lowest_c=low,
-                end_c=last,
-                why=UNKNOWN_SETPOINT,
-            )
-            continue
-        back, why = outcomes.outcome(place, cut)
+        draw, (back, why) = draws[number], outcomes.outcome(place, timing.cuts[number])
         joints[number] = Joint(
             draw,
-            heat_j,
+            _joules(tip, draw),
             setpoint,
             deficit,
             below,
@@ -298,6 +275,17 @@ def _measured_joints(
     ]
 
 
+def _fall(
+    track: Track, timing: _Timing, complete: Places, levels: Floats, outcomes: _Outcomes
+) -> tuple[Floats, ...]:
+    """Return what the joints have from `Joint.setpoint_c` to `Joint.end_c`."""
+    setpoints, first = timing.setpoints[complete], timing.first[complete]
+    touched = np.maximum(timing.touched[complete], first + 1)
+    begin, end = track.values[first], track.values[touched - 1]
+    lowest = np.minimum(segments(first, touched).least(track.values), outcomes.lowest)
+    return setpoints, setpoints - begin, levels - begin, begin - lowest, lowest, end
+
+
 def _joules(tip: _Tip, draw: Draw) -> float | None:
     return None if draw.heat is None or tip.rated_w is None else draw.heat * tip.rated_w / 1000
 
@@ -308,14 +296,15 @@ def _none_where_nan(column: Floats) -> list[float | None]:
 
 @dataclass(frozen=True, slots=True)
 class _Outcomes:
-    """What follows the start of each joint: whether the tip was back or a gap hid it, and its
-    lowest temperature until then.
+    """What follows the start of each joint: whether the tip was back, whether a gap hid it or its
+    setpoint is not known, and its lowest temperature until then.
 
     NaN: not back, or not known. An infinite `lowest` means none besides that of the contact.
     """
 
     is_back: Flags
     is_lost: Flags
+    is_unset: Flags
     recovery: Floats
     had: Floats
     lowest: Floats
@@ -324,6 +313,8 @@ class _Outcomes:
         """Return whether the tip recovered, and why not; `cut` is what cut the joint off, None for
         the next draw.
         """
+        if self.is_unset[place]:
+            return None, UNKNOWN_SETPOINT
         if self.is_lost[place]:
             return None, GAP
         if self.is_back[place]:
@@ -332,7 +323,9 @@ class _Outcomes:
 
 
 def _outcomes(tip: _Tip, timing: _Timing, complete: Places, floors: Floats) -> _Outcomes:
-    """Return what follows the start of each joint, against the lower edge `floors` of its band."""
+    """Return what follows the start of each joint, against the lower edge `floors` of its band;
+    NaN without a setpoint.
+    """
     track, first, last = tip.track, timing.first[complete], timing.last[complete]
     had = np.maximum(timing.stops[complete] - timing.starts[complete], 0.0)
     back, lowest = np.full(len(complete), -1, dtype=np.int64), np.full(len(complete), np.inf)
@@ -345,8 +338,10 @@ def _outcomes(tip: _Tip, timing: _Timing, complete: Places, floors: Floats) -> _
     lost[is_back] = track.gaps[back[is_back]] > track.gaps[first[is_back]]
     recovery = np.maximum(track.seconds[back] - timing.starts[complete], 0.0)
     recovery[lowest >= floors] = 0.0
-    recovery[~is_back | lost], had[lost], lowest[lost] = np.nan, np.nan, np.inf
-    return _Outcomes(is_back, lost, recovery, had, lowest)
+    unset = np.isnan(floors)
+    hidden = lost | unset
+    recovery[~is_back | hidden], had[hidden], lowest[hidden] = np.nan, np.nan, np.inf
+    return _Outcomes(is_back, lost, unset, recovery, had, lowest)
 
 
 def _places_back(track: Track, watched: Segments, floors: Floats, stops: Floats) -> Places:

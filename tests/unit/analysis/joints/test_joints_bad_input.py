@@ -12,6 +12,7 @@ import pytest
 from jbclog.analysis.joints.figure import Figure
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.parameters import JointOptions
+from jbclog.analysis.joints.recovery import UNKNOWN_SETPOINT, joints_of
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.metrics.measures import measure_port
 from support.plants.scripted_tip import after, soldered
@@ -64,6 +65,23 @@ def test_a_setpoint_that_is_changed_makes_no_joint_and_cuts_recovery_off() -> No
     assert (joints[-1].recovered, joints[-1].recovery_s) == (None, None)
     assert "setpoint changed" in str(joints[-1].why)
     assert all(joint.recovered for joint in joints[:-1])
+
+
+def test_without_a_setpoint_a_joint_has_its_depth_and_no_recovery() -> None:
+    series = soldered(EACH_FIVE[:8], 60.0)
+    draws = [joint.draw for joint in find_joints(series).joints]
+    assert len(draws) == 8
+    at, read = series.seconds, series.rows.temperature
+    unset = replace(series, rows=replace(series.rows, setting=np.full(len(at), np.nan)))
+    for joint in joints_of(unset, draws, draws, {}, within_c=5.0):
+        start_s, end_s = (second + joint.draw.late_s for second in (joint.start_s, joint.end_s))
+        lowest = read[(at >= start_s) & (at <= end_s + 1e-6)].min()
+        begin = read[np.searchsorted(at, start_s + 1e-6) - 1]
+        assert (joint.lowest_c, joint.depth_c) == (lowest, begin - lowest)
+        assert joint.end_c is not None
+        assert (joint.setpoint_c, joint.deficit_c, joint.resting_below_c) == (None, None, None)
+        assert (joint.recovered, joint.recovery_s, joint.had_s, joint.energy) == (None,) * 4
+        assert joint.why == UNKNOWN_SETPOINT
 
 
 def test_power_at_its_limit_for_ten_seconds_is_one_joint() -> None:
