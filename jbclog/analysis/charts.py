@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 
 from jbclog.analysis import spc
@@ -113,29 +114,11 @@ def series_of_run(
             f"joints have no metric {not_a_metric(metric, units)} They have {', '.join(units)}; or"
             f" {', '.join(COUNTED)}"
         )
-    joints = run.joints(station)
-    found = []
-    for (name, number), rows in joints.groupby(["station", "port"], sort=True):
-        at = int(str(number))
-        if port not in (None, at):
-            continue
-        values = rows[metric].to_numpy(dtype=np.float64, na_value=np.nan)
-        known = ~np.isnan(values)
-        names = [f"joint {joint}" for joint in rows["joint"].to_numpy()[known]]
-        late = int(rows["recovered"].eq(False).sum()) if metric == RECOVERY else 0
-        found.append(
-            Series(
-                str(name),
-                at,
-                metric,
-                units[metric],
-                "joint",
-                values[known],
-                names,
-                int((~known).sum()),
-                late=late,
-            )
-        )
+    found = [
+        _of_joints(str(name), at, rows, metric, units[metric])
+        for (name, number), rows in run.joints(station).groupby(["station", "port"], sort=True)
+        if port in (None, at := int(str(number)))
+    ]
     none = np.empty(0)
     found += [
         Series(name, at, metric, units[metric], "joint", none, [], why=why)
@@ -143,6 +126,22 @@ def series_of_run(
         if port in (None, at)
     ]
     return sorted(found, key=lambda one: one.place)
+
+
+def _of_joints(station: str, port: int, rows: pd.DataFrame, metric: str, unit: str) -> Series:
+    values = rows[metric].to_numpy(dtype=np.float64, na_value=np.nan)
+    known = ~np.isnan(values)
+    return Series(
+        station,
+        port,
+        metric,
+        unit,
+        "joint",
+        values[known],
+        [f"joint {joint}" for joint in rows["joint"].to_numpy()[known]],
+        int((~known).sum()),
+        late=int(rows["recovered"].eq(False).sum()) if metric == RECOVERY else 0,
+    )
 
 
 def _not_known(

@@ -89,8 +89,11 @@ def judge_again(
         counts_lacking,
     )
     judgement = judge(evidence, acceptance, own_version(manifest) if by is None else by, measuring)
-    if not unread:
-        return judgement
+    return _without(unread, judgement) if unread else judgement
+
+
+def _without(unread: Sequence[StationFacts], judgement: Judgement) -> Judgement:
+    """Return the judgement with what it lacks: the recipes of these stations."""
     text = "The copy of its recipe cannot be read, so its limits are not known."
     rules = [
         Rule("recipe", facts.name, None, "readable", None, "", Result.MISSING, text)

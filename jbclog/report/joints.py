@@ -134,17 +134,7 @@ def joint_facts(
         deficits,
         np.where(late, had, np.nan),
     )
-    figure = None
-    if chart.is_worth_it:
-        wide = _svg(chart, WIDE)
-        narrow = wide if crowded else _svg(chart, NARROW)
-        figure = FigureFacts(
-            f"figures/{file}-joints.svg",
-            chart.caption,
-            f"{station}, port {port}: {chart.caption}",
-            wide,
-            narrow,
-        )
+    figure = _figure(chart, f"{station}, port {port}", file, crowded=crowded)
     figures = {name: metrics[name] for name in METRICS if name in metrics}
     taken = next(
         ({**row} for row in found.taken if row["station"] == station and row["port"] == port), {}
@@ -155,6 +145,19 @@ def joint_facts(
         _value(figures, "joint_deficit_c"),
     )
     return JointFacts(figures, len(recovery), taken, never, chart.signals, *chart.why, figure)
+
+
+def _figure(chart: RecoveryChart, place: str, file: str, *, crowded: bool) -> FigureFacts | None:
+    if not chart.is_worth_it:
+        return None
+    wide = _svg(chart, WIDE)
+    return FigureFacts(
+        f"figures/{file}-joints.svg",
+        chart.caption,
+        f"{place}: {chart.caption}",
+        wide,
+        wide if crowded else _svg(chart, NARROW),
+    )
 
 
 def _svg(chart: RecoveryChart, form: Format) -> str:

@@ -65,16 +65,7 @@ def set_up(
     """
     allow_descriptors(DESCRIPTORS_EACH * len(line.stations) + DESCRIPTORS_BESIDE)
     served_line = folder / SERVED_LINE
-    if os.path.realpath(served_line) == os.path.realpath(line.path):
-        raise UsageError(
-            f"{line.path} would be overwritten with the line file for the run; choose another"
-            " folder"
-        )
-    if served_line.exists() and not served_line.is_file():
-        raise UsageError(
-            f"{served_line}: not a regular file (folder, pipe or device); the line file must be"
-            " written there"
-        )
+    _expect_place(served_line, line)
     now, waiter = monotonic(), Waiter()
     stations = stations or [virtual_station(station, now=now) for station in line.stations]
     links = _tcp_links(line, tcp, waiter) if tcp else _pty_links(line, folder.absolute(), waiter)
@@ -92,6 +83,20 @@ def set_up(
             raise UsageError(f"the stations of {line.path} cannot be served: {error}") from error
         raise
     return server
+
+
+def _expect_place(served_line: Path, line: Line) -> None:
+    """Raise `UsageError` where the line file for the run must not be written."""
+    if os.path.realpath(served_line) == os.path.realpath(line.path):
+        raise UsageError(
+            f"{line.path} would be overwritten with the line file for the run; choose another"
+            " folder"
+        )
+    if served_line.exists() and not served_line.is_file():
+        raise UsageError(
+            f"{served_line}: not a regular file (folder, pipe or device); the line file must be"
+            " written there"
+        )
 
 
 def _make(folder: Path) -> None:

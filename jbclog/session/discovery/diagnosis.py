@@ -60,58 +60,44 @@ def _broken(url: str, error: LinkError) -> ScanFinding:
 
 
 def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]) -> ScanFinding:
-    who = f"a station answers at {station.line}, {station.addressing}"
-    if station.contradicts:
-        return ScanFinding(
-            "line.noisy",
-            url,
-            f"{who}, and gives a different answer each time: {station.trouble}",
-            FIRMLY,
-        )
-    if station.robot_mode is False:
-        return ScanFinding(
-            "robot_mode.off", url, f"{who}, and refuses with N 00005: Robot mode is off", SWITCH_ON
-        )
-    if (
-        station.address is not None
-        and station.address not in asked
-        and (station.refusal or station.trouble)
-    ):
-        step = (
-            f"scan that address: `jbclog scan {url} --addresses {station.address}`; in the line"
-            f" file, set `address = {station.address}`"
-        )
-        does = (
-            f"and refuses questions to other addresses ({station.refusal})"
-            if station.refusal
-            else f"but not reliably: {station.trouble}"
-        )
-        return ScanFinding("line.address", url, f"{who}, {does}", step)
-    if station.refusal is not None:
-        step = "set the address in its menu to the usual one (01, or none), and scan again"
-        return ScanFinding(
-            "station.refuses",
-            url,
-            f"{who}, and does not report its model ({station.refusal})",
-            step,
-        )
-    if station.trouble is not None:
-        return ScanFinding(
-            "station.silent",
-            url,
-            f"{who}, but not reliably: {station.trouble}",
-            "push its plug fully in",
-        )
-    driven = ", ".join(name for name, family in FAMILIES.items() if family.models)
-    step = (
-        f"if you know what it is, name its family in the line file ({driven}), and add"
-        f" {accept_line(str(station.model))}"
-    )
+    kind, does, step = _why_not_drivable(url, station, asked)
     return ScanFinding(
+        kind, url, f"a station answers at {station.line}, {station.addressing}, {does}", step
+    )
+
+
+def _why_not_drivable(
+    url: str, station: StationFound, asked: Collection[int | None]
+) -> tuple[str, str, str]:
+    """Return the finding's kind, what the station does besides answering, and the next step."""
+    refusal, trouble = station.refusal, station.trouble
+    if station.contradicts:
+        return "line.noisy", f"and gives a different answer each time: {trouble}", FIRMLY
+    if station.robot_mode is False:
+        return "robot_mode.off", "and refuses with N 00005: Robot mode is off", SWITCH_ON
+    if station.address is not None and station.address not in asked and (refusal or trouble):
+        return (
+            "line.address",
+            f"and refuses questions to other addresses ({refusal})"
+            if refusal
+            else f"but not reliably: {trouble}",
+            f"scan that address: `jbclog scan {url} --addresses {station.address}`; in the line"
+            f" file, set `address = {station.address}`",
+        )
+    if refusal is not None:
+        return (
+            "station.refuses",
+            f"and does not report its model ({refusal})",
+            "set the address in its menu to the usual one (01, or none), and scan again",
+        )
+    if trouble is not None:
+        return "station.silent", f"but not reliably: {trouble}", "push its plug fully in"
+    driven = ", ".join(name for name, family in FAMILIES.items() if family.models)
+    return (
         "station.unknown",
-        url,
-        f"{who}, and reports model {station.model!r}, which jbclog does not know",
-        step,
+        f"and reports model {station.model!r}, which jbclog does not know",
+        f"if you know what it is, name its family in the line file ({driven}), and add"
+        f" {accept_line(str(station.model))}",
     )
 
 
