@@ -14,6 +14,7 @@ import pytest
 from jbclog.app.safe_state import DONE_S, GUARD_S, KILLED_S, TERM_S
 from jbclog.guard.supervisor import TAKEN_OVER_S
 from support.readers.command_line import wrong
+from support.readers.texts import ROOT
 from support.readers.unit_file import AUDIT, TIMER, UNIT, analyzed, command, exposed, unit
 
 
@@ -97,8 +98,10 @@ def test_serial_ports_and_its_own_folder_are_left_to_it() -> None:
 # -- the audit from a timer ------------------------------------------------------------------------
 
 PROFILES = UNIT.parents[1]
+PAGE = ROOT / "docs" / "how-to" / "systemd.md"
 CRON = PROFILES / "cron" / "jbclog-audit"
 TASK = PROFILES / "windows" / "jbclog-audit.xml"
+TASKS = PROFILES / "tasks" / "bench.toml"
 SPACE = "{http://schemas.microsoft.com/windows/2004/02/mit/task}"
 
 
@@ -120,6 +123,19 @@ def test_each_audit_command_exists() -> None:
     assert wrong(task_text("Arguments").replace("\\", "/").split()) is None
 
 
+def test_each_audit_names_a_tasks_file_beside_the_line_file() -> None:
+    """And the page has the command that puts the shipped one there."""
+    for words in (
+        command("ExecStart", AUDIT),
+        cron_words(),
+        task_text("Arguments").replace("\\", "/").split(),
+    ):
+        line, tasks = (Path(words[words.index(option) + 1]) for option in ("--line", "--tasks"))
+        assert (tasks.parent, tasks.name) == (line.parent, "tasks.toml")
+        if tasks.is_absolute():  # that of Windows is not, here
+            assert f"cp {TASKS.relative_to(ROOT)} {tasks}\n" in PAGE.read_text(encoding="utf-8")
+
+
 def test_every_schedule_is_daily_at_an_hour_that_every_day_has_once() -> None:
     minute, hour, *days = cron_words()[:5]
     assert days == ["*", "*", "*"]
@@ -133,8 +149,7 @@ def test_cron_cuts_no_command_at_a_percent_sign() -> None:
 
 
 def test_the_page_shows_the_line_of_the_cron_file() -> None:
-    page = UNIT.parents[2] / "docs" / "how-to" / "systemd.md"
-    assert " ".join(cron_words()) in page.read_text(encoding="utf-8")
+    assert " ".join(cron_words()) in PAGE.read_text(encoding="utf-8")
 
 
 def test_systemd_accepts_the_audit_and_its_timer(tmp_path: Path) -> None:

@@ -1,5 +1,5 @@
-"""The lines and recipes that come with the project: they load, cover every family, and fit their
-wires.
+"""The lines, recipes and tasks that come with the project: they load, cover every family, and fit
+their links and counters.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from jbclog.config.line import StationSpec, load_line
 from jbclog.config.load_recipe import load_recipe
 from jbclog.config.recipe import Recipe
 from jbclog.config.recipe_settings import condition_of, settings_for
+from jbclog.config.tasks_file import DAYS, load_tasks
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.session.rates import readings_for
@@ -22,6 +23,7 @@ LINES = sorted((PROFILES / "lines").glob("*.toml"))
 RECIPES = sorted((PROFILES / "recipes").glob("*.toml"))
 RATES_HZ = {"dme": 4, "omega": 1, "soldering-slow": 5}
 """What four ports, slow answers and 4800 baud come to."""
+TASKS = PROFILES / "tasks" / "bench.toml"
 THT = PROFILES / "recipes" / "sn100c-tht.toml"
 
 
@@ -84,6 +86,15 @@ def test_every_family_has_a_line_and_a_recipe() -> None:
         "bench",
     }
     assert {family for path in RECIPES for family in load_recipe(path).families} == set(FAMILIES)
+
+
+def test_every_family_that_counts_has_a_task_and_each_task_what_it_counts() -> None:
+    tasks = load_tasks(TASKS)
+    for name, family in FAMILIES.items():
+        counts = {counter.name for counter in family.counters}
+        assert not counts or any(one.is_of("", name) and one.counter in counts for one in tasks)
+        named = {one.counter for one in tasks if one.families and name in one.families}
+        assert named <= {*counts, DAYS}, name
 
 
 def test_the_bench_is_the_one_that_the_demo_shows() -> None:
