@@ -13,12 +13,11 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import jbclog as package
-from jbclog.cli.app import app
 from jbclog.cli.front_page import page
 from support.command import jbclog
+from support.invoked import invoked
 from support.readers.command_line import HELP, VERBS, calls, wrong
 
 LOADED_BY_HELP = """
@@ -40,7 +39,7 @@ PACKAGES = sorted(
 @cache
 def shown_here(*arguments: str) -> subprocess.CompletedProcess[str]:
     """What the program says, without a process for each question."""
-    ended = CliRunner().invoke(app, arguments, terminal_width=78)  # as in a window of 80
+    ended = invoked(*arguments, terminal_width=78)  # as in a window of 80
     return subprocess.CompletedProcess(arguments, ended.exit_code, ended.stdout, ended.stderr)
 
 
@@ -99,9 +98,7 @@ def test_a_process_of_its_own_says_the_same() -> None:
 
 @pytest.mark.parametrize("columns", [20, 52, 66, 79, 80, 81, 200])
 def test_the_page_is_the_one_that_the_parser_of_the_command_line_makes(columns: int) -> None:
-    made = CliRunner().invoke(
-        app, ["--help"], prog_name="jbclog", terminal_width=max(min(columns, 80) - 2, 50)
-    )
+    made = invoked("--help", prog_name="jbclog", terminal_width=max(min(columns, 80) - 2, 50))
     assert page("jbclog", columns) + "\n" == made.stdout
 
 

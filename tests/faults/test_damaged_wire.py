@@ -14,10 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.app.replay import open_recording
-from jbclog.cli.app import app
 from jbclog.cli.replay import DOUBTFUL
 from jbclog.core.capture_rows import CaptureRow, LinkRow
 from jbclog.core.errors import RecordError
@@ -52,6 +50,7 @@ from support.faults.altered_files import (
     pieces_moved,
     sectors_zeroed,
 )
+from support.invoked import invoked
 from support.links.small_wire import BLOCKS, HEAD, ROWS, answer, write_wire
 from support.readers.run_files import read_rows
 from support.virtual.captured_run import recorded, relived
@@ -418,7 +417,7 @@ def test_replay_tells_of_a_hole_and_does_not_call_it_the_same(run: Path, tmp_pat
     data[len(data) // 2] ^= 1
     file.write_bytes(data)
     (run / "manifest.json").unlink()
-    told = CliRunner().invoke(app, ["replay", str(run), "--record", str(tmp_path / "again")])
+    told = invoked("replay", run, "--record", tmp_path / "again")
     assert told.exit_code == 1, told.stderr
     first, second, *_ = told.stderr.splitlines()
     assert first.startswith("wire/dde-1.tsv.gz: bytes ")

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 import jbclog
 from jbclog.analysis.fleet import processes
@@ -22,7 +21,6 @@ from jbclog.analysis.store.place import Place, place_of
 from jbclog.analysis.store.runs import StoredRuns
 from jbclog.app.publish.folder import publish_all
 from jbclog.app.publish.publisher import Publisher
-from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
 from support.faults.dask_cluster import (
     TLS,
@@ -36,6 +34,7 @@ from support.faults.dask_cluster import (
     rows_of,
     slow,
 )
+from support.invoked import invoked
 from support.readers.texts import ROOT
 from support.records.many_runs import many_runs
 
@@ -64,7 +63,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 def trend(*words: object, code: int = 0) -> tuple[object, str]:
-    ended = CliRunner().invoke(app, ["trend", *map(str, words), "--json"])
+    ended = invoked("trend", *words, "--json")
     assert ended.exit_code == code, ended.output
     return (json.loads(ended.stdout) if code == 0 else None), ended.stderr
 

@@ -15,7 +15,6 @@ from datetime import timedelta
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import jbclog
 from jbclog.analysis.store.place import Place, place_of
@@ -25,9 +24,9 @@ from jbclog.app.publish.follow import Follower, Trouble
 from jbclog.app.publish.lease import leases
 from jbclog.app.publish.publisher import Outcome, Publisher
 from jbclog.app.publish.upkeep import check
-from jbclog.cli.app import app
 from support.faults.s3_server import BUCKET, serving
 from support.faults.small_disk import small_disk
+from support.invoked import invoked
 from support.records.many_runs import one_run
 
 OFTEN = "from jbclog.app.publish import follow; follow.LOOK_EVERY_S = 0.5; "  # pauses are below
@@ -241,7 +240,7 @@ def test_without_follow_a_store_that_goes_ends_it_with_one_line(
         return found
 
     monkeypatch.setattr(Publisher, "publish", going)
-    ended = CliRunner().invoke(app, ["publish", str(runs), str(store)])
+    ended = invoked("publish", runs, store)
     assert (ended.exit_code, len(ended.stdout.splitlines()), len(ended.stderr.splitlines())) == (
         4,
         1,

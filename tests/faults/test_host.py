@@ -23,10 +23,8 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.analysis.run import open_run
-from jbclog.cli.app import app
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.sim.port import WORKING
@@ -34,6 +32,7 @@ from support import program
 from support.campaigns.awaited import CLOCK_STEPPED, INTERNAL_ERROR
 from support.command import is_sampling, jbclog, until
 from support.faults.guarded import full_pipe
+from support.invoked import invoked
 from support.oracles.invariants import Ended, violations
 from support.records import few_rows
 from support.records.small_run import make_run
@@ -682,7 +681,7 @@ def test_a_report_that_fails_changes_nothing_of_the_record(
     folder = make_run(tmp_path, seconds=2.0)
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
     monkeypatch.setattr("jbclog.report.write.gather", fail)
-    ended = CliRunner().invoke(app, ["report", str(folder)])
+    ended = invoked("report", folder)
     assert ended.exit_code == 1
     assert INTERNAL_ERROR in ended.stderr
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before

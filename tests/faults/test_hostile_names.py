@@ -17,12 +17,10 @@ from itertools import cycle, islice, product
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 import jbclog
 from jbclog.app.run.options import Metadata, RunOptions
 from jbclog.app.run.plan import make_plan
-from jbclog.cli.app import app
 from jbclog.config.line import parse_line
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.errors import Problems, RecordError
@@ -37,6 +35,7 @@ from jbclog.sim.virtual import VirtualStation
 from support.campaigns.awaited import INTERNAL_ERROR
 from support.campaigns.each_row import each_row
 from support.faults.hostile_names import ALLOWED_NAME, HOSTILE, Acting, steers
+from support.invoked import invoked
 from support.records.small_run import make_run
 from support.virtual import recorded_run
 from support.virtual.recorded_run import RecordedRun
@@ -131,9 +130,7 @@ def test_urls_of_ports(tmp_path: Path, text: str) -> None:
     )
     (tmp_path / "job.toml").write_text(RECIPE.format(name='"job"', required=""))
     before = tree(tmp_path)
-    ended = CliRunner().invoke(
-        app, ["plan", str(tmp_path / "job.toml"), "--line", str(tmp_path / "line.toml")]
-    )
+    ended = invoked("plan", tmp_path / "job.toml", "--line", tmp_path / "line.toml")
     assert ended.exit_code in (0, 2), ended.output
     assert steers(ended.output) == []
     assert tree(tmp_path) == before
@@ -196,7 +193,7 @@ def test_what_is_typed_behind_an_option(tmp_path: Path, whole: bool) -> None:
         str(tmp_path / "runs"),
     ]
     for option, text in pairs(OPTIONS, whole=whole):
-        ended = CliRunner().invoke(app, ["run", *given, f"{option}={text}"])
+        ended = invoked("run", *given, f"{option}={text}")
         assert ended.exit_code == 2, (option, text)
         assert steers(ended.output) == [], (option, text)
     assert not (tmp_path / "runs").exists()
@@ -210,9 +207,7 @@ def test_names_of_files_on_the_command_line(
     for verb, text in pairs(VERBS, whole=whole):
         if "\0" in text or text in ("", ".", ".."):
             continue  # no system gives a program such an argument, or the folder is a real one
-        ended = CliRunner().invoke(
-            app, [verb, "--line", text] if verb == "safe" else [verb, "--", text]
-        )
+        ended = invoked(verb, "--line" if verb == "safe" else "--", text)
         assert ended.exit_code in (1, 2, 3, 4), (verb, text)
         assert "Traceback" not in ended.output
         assert INTERNAL_ERROR not in ended.output, (verb, text)
@@ -225,11 +220,11 @@ def test_what_is_said_of_a_run_later(sealed: Path, tmp_path: Path) -> None:
     for number, text in enumerate(HOSTILE.values()):
         said = ["--by", "x", "--reason", "x", "--", "x"]
         said[(1, 3, 5)[number % 3]] = text
-        ended = CliRunner().invoke(app, ["annotate", str(run), *said])
+        ended = invoked("annotate", run, *said)
         assert ended.exit_code in (0, 2), ended.output
         assert steers(ended.output) == []
         append(run, who=f"a{text}", what=f"a{text}", why=f"a{text}")
-    told = CliRunner().invoke(app, ["annotate", str(run)])
+    told = invoked("annotate", run)
     assert told.exit_code == 0
     assert steers(told.output) == []
     assert check(run) == []
@@ -308,7 +303,7 @@ def shown(run: Path, *verbs: str) -> list[str]:
         "runs --json",
     ):
         name, *more = verb.split()
-        ended = CliRunner().invoke(app, [name, str(run), *more])
+        ended = invoked(name, run, *more)
         assert INTERNAL_ERROR not in ended.output, ended.output
         assert steers(ended.output) == [], f"{verb}: {ended.output}"
         told.append(ended.output)
@@ -462,7 +457,7 @@ def test_a_foreign_run_that_is_not_finished(sealed: Path, tmp_path: Path, text: 
     outside = {
         name: data for name, data in tree(tmp_path).items() if not Path(name).is_relative_to(run)
     }
-    ended = CliRunner().invoke(app, ["recover", str(run)])
+    ended = invoked("recover", run)
     assert INTERNAL_ERROR not in ended.output, ended.output
     assert steers(ended.output) == []
     assert {
@@ -500,7 +495,7 @@ def test_a_link_in_a_run_s_folder_is_not_written_through(
     (run / name).symlink_to(target)
     before = tree(target) if target.is_dir() else target.read_bytes()
     assert all(shown(run))
-    CliRunner().invoke(app, ["annotate", str(run), "x", "--by", "x", "--reason", "x"])
+    invoked("annotate", run, "x", "--by", "x", "--reason", "x")
     assert (tree(target) if target.is_dir() else target.read_bytes()) == before
 
 

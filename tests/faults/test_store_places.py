@@ -18,7 +18,6 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 import jbclog
 from jbclog.analysis.store.place import place_of
@@ -27,13 +26,13 @@ from jbclog.analysis.store.schema import DATA, TABLES
 from jbclog.app.publish.publisher import Publisher, Result
 from jbclog.app.publish.safe_place import expect_safe
 from jbclog.app.publish.upkeep import check, compact, vacuum
-from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record import annotations
 from jbclog.record.find_runs import ALL
 from support.faults.fuse_share import LINKS, fuse_share
 from support.faults.s3_server import BUCKET, KEY, SECRET, Server, serving
 from support.faults.small_disk import small_disk
+from support.invoked import invoked
 from support.records import small_run
 
 from .conftest import made
@@ -66,7 +65,7 @@ def credentials(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def refused(run: Path, store: str, code: int, capfd: pytest.CaptureFixture[str]) -> str:
     """The one line with which `publish` ends with that code; libraries below it say nothing."""
-    ended = CliRunner().invoke(app, ["publish", str(run), store])
+    ended = invoked("publish", run, store)
     assert (ended.exit_code, ended.stdout, *capfd.readouterr()) == (code, "", "", "")
     (line,) = ended.stderr.splitlines()
     return line

@@ -20,11 +20,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner
 
 from jbclog import __version__
 from jbclog.analysis.verdict import RULES
-from jbclog.cli.app import app
 from jbclog.core.errors import RecordError
 from jbclog.record.annotations import append, vouch
 from jbclog.record.annotations import read as read_annotations
@@ -45,6 +43,7 @@ from jbclog.record.manifest import (
 from jbclog.record.parts import part_paths
 from jbclog.report.verify import verified
 from jbclog.report.write import write_report
+from support.invoked import invoked
 from support.readers.run_files import verify_report
 from support.records.small_run import make_run
 
@@ -447,7 +446,7 @@ def test_a_report_behind_a_line_that_was_cut_off_is_what_it_is_when_made_again(r
 def test_a_report_that_was_changed(reported: Path) -> None:
     altered(reported, accepted)
     assert named(reported) == {"report.json"}
-    assert CliRunner().invoke(app, ["check", str(reported)]).exit_code == 1
+    assert invoked("check", reported).exit_code == 1
 
 
 def test_a_report_that_was_changed_whose_line_was_taken_away(reported: Path) -> None:
@@ -458,7 +457,7 @@ def test_a_report_that_was_changed_whose_line_was_taken_away(reported: Path) -> 
     altered(reported, lambda facts: facts.pop("vouched_in"))
     assert named(reported) == set()
     assert [file for file, _ in uncovered(reported, None)] == ["report.json"]
-    said = CliRunner().invoke(app, ["check", str(reported)])
+    said = invoked("check", reported)
     assert said.exit_code == 0
     assert "not covered: report.json: not vouched for" in said.output
     altered(reported, accepted)
@@ -740,7 +739,7 @@ CLAIMS: dict[str, tuple[Callable[[Any], object], bool | None, str]] = {
 def test_a_forged_report_that_claims_another_maker_never_matches(reported: Path, what: str) -> None:
     claimed, agrees, said = CLAIMS[what]
     page_forged_with_its_hash(reported, claimed)
-    ended = CliRunner().invoke(app, ["report", str(reported), "--verify", "--json"])
+    ended = invoked("report", reported, "--verify", "--json")
     found = json.loads(ended.stdout)
     assert (ended.exit_code, found["agrees"]) == (1, agrees), found
     assert any(said in text for text in found["findings"]), found
@@ -748,10 +747,10 @@ def test_a_forged_report_that_claims_another_maker_never_matches(reported: Path,
 
 def test_what_another_maker_made_is_not_known_and_said_on_a_line_of_its_own(reported: Path) -> None:
     vouched_anew(reported, lambda facts: facts.update(jbclog="9.9.0"))
-    ended = CliRunner().invoke(app, ["report", str(reported), "--verify", "--json"])
+    ended = invoked("report", reported, "--verify", "--json")
     found = json.loads(ended.stdout)
     assert (ended.exit_code, found["agrees"], len(found["findings"])) == (1, None, 1)
-    said = CliRunner().invoke(app, ["report", str(reported), "--verify"])
+    said = invoked("report", reported, "--verify")
     assert (said.exit_code, said.stdout.splitlines()) == (1, found["findings"])
     assert "matches" not in said.stdout
     write_report(reported)

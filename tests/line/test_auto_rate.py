@@ -10,11 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.app.run.options import RunOptions
 from jbclog.app.run.plan import Plan, make_plan
-from jbclog.cli.app import app
 from jbclog.cli.progress import EventFilter
 from jbclog.config.line import parse_line
 from jbclog.config.load_recipe import parse_recipe
@@ -28,6 +26,7 @@ from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.pace import choose_pace
 from jbclog.session.scheduler import AUTO_RATES_HZ, CEILING, KEPT_BY_AUTO, Demand
 from support.command import PROFILES, RECIPE
+from support.invoked import invoked
 from support.virtual.lines import fault
 from support.virtual.virtual_run import RECIPE as SETTINGS
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
@@ -255,22 +254,16 @@ def bench_plan(turnaround_ms: float | None, tmp_path: Path) -> Plan:
 
 def test_a_plan_names_what_it_assumes_and_what_it_would_take(tmp_path: Path) -> None:
     bench_plan(None, tmp_path)
-    told = (
-        CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml")]).stdout
-    )
+    told = invoked("plan", RECIPE, "--line", tmp_path / "line.toml").stdout
     assert "a fifth of the link free: 5 Hz up to 11.50 ms response time" in told
     assert "a fifth of the link free: 10 Hz up to 11.98 ms response time" in told
     assert "assumed   0 ms: the line file has no turnaround_ms" in told
     bench_plan(16.0, tmp_path)
-    said = (
-        CliRunner().invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml")]).stdout
-    )
+    said = invoked("plan", RECIPE, "--line", tmp_path / "line.toml").stdout
     assert "4 Hz up to 17.56 ms" in said
     assert "assumed   turnaround_ms of the line file" in said
     first, *_ = json.loads(
-        CliRunner()
-        .invoke(app, ["plan", str(RECIPE), "--line", str(tmp_path / "line.toml"), "--json"])
-        .stdout
+        invoked("plan", RECIPE, "--line", tmp_path / "line.toml", "--json").stdout
     )["stations"]
     names = ("asked_rate", "rate_hz", "assumed_turnaround_ms", "auto_up_to_turnaround_ms")
     assert [first[name] for name in names] == ["auto", 4, 16, pytest.approx(17.56, abs=0.01)]
@@ -284,7 +277,7 @@ def test_what_the_bare_link_cannot_carry_is_an_error_of_the_plan(tmp_path: Path)
     )
     recipe = tmp_path / "recipe.toml"
     recipe.write_text(AUTO + "alarms_every_s = 0.1\n")
-    ended = CliRunner().invoke(app, ["plan", str(recipe), "--line", str(line)])
+    ended = invoked("plan", recipe, "--line", line)
     assert ended.exit_code == 2
     assert '"auto" finds no rate' in ended.output
 

@@ -13,12 +13,10 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.analysis.run import open_run
 from jbclog.app.run.options import RunOptions
 from jbclog.app.run.plan import Plan, make_plan
-from jbclog.cli.app import app
 from jbclog.config.line import StationSpec, load_line
 from jbclog.config.recipe import COMMAND_OF
 from jbclog.protocol.commands.family import FAMILIES
@@ -26,6 +24,7 @@ from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.session.scheduler import AUTO_RATES_HZ
 from support.command import PROFILES, RECIPE
+from support.invoked import invoked
 from support.virtual.recorded_run import RecordedRun
 
 LINES = sorted((PROFILES / "lines").glob("*.toml"))
@@ -82,7 +81,7 @@ def test_its_plan_has_no_error(path: Path) -> None:
         "--line",
         str(path),
     ]
-    said = CliRunner().invoke(app, arguments)
+    said = invoked(*arguments)
     assert said.exit_code == 0, said.output
     assert "error" not in said.output
     assert all(station.spec.name in said.output for station in plan.stations)

@@ -13,13 +13,12 @@ from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from jbclog.analysis.run import open_run
 from jbclog.app.audit import records, survey
 from jbclog.app.audit.questions import SurveyTarget
 from jbclog.app.port_access import PortAccess
-from jbclog.cli.app import app
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.maintenance.counter_totals.observed import Observation, Standing
 from jbclog.maintenance.ledger import auditing, read_book
@@ -30,6 +29,7 @@ from jbclog.sim.process import SimProcess
 from jbclog.transport.port import Port
 from support.command import RECIPE, WireLog, is_sampling, started, until
 from support.faults.small_disk import small_disk
+from support.invoked import invoked
 
 STATIONS = ("dde-1", "ucr-1", "jtse-1")
 SOURCE = '[line]\nname = "bench"\n' + "".join(
@@ -71,7 +71,7 @@ def bench(served: tuple[Path, WireLog]) -> Bench:
 def audit(line: Path, ledger: Path, *more: str | Path) -> Result:
     """A call in this process: the ports are real all the same."""
     words = ("audit", "--line", line, "--ledger", ledger, *more)
-    return CliRunner().invoke(app, list(map(str, words)))
+    return invoked(*words)
 
 
 def observed(ledger: Path) -> dict[str, Observation]:
@@ -122,9 +122,7 @@ def test_for_cron_it_says_nothing_where_all_is_fine(bench: Bench, tmp_path: Path
         "--by",
         "W",
     )
-    CliRunner().invoke(
-        app, [*done, "--tasks", str(tasks), "--ledger", str(tmp_path / "counters.jsonl")]
-    )
+    invoked(*done, "--tasks", tasks, "--ledger", tmp_path / "counters.jsonl")
     ended = audit(bench.line, tmp_path / "counters.jsonl", "--quiet", "--tasks", tasks)
     assert ended.exit_code == 1
     assert "OVERDUE" in ended.stdout
@@ -341,7 +339,7 @@ def test_the_ledger_is_shared_with_maintenance(bench: Bench, tmp_path: Path) -> 
         "A. Rossi",
     )
     assert audit(bench.line, ledger).exit_code == 0
-    told = CliRunner().invoke(app, [*done, "--ledger", str(ledger)])
+    told = invoked(*done, "--ledger", ledger)
     assert (told.exit_code, told.stderr) == (0, "")
     assert "dde-1 port 1  tip-change  A. Rossi  T-17  (line 4" in told.stdout
     assert audit(bench.line, ledger).exit_code == 0
@@ -412,7 +410,7 @@ def test_what_is_no_ledger_is_never_added_to(bench: Bench, tmp_path: Path) -> No
         "--line",
         str(bench.line),
     )
-    assert CliRunner().invoke(app, [*done, "--ledger", str(other)]).exit_code == 4
+    assert invoked(*done, "--ledger", other).exit_code == 4
     assert other.read_text(encoding="utf-8") == '[line]\nname = "other"\n'
 
 

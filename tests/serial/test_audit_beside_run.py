@@ -10,17 +10,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.app.audit import survey
 from jbclog.app.audit.questions import SurveyTarget
 from jbclog.app.port_access import PortAccess
-from jbclog.cli.app import app
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.maintenance.ledger import read_book
 from jbclog.sim.process import SimProcess
 from jbclog.transport.port import Port
 from support.command import RECIPE, WireLog, is_sampling, jbclog, started, until
+from support.invoked import invoked
 
 SOURCE = """[line]
 name = "bench"
@@ -49,9 +48,7 @@ class Bench:
 
     def audit(self) -> tuple[int, str]:
         ledger = self.folder / "counters.jsonl"
-        ended = CliRunner().invoke(
-            app, ["audit", "--line", str(self.line), "--ledger", str(ledger), "--json"]
-        )
+        ended = invoked("audit", "--line", self.line, "--ledger", ledger, "--json")
         assert json.loads(ended.stdout)["exit_code"] == ended.exit_code
         return ended.exit_code, ended.stderr
 

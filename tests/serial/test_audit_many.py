@@ -7,12 +7,11 @@ import time
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.app.audit.survey import AT_ONCE
-from jbclog.cli.app import app
 from jbclog.maintenance.ledger import read_book
 from jbclog.sim.process import SimProcess
+from support.invoked import invoked
 
 STATION = (
     '[[station]]\nname = "d-{0}"\nurl = "d-{0}"\nfamily = "dde"\n[station.sim]\nwire ='
@@ -40,9 +39,7 @@ def test_eight_wires_at_a_time(tmp_path: Path, count: int, wire: str) -> None:
     )
     with SimProcess(source, tmp_path / "served", log=log) as stations:
         begun = time.monotonic()
-        ended = CliRunner().invoke(
-            app, ["audit", "--line", str(stations.line_path), "--ledger", str(ledger)]
-        )
+        ended = invoked("audit", "--line", stations.line_path, "--ledger", ledger)
         took = time.monotonic() - begun
     assert ended.exit_code == 0, ended.stderr
     assert took < LIMIT_S

@@ -7,19 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from jbclog.cli.app import app
 from jbclog.sim.process import SimProcess
 from support.command import RECIPE, WireLog, is_sampling, jbclog, started, until
+from support.invoked import invoked
 
 Bench = tuple[Path, WireLog]
 OUTAGE = "[[station.sim.fault]]\nkind = 'dropout'\nat_s = 8\nfor_s = 3600\n"
-
-
-def by_hand(*words: str | Path) -> Result:
-    """A call in this process: the ports are real all the same."""
-    return CliRunner().invoke(app, list(map(str, words)))
 
 
 def test_a_value_is_read_and_written(bench: Bench) -> None:
@@ -28,14 +22,14 @@ def test_a_value_is_read_and_written(bench: Bench) -> None:
         jbclog("read", "dde-1", "selected_temperature", "--port", "2", "--line", line).stdout
         == "350 °C\n"
     )
-    ended = by_hand("write", "dde-1", "selected_temperature", "300", "--port", "2", "--line", line)
+    ended = invoked("write", "dde-1", "selected_temperature", "300", "--port", "2", "--line", line)
     assert (ended.exit_code, ended.stdout) == (
         0,
         "selected_temperature of port 2: 300 °C, confirmed (350 °C before)\n",
     )
     assert (
         json.loads(
-            by_hand(
+            invoked(
                 "read", "dde-1", "selected_temperature", "-p", "2", "--json", "--line", line
             ).stdout
         )["value"]
@@ -56,18 +50,18 @@ def test_while_a_run_holds_the_station_it_is_refused_and_the_run_named(
         write = ("write", "ucr-1", "status", "stand", "--line", line)
         dangerous = ("write", "ucr-1", "restart", "--yes-i-mean", "ucr-1", "--line", line)
         for words in (("read", "ucr-1", "model", "--line", line), write, dangerous):
-            ended = by_hand(*words)
+            ended = invoked(*words)
             assert ended.exit_code == 3
             assert f"runs/{folder.name} holds this station; nothing was sent" in ended.stderr
         # the run has nothing to do with it
-        assert by_hand("read", "ale-1", "model", "--line", line).stdout == "ALE\n"
+        assert invoked("read", "ale-1", "model", "--line", line).stdout == "ALE\n"
     finally:
         run.terminate()
         _, notes = run.communicate(timeout=200)
     assert run.returncode == 143, notes
     assert "WRST00000" not in wire.writes("ucr-1")
     # it was only held meanwhile
-    assert by_hand("read", "ucr-1", "model", "--line", line).exit_code == 0
+    assert invoked("read", "ucr-1", "model", "--line", line).exit_code == 0
 
 
 @pytest.fixture
@@ -91,7 +85,7 @@ def test_a_run_holds_its_station_while_the_cable_is_out_too(leaving: Path, tmp_p
         assert until(lambda: is_sampling(out))
         # the port is gone, and the run waits for it
         assert until(lambda: not (leaving.parent / "ucr-1").exists())
-        ended = by_hand("write", "ucr-1", "status", "stand", "--line", leaving)
+        ended = invoked("write", "ucr-1", "status", "stand", "--line", leaving)
         assert (ended.exit_code, "holds this station; nothing was sent" in ended.stderr) == (
             3,
             True,
@@ -99,7 +93,7 @@ def test_a_run_holds_its_station_while_the_cable_is_out_too(leaving: Path, tmp_p
     finally:
         run.terminate()
         run.communicate(timeout=200)
-    ended = by_hand("write", "ucr-1", "status", "stand", "--line", leaving)
+    ended = invoked("write", "ucr-1", "status", "stand", "--line", leaving)
     assert (ended.exit_code, "no such port; check that it is plugged in" in ended.stderr) == (
         3,
         True,

@@ -13,13 +13,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
 
-from jbclog.cli.app import app
 from jbclog.config.line import load_line
 from jbclog.record.check import check
 from jbclog.sim.process import SimProcess
 from support.command import RECIPE, jbclog
+from support.invoked import invoked
 
 
 @contextmanager
@@ -63,13 +62,13 @@ def test_every_command_takes_it(tmp_path: Path) -> None:
             " = 0\n"
         )
         file.write_text(f'[line]\nname = "bench"\n[[station]]\n{keys}')
-        plan = here("plan", RECIPE, "--line", file, "--rate", "fit")
+        plan = invoked("plan", RECIPE, "--line", file, "--rate", "fit")
         assert f"at 0 ms the link may be faster than {stated} 8N1" in plan.stdout, plan.stderr
-        doctor = here("doctor", "--line", file, "--out", tmp_path)
+        doctor = invoked("doctor", "--line", file, "--out", tmp_path)
         assert f"(the link is faster than its stated {stated} 8N1" in doctor.stdout
-        read = here("read", "ucr-1", "--all", "--line", file)
+        read = invoked("read", "ucr-1", "--all", "--line", file)
         assert read.exit_code == 0, read.stderr
-        audit = here("audit", "--line", file, "--ledger", tmp_path / "ledger.sqlite")
+        audit = invoked("audit", "--line", file, "--ledger", tmp_path / "ledger.sqlite")
         assert audit.exit_code == 0, audit.stderr
         for rate, seconds in (("fit", "1s"), ("max", "0.3s")):
             words = (
@@ -96,11 +95,6 @@ def test_every_command_takes_it(tmp_path: Path) -> None:
                 f"answers in 0.00 ms (median) (the link is faster than its stated {stated} 8N1"
                 in _ready(folder)
             )
-
-
-def here(*words: str | Path) -> Result:
-    """A call in this process: the port is real all the same."""
-    return CliRunner().invoke(app, list(map(str, words)))
 
 
 def _ready(folder: Path) -> str:

@@ -8,11 +8,10 @@ import json
 from pathlib import Path
 
 import pandas as pd
-from typer.testing import CliRunner
 
-from jbclog.cli.app import app
 from jbclog.record.check import check
 from support.command import jbclog
+from support.invoked import invoked
 from support.oracles.printed_omega import PageOmega, served
 
 RECIPE = (
@@ -52,7 +51,7 @@ def test_a_controller_that_says_a_and_no_more(tmp_path: Path) -> None:
     samples = pd.read_parquet(folder / "samples")
     assert samples["solder_shortage"].isna().all()
     assert set(samples["reasons"]) == {"solder_shortage=no_digit;clogged=no_digit"}
-    assert CliRunner().invoke(app, ["report", str(folder)]).exit_code in (0, 1)
+    assert invoked("report", folder).exit_code in (0, 1)
     verdict = json.loads((folder / "report.json").read_text())["verdict"]
     coverage, gap = (
         rule

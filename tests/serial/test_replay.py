@@ -15,16 +15,15 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.analysis.run import Run, open_run
-from jbclog.cli.app import app
 from jbclog.record.capture import wire_path
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.sim.process import SimProcess
 from support.campaigns.awaited import CAPTURE_LACKS, RECORDING_ENDS
 from support.command import RECIPE, is_sampling, jbclog, started, until
+from support.invoked import invoked
 from support.readers.run_files import read_rows
 
 LINE = """
@@ -330,7 +329,7 @@ def copied(calm: Path, tmp_path: Path) -> Path:
 
 
 def held(run: Path, out: Path) -> tuple[int, dict[str, object]]:
-    ended = CliRunner().invoke(app, ["replay", str(run), "--record", str(out), "--json"])
+    ended = invoked("replay", run, "--record", out, "--json")
     return ended.exit_code, json.loads(ended.stdout)
 
 
@@ -437,7 +436,7 @@ def test_wrong_usage(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
         (["empty"], "only a run recorded with --wire can be replayed"),
         ([str(original), "--dir", str(original)], "would be overwritten"),
     ):
-        ended = CliRunner().invoke(app, ["replay", *arguments])
+        ended = invoked("replay", *arguments)
         assert (ended.exit_code, ended.stdout) == (2, "")
         assert why in ended.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["empty"]

@@ -12,10 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.app import safe_state
-from jbclog.cli.app import app
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.status import STAND
 from jbclog.record.check import check
@@ -25,6 +23,7 @@ from jbclog.sim.port import HIBERNATION, WORKING
 from jbclog.transport.opening import open_port
 from support.command import jbclog
 from support.faults.guarded import only_run, running
+from support.invoked import invoked
 from support.readers.unit_file import command
 from support.virtual.served_line import FOUR_TOOLS, Order, ServedLine
 
@@ -175,7 +174,7 @@ def test_a_port_in_foreign_hands_keeps_nobody_else_from_being_safe(
     put_to_work(line)
     foreign = open_port(line.url("ucr-1"), LineFormat())
     try:
-        ended = CliRunner().invoke(app, ["safe", "--line", str(line.path)])
+        ended = invoked("safe", "--line", line.path)
     finally:
         foreign.close()
     assert ended.exit_code == 5
@@ -198,7 +197,7 @@ def test_waiting_on_real_ports(
         port.order(HIBERNATION, False)
     if not cools:
         line.tools()[0].order(WORKING, False)
-    ended = CliRunner().invoke(app, ["safe", "--line", str(line.path), "--wait", "--below", "310"])
+    ended = invoked("safe", "--line", line.path, "--wait", "--below", "310")
     assert ended.exit_code == (0 if cools else 1), ended.stderr
     if cools:
         assert ended.stdout.count("below 310 °C after") == TOOLS

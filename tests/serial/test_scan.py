@@ -29,6 +29,7 @@ from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import PortReport, ScanPlan, Trial
 from jbclog.sim.process import SimProcess
 from support.command import BENCH, RECIPE, WireLog, is_sampling, jbclog, started, until
+from support.invoked import invoked
 from support.links.far_ends import Terminal, terminal
 
 Bench = tuple[Path, WireLog]
@@ -193,12 +194,8 @@ def ser2net(folder: Path, device: Path) -> Iterator[str]:
 
 
 def test_no_usb_port_is_said_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    from typer.testing import CliRunner
-
-    from jbclog.cli.app import app
-
     monkeypatch.setattr("jbclog.transport.system_ports.list_ports.comports", list)
-    said = CliRunner().invoke(app, ["scan"])
+    said = invoked("scan")
     assert said.exit_code == 1
     assert said.stdout.startswith("no USB serial port found: plug the adapter in")
 

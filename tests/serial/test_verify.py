@@ -6,12 +6,11 @@ import signal
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from jbclog.cli.app import app
 from jbclog.maintenance.verification import read_book
 from jbclog.session.manual import read
 from support.command import WireLog, jbclog, started, until
+from support.invoked import invoked
 
 SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", "A. Rossi")
 SIM = "joints_per_minute = 60\nsensor_error_c = 9\nnoise_c = 0.4\nambient_c = 60"
@@ -47,7 +46,7 @@ def test_a_tip_is_verified_and_the_station_left_as_it_is(
             str(tmp_path / "runs"),
         ]
         for _ in range(40):  # until it is hot; a second each
-            ended = CliRunner().invoke(app, words)
+            ended = invoked(*words)
             if ended.exit_code != 3:
                 break
             assert "is not stable" in ended.stderr, ended.stderr

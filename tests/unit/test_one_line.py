@@ -18,15 +18,14 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 from jbclog.cli import output
 from jbclog.cli.app import NO_FILES as NO_FILES_TEXT
-from jbclog.cli.app import app
 from jbclog.core.text import clean, csv_text, json_line
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.report.write import write_report
+from support.invoked import invoked
 from support.records.small_run import make_run
 
 ROOT = Path(__file__).parents[2]
@@ -83,7 +82,7 @@ def test_a_file_s_name_makes_no_line_of_a_check(sealed: Path, tmp_path: Path, en
     run = tmp_path / sealed.name
     shutil.copytree(sealed, run)
     (run / f"x{end}{run.name}: no differences (fingerprint 0000-0000-0000-0000)").touch()
-    ended = CliRunner().invoke(app, ["check", str(run)])
+    ended = invoked("check", run)
     assert len(ended.output.splitlines()) == len(check(run)) + 1
     assert [line for line in ended.output.splitlines() if line.startswith(run.name)] == []
 
@@ -101,7 +100,7 @@ WRONG = ("runs --x{}", "{}", "runs --since={} --state {}", "trend --port={}", "-
 @pytest.mark.parametrize("words", WRONG)
 def test_what_the_parser_repeats_is_cleaned_and_short(words: str) -> None:
     hostile = "\u202e\u2028\x1b[31m" + "x" * 5000
-    said = CliRunner().invoke(app, [word.format(hostile) for word in words.split()])
+    said = invoked(*(word.format(hostile) for word in words.split()))
     assert said.exit_code == 2
     assert not set(said.output) & set("\u202e\u2028\x1b")
     assert max(map(len, said.output.splitlines())) < 11_000
@@ -132,7 +131,7 @@ def test_a_manifest_of_long_texts_is_a_line_of_some_hundred_characters(tmp_path:
     bad = tmp_path / made.name.replace("bench", "bench-2")
     bad.mkdir()
     (bad / "manifest.json").write_text(json.dumps({"run": "x", "state": "open", "started": long}))
-    said = CliRunner().invoke(app, ["runs", str(tmp_path)])
+    said = invoked("runs", tmp_path)
     assert said.exit_code == 0
     assert max(map(len, said.output.splitlines())) < 2500
     assert "characters are left out" in said.output
@@ -156,13 +155,13 @@ def test_an_error_that_ends_a_thread_is_one_line(
 
 def test_the_last_line_of_check_does_not_contradict_the_list_above_it(tmp_path: Path) -> None:
     made = make_run(tmp_path, 2.0)
-    assert "no differences (" in CliRunner().invoke(app, ["check", str(made)]).output
+    assert "no differences (" in invoked("check", made).output
     write_report(made)
     facts = json.loads((made / "report.json").read_bytes())
     del facts["vouched_in"], facts["written"]
     (made / "report.json").write_text(json.dumps(facts))
     (made / "annotations.jsonl").unlink()
-    said = CliRunner().invoke(app, ["check", str(made)])
+    said = invoked("check", made)
     *above, last = said.output.splitlines()
     count = sum(line.startswith("not covered: ") for line in above)
     assert count > 3

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.analysis.alarms import Detector
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_alarms import TABLE
-from jbclog.cli.app import app
 from jbclog.record.annotations import append, read
+from support.invoked import invoked
 from support.records import small_run
 from support.records.alarm_series import STATION, Series, being_recorded, random_series, recorded
 from support.virtual.manual import Ended
@@ -24,7 +23,7 @@ from support.virtual.virtual_run import RECIPE, line_text
 
 
 def jbclog(*words: str | Path) -> Ended:
-    ended = CliRunner().invoke(app, [*map(str, words)])
+    ended = invoked(*words)
     return Ended(ended.exit_code, ended.stdout, ended.stderr)
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner, Result
 
 from jbclog.analysis import spc
 from jbclog.analysis.chart_words import lines
@@ -27,8 +26,8 @@ from jbclog.analysis.count_charts import loss_counts, ranked
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.spc.refusal import there_are
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA
-from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest, write_manifest
+from support.invoked import invoked
 from support.records.many_runs import many_runs, one_run
 
 STEADY = np.random.default_rng(15).lognormal(0.3, 0.5, 60)
@@ -71,13 +70,9 @@ def dwells(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return values
 
 
-def call(*words: str | Path) -> Result:
-    return CliRunner().invoke(app, [*map(str, words)])
-
-
 def test_a_chart_within_a_run(home: Path, dwells: list[float]) -> None:
     dwells[40] = 30.0
-    ended = call("chart", home, "-m", "dwell_s")
+    ended = invoked("chart", home, "-m", "dwell_s")
     assert ended.exit_code == 0
     assert "dde-1 port 1  dwell_s  60 joints" in ended.stdout
     assert "joint 41: test 1: one point beyond three sigma" in ended.stdout
@@ -85,7 +80,7 @@ def test_a_chart_within_a_run(home: Path, dwells: list[float]) -> None:
         "0.87 false alarms in 100 points, the first after 118 on average; 53 % of series of 100"
         " have one" in ended.stdout
     )
-    assert "1.5 false alarms" in call("chart", home, "-m", "dwell_s", "--all-tests").stdout
+    assert "1.5 false alarms" in invoked("chart", home, "-m", "dwell_s", "--all-tests").stdout
 
 
 def test_a_joint_without_the_metric_is_counted_and_no_point(
@@ -99,8 +94,8 @@ def test_a_joint_without_the_metric_is_counted_and_no_point(
 def test_capability_of_a_skewed_feature_is_given_with_its_distribution(
     home: Path, dwells: list[float]
 ) -> None:
-    assert "lognormal" in call("chart", home, "-m", "dwell_s", "--upper", "9").stdout
-    found = json.loads(call("chart", home, "-m", "dwell_s", "--upper", "9", "--json").stdout)
+    assert "lognormal" in invoked("chart", home, "-m", "dwell_s", "--upper", "9").stdout
+    found = json.loads(invoked("chart", home, "-m", "dwell_s", "--upper", "9", "--json").stdout)
     (one,) = found["charts"]
     again = spc.capability(STEADY, upper=9)
     assert isinstance(again, spc.Capability)
@@ -116,12 +111,14 @@ def test_every_kind_of_values(home: Path, dwells: list[float], tmp_path: Path) -
         ("cusum", "CUSUM up"),
         ("xbar-s", "subgroup standard deviations"),
     ):
-        ended = call("chart", home, "-m", "dwell_s", "-k", kind, "--plot", tmp_path / f"{kind}.svg")
+        ended = invoked(
+            "chart", home, "-m", "dwell_s", "-k", kind, "--plot", tmp_path / f"{kind}.svg"
+        )
         assert (ended.exit_code, ended.exception) == (0, None)
         assert f"  {said}: centre" in ended.stdout
         assert (tmp_path / f"{kind}.svg").stat().st_size > 5000
     assert "The last 3 of 123 values fill no subgroup of 5" in ended.stdout
-    few = call("chart", home, "-m", "dwell_s", "-k", "xbar-s", "--size", "10").stdout
+    few = invoked("chart", home, "-m", "dwell_s", "-k", "xbar-s", "--size", "10").stdout
     assert "There are 12 subgroups; it takes at least 20." in few
 
 
@@ -138,11 +135,11 @@ def test_a_shift_shows_in_sums_before_it_shows_in_values() -> None:
 
 def test_limits_are_learnt_kept_and_cited(home: Path, dwells: list[float], tmp_path: Path) -> None:
     file = tmp_path / "dwell.json"
-    learnt = call("limits", "learn", home, "-m", "dwell_s", "--out", file)
+    learnt = invoked("limits", "learn", home, "-m", "dwell_s", "--out", file)
     assert (learnt.exit_code, learnt.exception) == (0, None)
     sha256 = hashlib.sha256(file.read_bytes()).hexdigest()
     assert f"SHA-256 {sha256}" in learnt.stdout
-    assert call("limits", "show", file).stdout == learnt.stdout
+    assert invoked("limits", "show", file).stdout == learnt.stdout
     document = json.loads(file.read_bytes())
     assert document["sources"][0]["run"] == home.name
     chart = spc.phase_one(STEADY)
@@ -151,15 +148,15 @@ def test_limits_are_learnt_kept_and_cited(home: Path, dwells: list[float], tmp_p
         chart.upper[0],
         "lognormal",
     )
-    again = call("limits", "learn", home, "-m", "dwell_s", "--out", file)
+    again = invoked("limits", "learn", home, "-m", "dwell_s", "--out", file)
     assert (again.exit_code, "exists; charts cite" in again.stderr) == (2, True)
     # later, everything takes four times as long: no signal by its own limits
     dwells[:] = [value * 4 for value in dwells]
-    later = json.loads(call("chart", home, "-m", "dwell_s", "--limits", file, "--json").stdout)
+    later = json.loads(invoked("chart", home, "-m", "dwell_s", "--limits", file, "--json").stdout)
     assert later["limits_sha256"] == sha256
     assert len(later["charts"][0]["fixed"]["signals"]) > 20
     assert not [one for one in later["charts"][0]["charts"][0]["signals"] if "test 1" in one[1]]
-    wrong = call("chart", home, "-m", "recovery_s", "--limits", file)
+    wrong = invoked("chart", home, "-m", "recovery_s", "--limits", file)
     assert (wrong.exit_code, "the limits are of dwell_s" in wrong.stderr) == (2, True)
 
 
@@ -258,7 +255,7 @@ def test_what_is_not_stable_teaches_no_limits(
     home: Path, dwells: list[float], tmp_path: Path
 ) -> None:
     dwells[30:] = [value * 2.5 for value in dwells[30:]]
-    ended = call("limits", "learn", home, "-m", "dwell_s", "--out", tmp_path / "none.json")
+    ended = invoked("limits", "learn", home, "-m", "dwell_s", "--out", tmp_path / "none.json")
     assert ended.exit_code == 1
     assert "dde-1 port 1: no limits." in ended.stderr
     assert not (tmp_path / "none.json").exists()
@@ -267,7 +264,7 @@ def test_what_is_not_stable_teaches_no_limits(
 @pytest.mark.parametrize("text", ["", "{}", "[1]", '{"format": "x"}', "\x00"])
 def test_a_file_that_is_none(home: Path, dwells: list[float], tmp_path: Path, text: str) -> None:
     (tmp_path / "x.json").write_text(text)
-    ended = call("chart", home, "-m", "dwell_s", "--limits", tmp_path / "x.json")
+    ended = invoked("chart", home, "-m", "dwell_s", "--limits", tmp_path / "x.json")
     assert (ended.exit_code, "is not a file of control limits" in ended.stderr) == (4, True)
 
 
@@ -278,15 +275,15 @@ def test_series_of_several_runs_are_one_behind_the_other() -> None:
 
 
 def test_alarms_and_losses_of_a_run(home: Path) -> None:
-    ended = call("chart", home, "-m", "alarms", "--every", "2s")
+    ended = invoked("chart", home, "-m", "alarms", "--every", "2s")
     assert ended.exit_code == 0
     assert ended.stdout.startswith("alarms: 0 in 0.00")
     assert "u: centre 0" in ended.stdout
     assert (
         "There is 1 stretch; a chart of counts takes at least 10."
-        in call("chart", home, "-m", "alarms").stdout
+        in invoked("chart", home, "-m", "alarms").stdout
     )
-    assert call("chart", home, "-m", "losses").stdout.startswith("losses: ")
+    assert invoked("chart", home, "-m", "losses").stdout.startswith("losses: ")
 
 
 def test_a_pareto_ranks() -> None:
@@ -306,7 +303,7 @@ def test_rejects_by_day(tmp_path: Path) -> None:
         write_manifest(
             folder, replace(manifest, verdict="REJECT" if number == 4 else "ACCEPT", started=day)
         )
-    found = json.loads(call("chart", tmp_path, "-m", "rejects", "--json").stdout)["charts"][0]
+    found = json.loads(invoked("chart", tmp_path, "-m", "rejects", "--json").stdout)["charts"][0]
     assert (sum(found["counts"]), sum(found["sizes"]), found["names"][4]) == (
         1.0,
         12.0,
@@ -329,7 +326,7 @@ def test_rejects_by_day(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_usage(home: Path, words: tuple[str, ...], said: str) -> None:
-    ended = call("chart", home, *words)
+    ended = invoked("chart", home, *words)
     assert (ended.exit_code, said in ended.stderr) == (2, True)
 
 

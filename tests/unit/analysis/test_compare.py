@@ -8,15 +8,15 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from jbclog.analysis import spc
 from jbclog.analysis.compare import Comparison, compare
 from jbclog.analysis.run import open_run
-from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record.manifest import read_manifest, write_manifest
 from support.faults.hostile_names import HOSTILE, MOVES
+from support.invoked import invoked
 from support.records import few_rows, small_run
 from support.records.many_runs import one_run, told
 from support.records.sealed_run import RECIPE, limit
@@ -61,7 +61,7 @@ def compared(home: Path, first: int, second: int, margin: float = 2.0) -> Compar
 
 
 def on_line(*words: str | Path) -> Result:
-    return CliRunner().invoke(app, ["compare", *map(str, words)])
+    return invoked("compare", *words)
 
 
 def test_two_that_are_alike_differ_in_nothing_and_idle_the_same(home: Path) -> None:

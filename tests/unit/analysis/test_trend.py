@@ -11,16 +11,16 @@ from shutil import copytree
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from jbclog.analysis import run_metrics, spc
 from jbclog.analysis.opening import open_runs
 from jbclog.analysis.run import Run
 from jbclog.analysis.stored_tables import MetricRow
 from jbclog.analysis.trend import metric_unit, title_of, trends
-from jbclog.cli.app import app
 from jbclog.core.errors import UsageError
 from jbclog.record.manifest import NAME, read_manifest, write_manifest
+from support.invoked import invoked
 from support.records.many_runs import many_runs, one_run, told
 
 STEADY = list(np.random.default_rng(5).normal(1.5, 0.8, 30))
@@ -53,7 +53,7 @@ def _measured_once() -> Iterator[None]:
 
 
 def trend(*words: str | Path) -> Result:
-    return CliRunner().invoke(app, ["trend", *map(str, words)])
+    return invoked("trend", *words)
 
 
 def test_a_point_is_a_runs_metric_in_the_order_of_the_runs(home: Path) -> None:

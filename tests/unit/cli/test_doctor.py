@@ -6,12 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.app import doctor
 from jbclog.app.port_access import PortAccess
-from jbclog.cli.app import app
 from jbclog.core.serial_line import LineFormat
+from support.invoked import invoked
 from support.links.uart_ports import Cable, Silence, access_to, station_cable
 
 LINE = '[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "/dev/ttyJBC"\nfamily = "dde"\n'
@@ -28,7 +27,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def said(*options: str, access: PortAccess | None = None) -> tuple[int, list[str]]:
-    ended = CliRunner().invoke(app, ["doctor", *options], obj=access)
+    ended = invoked("doctor", *options, obj=access)
     return ended.exit_code, ended.stdout.splitlines()
 
 

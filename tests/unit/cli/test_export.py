@@ -12,21 +12,20 @@ from pathlib import Path
 
 import pytest
 from click.testing import Result
-from typer.testing import CliRunner
 
 import jbclog
 from jbclog.app.export import csv_files, qdas
-from jbclog.cli.app import app
 from jbclog.record.annotations import append
 from jbclog.record.check import check
 from jbclog.record.recover import recover
+from support.invoked import invoked
 from support.records import alarm_series, few_rows, small_run
 
 FORMATS = ("csv", "xlsx", "mf4", "qdas")
 
 
 def export(*words: str | Path) -> Result:
-    return CliRunner().invoke(app, ["export", *map(str, words)])
+    return invoked("export", *words)
 
 
 def seen(folder: Path) -> dict[str, bytes]:

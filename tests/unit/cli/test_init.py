@@ -9,20 +9,20 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from jbclog.cli.app import app
 from jbclog.config.line import load_line
 from jbclog.config.load_recipe import load_recipe
 from jbclog.core.outcome import Exit
 from jbclog.protocol.commands.family import FAMILIES
+from support.invoked import invoked
 from support.virtual.served_line import ServedLine
 
 HAND = ["hand", "dde", "/dev/ttyUSB7", "", "no", "first", "355"]
 
 
 def answered(folder: Path, answers: list[str]) -> Result:
-    return CliRunner().invoke(app, ["init", str(folder)], input="\n".join([*answers, ""]))
+    return invoked("init", folder, input="\n".join([*answers, ""]))
 
 
 @pytest.mark.parametrize("family", sorted(FAMILIES))
@@ -38,7 +38,7 @@ def test_each_family_gets_files_that_are_taken(tmp_path: Path, family: str) -> N
     )
     assert station.recipe == tmp_path / "recipe.toml"
     assert load_recipe(tmp_path / "recipe.toml").families == (family,)
-    planned = CliRunner().invoke(app, ["plan", "--line", str(tmp_path / "line.toml")])
+    planned = invoked("plan", "--line", tmp_path / "line.toml")
     assert planned.exit_code == 0, planned.output
 
 
@@ -134,7 +134,7 @@ def test_tips_hot_air_and_omega_have_a_recipe_each(tmp_path: Path) -> None:
         "jtse": "recipe-hot-air.toml",
         "omega": "recipe-omega.toml",
     }
-    assert CliRunner().invoke(app, ["plan", "--line", str(tmp_path / "line.toml")]).exit_code == 0
+    assert invoked("plan", "--line", tmp_path / "line.toml").exit_code == 0
 
 
 @pytest.mark.parametrize("name", ["line.toml", "recipe.toml"])

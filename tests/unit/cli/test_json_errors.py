@@ -8,11 +8,10 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.cli import output
-from jbclog.cli.app import app
 from jbclog.core.text import clean
+from support.invoked import invoked
 from support.readers.command_line import VERBS
 
 WITH_JSON = sorted(verb for verb, options in VERBS.items() if "--json" in options)
@@ -63,7 +62,7 @@ GONE = {
 
 
 def refused(*arguments: str) -> tuple[dict[str, object], str]:
-    ended = CliRunner().invoke(app, [*arguments, "--json"])
+    ended = invoked(*arguments, "--json")
     (line,) = ended.stdout.splitlines()
     told = json.loads(line)
     assert set(told) == {"error", "problems", "exit_code"}

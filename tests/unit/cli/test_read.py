@@ -6,14 +6,13 @@ import json
 import re
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.app import connection
-from jbclog.cli.app import app
 from jbclog.core.errors import WriteForbidden
 from jbclog.core.io_requests import Steps
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.manual.contact import open_contact
+from support.invoked import invoked
 from support.oracles.printed_omega import PageOmega
 from support.virtual.manual import Make, station_text
 
@@ -387,7 +386,7 @@ def test_without_a_name_the_names_are_listed(make: Make) -> None:
 
 @pytest.mark.parametrize("verb", ["read", "write"])
 def test_help_lists_every_name_of_every_family(verb: str) -> None:
-    told = CliRunner().invoke(app, [verb, "--help"]).stdout.partition("Names")[2]
+    told = invoked(verb, "--help").stdout.partition("Names")[2]
     words = set(re.findall(r"[a-z_]+", told))
     names = {
         name

@@ -6,14 +6,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from typer.testing import CliRunner
-
-from jbclog.cli.app import app
+from support.invoked import invoked
 from support.records.few_rows import abandoned
 
 
 def shown(folder: Path) -> list[str]:
-    ended = CliRunner().invoke(app, ["recover", str(folder)])
+    ended = invoked("recover", folder)
     assert ended.exit_code == 0, ended.output
     return ended.stdout.splitlines()
 

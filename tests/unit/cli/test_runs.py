@@ -8,10 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from jbclog.analysis.verdict import Verdict
-from jbclog.cli.app import app
 from jbclog.cli.runs import STATES, VERDICTS, moment
 from jbclog.core.errors import UsageError
 from jbclog.core.rows import StationFacts
@@ -25,6 +24,7 @@ from jbclog.record.manifest import (
     Unit,
     write_manifest,
 )
+from support.invoked import invoked
 
 RUN = "20261121T013000Z-bench-3-k7qd"
 FULL = Manifest(
@@ -52,7 +52,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def told(*arguments: str) -> Result:
-    return CliRunner().invoke(app, ["runs", *arguments])
+    return invoked("runs", *arguments)
 
 
 def test_a_run_is_a_row_with_its_folder_last(runs: Path) -> None:
@@ -195,22 +195,19 @@ def test_no_time_is_none() -> None:
 
 
 def test_a_serial_told_late_is_found_and_the_record_is_as_it_was(runs: Path) -> None:
-    said = CliRunner().invoke(
-        app,
-        [
-            "annotate",
-            f"runs/{RUN}",
-            "--unit",
-            " SN-7 ",
-            "--by",
-            "A. Rossi",
-            "--reason",
-            "the reader was off",
-        ],
+    said = invoked(
+        "annotate",
+        f"runs/{RUN}",
+        "--unit",
+        " SN-7 ",
+        "--by",
+        "A. Rossi",
+        "--reason",
+        "the reader was off",
     )
     assert said.exit_code == 0, said.output
     assert "SN-7 +2" in told("--unit", "SN-7").stdout
-    shown = CliRunner().invoke(app, ["annotate", f"runs/{RUN}"]).stdout
+    shown = invoked("annotate", f"runs/{RUN}").stdout
     assert "A. Rossi: unit SN-7 (the reader was off)" in shown
     assert not any("annotations" in str(finding) for finding in check(runs / RUN))
 
@@ -224,7 +221,7 @@ def test_a_serial_told_late_is_found_and_the_record_is_as_it_was(runs: Path) -> 
     ],
 )
 def test_a_serial_told_late_wants_who_and_why(runs: Path, arguments: list[str]) -> None:
-    assert CliRunner().invoke(app, ["annotate", f"runs/{RUN}", *arguments]).exit_code == 2
+    assert invoked("annotate", f"runs/{RUN}", *arguments).exit_code == 2
     assert not (runs / RUN / "annotations.jsonl").exists()
 
 
@@ -239,7 +236,7 @@ def test_a_serial_told_late_wants_who_and_why(runs: Path, arguments: list[str]) 
     ],
 )
 def test_a_note_names_all_that_it_lacks(runs: Path, given: list[str], why: str) -> None:
-    refused = CliRunner().invoke(app, ["annotate", f"runs/{RUN}", *given])
+    refused = invoked("annotate", f"runs/{RUN}", *given)
     assert refused.exit_code == 2
     assert " ".join(refused.stderr.split()) == f"error: annotate: {why}; nothing was added"
     assert not (runs / RUN / "annotations.jsonl").exists()
@@ -256,7 +253,7 @@ def test_a_note_names_all_that_it_lacks(runs: Path, given: list[str], why: str) 
 def test_help_marks_what_a_part_of_a_command_needs(
     verb: str, options: list[str], when: str
 ) -> None:
-    shown = CliRunner().invoke(app, [verb, "--help"], terminal_width=200).stdout
+    shown = invoked(verb, "--help", terminal_width=200).stdout
     for option in options:
         (line,) = (line for line in shown.splitlines() if line.strip().startswith(option))
         assert line.endswith(f"[required {when}]")

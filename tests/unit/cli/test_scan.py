@@ -6,12 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from jbclog.cli.app import app
 from jbclog.cli.scan import _addresses, _ports
 from jbclog.core.errors import UsageError
 from jbclog.core.serial_line import LineFormat
+from support.invoked import invoked
 from support.links.uart_ports import Cable, Echo, Silence, access_to, station_cable
 
 
@@ -57,7 +56,7 @@ def test_a_port_with_two_names_is_asked_once(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_url_of_a_port_is_wrong_usage(url: str, why: str) -> None:
-    ended = CliRunner().invoke(app, ["scan", url])
+    ended = invoked("scan", url)
     assert ended.exit_code == 2
     assert why in ended.stderr
     assert (
@@ -68,7 +67,7 @@ def test_what_is_no_url_of_a_port_is_wrong_usage(url: str, why: str) -> None:
 
 def said(cables: dict[str, Cable], *options: str) -> tuple[int, str]:
     """Exit code and stdout of a scan of these cables' urls."""
-    ended = CliRunner().invoke(app, ["scan", *options, *cables], obj=access_to(cables))
+    ended = invoked("scan", *options, *cables, obj=access_to(cables))
     return ended.exit_code, ended.stdout
 
 

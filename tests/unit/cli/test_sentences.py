@@ -6,9 +6,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from jbclog.cli.app import app
+from support.invoked import invoked
 
 STATION = '[[station]]\nname = "dde-{0}"\nurl = "nowhere-{0}"\nfamily = "dde"\nports = [1]\n'
 LINE = '[line]\nname = "bench"\n' + STATION.format(1) + STATION.format(2)
@@ -28,7 +27,7 @@ def planned(
     recipe: str = "job.toml", line: str = "line.toml", *, verb: str = "plan", code: int = 2
 ) -> list[str]:
     """The lines that a call puts on stderr."""
-    ended = CliRunner().invoke(app, [verb, recipe, "--line", line])
+    ended = invoked(verb, recipe, "--line", line)
     assert ended.exit_code == code, ended.output
     return ended.stderr.splitlines()
 

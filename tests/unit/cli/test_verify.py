@@ -10,13 +10,12 @@ from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from jbclog.cli.app import app
 from jbclog.core.rows import StationFacts
 from jbclog.maintenance.verification import NAME, Given, keep, own_of, read_book, verify
 from jbclog.record.manifest import LineFile, Manifest, Metadata, iso, write_manifest
 from support.faults.hostile_names import HOSTILE, MOVES
+from support.invoked import invoked
 from support.virtual.manual import Bench, Ended, Make, says, station_text
 
 SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", "A. Rossi")
@@ -199,9 +198,7 @@ def ran(out: Path, day: float, hours: float = 1.0, **said: object) -> str:
 
 
 def used(out: Path, *words: str) -> tuple[list[str], dict[str, object]]:
-    ended = CliRunner().invoke(
-        app, ["where-used", str(out), "--station", "dde-1", "--json", *words]
-    )
+    ended = invoked("where-used", out, "--station", "dde-1", "--json", *words)
     told = json.loads(ended.stdout)
     return [Path(run["run"]).name for run in told["runs"]], {**told, "code": ended.exit_code}
 
@@ -246,7 +243,7 @@ def test_of_the_tip_that_failed_though_no_tip_was_asked_for_and_also_in_another_
 def test_under_a_mistyped_name_nothing_is_cleared(tmp_path: Path) -> None:
     checked(tmp_path, 0, "fail")
     ran(tmp_path, 1)
-    ended = CliRunner().invoke(app, ["where-used", str(tmp_path), "--station", "dde1"])
+    ended = invoked("where-used", tmp_path, "--station", "dde1")
     assert ended.exit_code == 2
     assert "dde1: no run in" in ended.stderr
     assert "known stations: dde-1" in ended.stderr
@@ -282,7 +279,7 @@ def test_what_cannot_be_read_is_told_and_ends_with_1(tmp_path: Path) -> None:
 def test_without_a_known_verification_too_an_unreadable_run_is_named(tmp_path: Path) -> None:
     (tmp_path / "torn").mkdir()
     (tmp_path / "torn" / "manifest.json").write_text("{")
-    ended = CliRunner().invoke(app, ["where-used", str(tmp_path), "--station", "dde-1"])
+    ended = invoked("where-used", tmp_path, "--station", "dde-1")
     assert (
         ended.exit_code,
         "No verification is known." in ended.output,
@@ -294,6 +291,6 @@ def test_without_a_known_verification_too_an_unreadable_run_is_named(tmp_path: P
 def test_hostile_texts_do_not_steer_the_terminal(tmp_path: Path, name: str) -> None:
     checked(tmp_path, 0, "fail", tip=HOSTILE[name] or "-")
     ran(tmp_path, 1, tips=[f"dde-1:1={HOSTILE[name]}"], order=HOSTILE[name], units=[HOSTILE[name]])
-    ended = CliRunner().invoke(app, ["where-used", str(tmp_path), "--station", "dde-1"])
+    ended = invoked("where-used", tmp_path, "--station", "dde-1")
     assert ended.exit_code == 0
     assert not MOVES.search(ended.stdout + ended.stderr)

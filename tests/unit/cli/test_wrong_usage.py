@@ -7,11 +7,10 @@ import socket
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.cli import main
-from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest
+from support.invoked import invoked
 from support.records.few_rows import table
 
 LINE = (
@@ -32,7 +31,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def refused(*arguments: str) -> str:
     """What a call says that ends with 2."""
-    ended = CliRunner().invoke(app, arguments)
+    ended = invoked(*arguments)
     assert (ended.exit_code, ended.stdout) == (2, ""), ended.output
     assert "internal error" not in ended.stderr
     return ended.stderr
@@ -84,7 +83,7 @@ def test_a_tip_is_in_a_tool_of_this_run(place: Path, tip: str) -> None:
 
 def test_a_dry_run_asks_for_nothing_and_says_what_run_will_ask_for(place: Path) -> None:
     (place / "job.toml").write_text(f'{RECIPE}[metadata]\nrequired = ["operator", "wire_lot"]\n')
-    planned = CliRunner().invoke(app, ["plan", "job.toml", "--line", "line.toml"])
+    planned = invoked("plan", "job.toml", "--line", "line.toml")
     assert planned.exit_code == 0
     assert "note: job.toml requires --operator … --wire-lot …: give it to `run`\n" in planned.stderr
 
@@ -124,20 +123,17 @@ def test_serials_from_nowhere(place: Path, name: str) -> None:
 
 def test_a_list_of_serials_names_the_units_of_the_run(place: Path) -> None:
     (place / "serials.txt").write_bytes(b"\xef\xbb\xbfSN-1\r\nSN-2\r\n\r\nSN-1")
-    ended = CliRunner().invoke(
-        app,
-        [
-            "run",
-            "job.toml",
-            "--line",
-            "line.toml",
-            "--units",
-            "serials.txt",
-            "--unit",
-            "SN-0",
-            "--duration",
-            "1s",
-        ],
+    ended = invoked(
+        "run",
+        "job.toml",
+        "--line",
+        "line.toml",
+        "--units",
+        "serials.txt",
+        "--unit",
+        "SN-0",
+        "--duration",
+        "1s",
     )
     assert ended.exit_code == 3  # the station is not there
     manifest = read_manifest(next((place / "runs").iterdir()))
@@ -148,26 +144,21 @@ def test_a_recipe_that_requires_a_unit_and_none_that_is_read(place: Path) -> Non
     (place / "job.toml").write_text(f'{RECIPE}[metadata]\nrequired = ["unit"]\n')
     assert "give --unit …" in refused("run", "job.toml", "--line", "line.toml")
     os.mkfifo(place / "serials")
-    CliRunner().invoke(
-        app, ["run", "job.toml", "--line", "line.toml", "--units", "serials", "--duration", "1s"]
-    )
+    invoked("run", "job.toml", "--line", "line.toml", "--units", "serials", "--duration", "1s")
     events = table(next((place / "runs").iterdir()), "events")
     assert "unit.missing" in events["kind"].to_pylist()
 
 
 def test_names_of_people_may_have_any_letters(place: Path) -> None:
-    said = CliRunner().invoke(
-        app,
-        [
-            "run",
-            "job.toml",
-            "--line",
-            "line.toml",
-            "--operator",
-            "Łucja Ångström 陳",
-            "--duration",
-            "1s",
-        ],
+    said = invoked(
+        "run",
+        "job.toml",
+        "--line",
+        "line.toml",
+        "--operator",
+        "Łucja Ångström 陳",
+        "--duration",
+        "1s",
     )
     assert said.exit_code == 3  # the station is not there, and that is all
     assert len(list((place / "runs").iterdir())) == 1
@@ -208,7 +199,7 @@ def test_a_folder_that_is_no_runs(place: Path, verb: tuple[str, ...]) -> None:
         (".", "not a run"),
         ("job.toml", "no such folder"),
     ):
-        ended = CliRunner().invoke(app, [*verb, folder])
+        ended = invoked(*verb, folder)
         assert ended.exit_code == 2
         assert why in ended.stderr
         assert "runs are in `runs/`" in ended.stderr
@@ -221,7 +212,7 @@ def test_a_run_that_was_cut_off_at_its_very_start(
     run = place / "20261121T013000Z-bench-k7qd"
     run.mkdir()
     for folder in (run.name, "."):
-        ended = CliRunner().invoke(app, [*verb, folder])
+        ended = invoked(*verb, folder)
         assert ended.exit_code == 4
         assert f"finish it with `jbclog recover {folder}`" in ended.stderr
         monkeypatch.chdir(run)
@@ -261,7 +252,7 @@ def test_nothing_is_written_into_a_pipe_that_nobody_may_ever_read(
 )
 def test_a_link_to_itself_is_no_internal_error(place: Path, words: tuple[str, ...]) -> None:
     (place / "loop").symlink_to("loop")
-    ended = CliRunner().invoke(app, words)
+    ended = invoked(*words)
     assert ended.exit_code in range(1, 5)
     assert "internal error" not in ended.stderr
     assert "error: " in ended.stderr

@@ -6,11 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from jbclog.cli.app import app
 from jbclog.maintenance.counter_totals.observed import Count, Fact, Observation
 from jbclog.maintenance.ledger import add, read_book
+from support.invoked import invoked
 
 AT = "2026-11-21T06:17:00.000+00:00"
 DONE = ("--task", "tip-change", "--tip", "T-17", "--port", "1", "--by", "A. Rossi")
@@ -29,7 +29,7 @@ def ledger(tmp_path: Path) -> Path:
 
 
 def call(*words: str | Path) -> Result:
-    return CliRunner().invoke(app, ["maintenance", *map(str, words)])
+    return invoked("maintenance", *words)
 
 
 def test_a_fact_is_kept_as_it_was_told(ledger: Path) -> None:

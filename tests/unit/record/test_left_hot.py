@@ -12,9 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from jbclog.cli.app import app
 from jbclog.core.rows import StationFacts
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.open_leases import settle
@@ -28,6 +26,7 @@ from jbclog.record.guard_actions import LEASE
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import row_groups
 from jbclog.record.recover import Outcome, recover
+from support.invoked import invoked
 from support.records import few_rows
 
 TOUCHED = replace(few_rows.facts(), touched=[1, 2], asked_safe_state="stand")
@@ -124,7 +123,7 @@ def test_a_lease_that_cannot_be_read_is_no_closed_one(
     assert not done.is_safe
     assert "lease.json cannot be read (" in done.text
     assert "which tools of this run may still be hot is not known" in done.text
-    assert CliRunner().invoke(app, ["recover", str(folder)]).exit_code == 5
+    assert invoked("recover", folder).exit_code == 5
     (found,) = settle(folder.parent, {"nowhere"}, lambda _: False)
     assert not found.is_safe
     assert f"whether run {folder.name} left tools hot is not known" in found.text
@@ -168,7 +167,7 @@ def test_what_the_guard_logged_as_safe_is_known_although_its_lease_is_open(left:
     assert read_manifest(folder).stations[0].safe_state == {1: "verified", 2: "verified"}
     assert check(folder) == []
     assert [name for name, _ in uncovered(folder, None)] == [LEASE]
-    assert CliRunner().invoke(app, ["recover", str(folder)]).exit_code == 0
+    assert invoked("recover", folder).exit_code == 0
     with follow(folder) as follower:
         assert not any("may still be hot" in one for one in follower.poll().problems)
     assert conclude.left_leases(folder)["a"].ports == (1, 2)
@@ -215,7 +214,7 @@ def test_what_the_guard_did_not_log_last_stays_not_known(
     assert ([port for port, _, _ in told(folder)], read_manifest(folder).exit_code) == (hot, 5)
     assert not read_manifest(folder).stations[0].safe_state.keys() & {*hot}
     assert check(folder) == []
-    assert CliRunner().invoke(app, ["recover", str(folder)]).exit_code == 5
+    assert invoked("recover", folder).exit_code == 5
 
 
 def test_a_tool_that_the_recorder_itself_made_safe_before_both_were_killed_is_known(
@@ -308,12 +307,12 @@ def test_a_recovery_that_is_cut_off_and_done_again_tells_it_once(
 
 def test_recover_ends_with_5_until_the_lease_is_closed(left: Left) -> None:
     folder = left(TOUCHED, lease(1, 2))
-    codes = [CliRunner().invoke(app, ["recover", str(folder)]) for _ in range(2)]
+    codes = [invoked("recover", folder) for _ in range(2)]
     assert [ended.exit_code for ended in codes] == [5, 5]
     assert "already finished; nothing was changed." in codes[1].stdout
     assert "Tools of a may still be hot" in codes[1].stdout
     (folder / LEASE).unlink()
-    ended = CliRunner().invoke(app, ["recover", str(folder), "--json"])
+    ended = invoked("recover", folder, "--json")
     assert ended.exit_code == 0
     (run,) = json.loads(ended.stdout)["runs"]
     assert (run["outcome"], run["safe"]) == (Outcome.WHOLE, True)
@@ -324,5 +323,5 @@ def test_recover_ends_with_5_where_the_guard_could_not_make_a_tool_safe(left: Le
     action_log = ActionLog(folder)
     action_log.write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
     action_log.write("safety.not_safe", "critical", "The tool could not be made safe.", "a", 2)
-    assert CliRunner().invoke(app, ["recover", str(folder)]).exit_code == 5
+    assert invoked("recover", folder).exit_code == 5
     assert (told(folder), read_manifest(folder).exit_code) == ([], 5)

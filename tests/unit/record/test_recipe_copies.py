@@ -9,13 +9,12 @@ from pathlib import Path
 from shutil import copytree
 
 import pytest
-from typer.testing import CliRunner
 
-from jbclog.cli.app import app
 from jbclog.core.errors import Problems
 from jbclog.core.foreign.files import NotReadable
 from jbclog.record.folder import joints_asked, recipe_copies, recipe_copy
 from jbclog.record.manifest import read_manifest
+from support.invoked import invoked
 from support.records.small_run import make_run
 
 
@@ -63,7 +62,7 @@ def test_a_bomb_in_their_place_is_no_recipe(made: Path, tmp_path: Path, bomb: st
 @pytest.mark.parametrize("verb", ["check", "report --verify", "report", "replay", "compare"])
 def test_each_verb_answers_in_a_line(linked: Path, verb: str) -> None:
     words = [*verb.split(), str(linked), *([str(linked)] if verb == "compare" else [])]
-    result = CliRunner().invoke(app, words)
+    result = invoked(*words)
     assert "internal error" not in result.output
     assert not isinstance(result.exception, OSError)
     if verb in ("check", "report --verify"):

@@ -11,14 +11,13 @@ import shutil
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.analysis.run import open_run
-from jbclog.cli.app import app
 from jbclog.record.annotations import read
 from jbclog.record.check import check
 from jbclog.record.recover import Outcome, recover
 from jbclog.report.write import write_report
+from support.invoked import invoked
 from support.records.release_corpus import HOME, SECONDS, TABLES, noted
 
 RELEASES = sorted(path.name for path in HOME.iterdir())
@@ -68,7 +67,7 @@ def test_a_sealed_run_agrees_and_gives_a_report(release: str, tmp_path: Path) ->
     folder = copy_of(release, "sealed", tmp_path)
     assert check(folder) == []
     # which holds its verdict against its record, too
-    assert CliRunner().invoke(app, ["check", str(folder)]).exit_code == 0
+    assert invoked("check", folder).exit_code == 0
     assert recover(folder).outcome is Outcome.WHOLE
     assert write_report(folder).is_file()
     assert check(folder) == []

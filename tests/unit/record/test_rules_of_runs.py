@@ -10,16 +10,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.analysis import rule_versions as versions
 from jbclog.analysis.rejudge import check_verdict, judge_again
 from jbclog.analysis.rule_versions import Version
 from jbclog.analysis.verdict import RULES
-from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.report.verify import verified
 from jbclog.report.write import write_report
+from support.invoked import invoked
 from support.records.verdict_corpus import HOME, judged, unpack
 
 ARCHIVES = sorted(HOME.glob("*/*.tar.xz"))
@@ -51,7 +50,7 @@ def run_of(name: str, out: Path) -> Path:
 
 
 def said_by(*words: object) -> tuple[int, str]:
-    result = CliRunner().invoke(app, [str(word) for word in words])
+    result = invoked(*words)
     return result.exit_code, result.output
 
 

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.analysis.run import open_run
-from jbclog.cli.app import app
 from jbclog.record.annotations import append, vouch
 from jbclog.report import agreement
 from jbclog.report.agreement import differences
 from jbclog.report.write import write_report
+from support.invoked import invoked
 from support.records.small_run import make_run
 
 COMPUTED = {
@@ -140,7 +139,7 @@ def test_check_names_what_was_changed_with_its_line(
 ) -> None:
     change, said = CHANGES[what]
     vouched_anew(run, report, change)
-    ended = CliRunner().invoke(app, ["check", str(run)])
+    ended = invoked("check", run)
     assert ended.exit_code == 1
     assert any(
         line.startswith("report.json: ") and said in line for line in ended.stdout.splitlines()
@@ -151,7 +150,7 @@ def test_a_report_that_claims_another_maker_is_not_covered(
     run: Path, report: dict[str, Any]
 ) -> None:
     vouched_anew(run, report, lambda said: said.update(jbclog="99.0.0"))
-    ended = CliRunner().invoke(app, ["check", str(run)])
+    ended = invoked("check", run)
     assert ended.exit_code == 0
     assert "not covered: report.json: made by jbclog 99.0.0 with rules" in ended.stdout
     assert "no differences in what is covered; 1 file not covered" in ended.stdout

@@ -10,15 +10,14 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from deltalake import DeltaTable
-from typer.testing import CliRunner
 
 import jbclog
 from jbclog.analysis.store.place import Place
 from jbclog.analysis.store.reader import Store
 from jbclog.analysis.store.schema import DATA
 from jbclog.analysis.trend import trends
-from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
+from support.invoked import invoked
 from support.lazy import duckdb
 from support.lazy import polars as pl
 from support.readers.texts import ROOT
@@ -42,7 +41,7 @@ def place(home: Path, tmp_path_factory: pytest.TempPathFactory) -> Place:
 
 
 def said(*words: object) -> dict[str, object]:
-    ended = CliRunner().invoke(app, [*map(str, words), "--json"])
+    ended = invoked(*words, "--json")
     assert ended.exit_code == 0, ended.output
     return json.loads(ended.stdout)
 
@@ -105,9 +104,7 @@ def test_the_same_trend(home: Path, place: Place, metric: str) -> None:
 
 
 def test_the_same_list(home: Path, place: Place) -> None:
-    here, there = (
-        CliRunner().invoke(app, ["runs", str(folder)]).stdout for folder in (home, place.url)
-    )
+    here, there = (invoked("runs", folder).stdout for folder in (home, place.url))
     assert there.replace(place.url, "") == here.replace(str(home), "")
     assert len(there.splitlines()) == RUNS + 1
 
@@ -127,8 +124,7 @@ def test_the_same_charts(home: Path, place: Place, one: bool) -> None:
     name = f"/{jbclog.open_runs(home)[0].name}" if one else ""
     metric = "dwell_s" if one else "idle_error_c"
     here, there = (
-        CliRunner().invoke(app, ["chart", f"{folder}{name}", "--metric", metric])
-        for folder in (home, place.url)
+        invoked("chart", f"{folder}{name}", "--metric", metric) for folder in (home, place.url)
     )
     assert (there.exit_code, there.output) == (
         here.exit_code,
@@ -148,7 +144,7 @@ def test_the_same_uses_of_a_tip(home: Path, place: Place) -> None:
 
 
 def test_a_store_has_no_verifications(place: Place) -> None:
-    ended = CliRunner().invoke(app, ["where-used", place.url, "--station", "dde-1"])
+    ended = invoked("where-used", place.url, "--station", "dde-1")
     assert ended.exit_code == 2
     assert "--verifications" in ended.output
 

@@ -21,7 +21,6 @@ from typing import Any
 
 import msgspec
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.analysis.opening import open_runs
 from jbclog.analysis.run import open_run
@@ -32,7 +31,6 @@ from jbclog.analysis.trend import trends
 from jbclog.app.index import index_file, run_index
 from jbclog.app.index.index_file import NAME, IndexFile
 from jbclog.app.index.run_index import FOUND, RunIndex
-from jbclog.cli.app import app
 from jbclog.core.locks import FolderLock
 from jbclog.core.rows import TABLES
 from jbclog.maintenance.suspect_runs import where_used
@@ -46,6 +44,7 @@ from jbclog.record.manifest import (
     read_manifest,
     write_manifest,
 )
+from support.invoked import invoked
 from support.records import many_runs
 
 SINCE = datetime(2000, 1, 1, tzinfo=UTC)
@@ -384,12 +383,12 @@ def test_the_commands_print_the_same(home: Path, tmp_path: Path) -> None:
         ["trend", str(home)],
         ["where-used", str(home), *USED],
     ):
-        direct = CliRunner().invoke(app, [*words, "--no-cache"])
+        direct = invoked(*words, "--no-cache")
         assert direct.exit_code == 0, direct.output
         for _ in range(2):
-            assert CliRunner().invoke(app, words).output == direct.output
+            assert invoked(*words).output == direct.output
         index_path(tmp_path).write_bytes(b"SQLite format 3\0 and nothing else")
-        assert CliRunner().invoke(app, words).output == direct.output
+        assert invoked(*words).output == direct.output
 
 
 USED = ("--station", "dde-1", "--since", "2020-01-01")

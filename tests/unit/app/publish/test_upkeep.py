@@ -18,7 +18,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 from deltalake import DeltaTable, write_deltalake
-from typer.testing import CliRunner
 
 import jbclog
 from jbclog.analysis.run import Run
@@ -31,9 +30,9 @@ from jbclog.app.publish.commits import create_tables, fence
 from jbclog.app.publish.lease import Lease, live
 from jbclog.app.publish.publisher import Publisher, Result
 from jbclog.app.publish.upkeep import check, compact, vacuum
-from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record import annotations
+from support.invoked import invoked
 from support.records.many_runs import many_runs
 from support.records.plant_store import published
 
@@ -65,7 +64,7 @@ def files(place: Place, table: str) -> list[Path]:
 
 
 def on_line(*words: object) -> tuple[int, dict[str, object]]:
-    ended = CliRunner().invoke(app, [*map(str, words), "--json"])
+    ended = invoked(*words, "--json")
     return ended.exit_code, json.loads(ended.stdout)
 
 
@@ -112,14 +111,14 @@ def test_a_table_without_its_log_is_named(place: Place) -> None:
     assert [
         text for text in check(place, AT_ONCE).findings if "its table metrics is missing" in text
     ] != []
-    ended = CliRunner().invoke(app, ["trend", place.url])
+    ended = invoked("trend", place.url)
     assert ended.exit_code == 4
     assert "metrics is missing" in ended.output
 
 
 def test_metrics_that_lack_are_an_error_of_the_trend(place: Place, runs: list[Path]) -> None:
     DeltaTable(place.of("metrics")).delete(f"run = '{runs[1].name}' AND metric = 'recovery_s'")
-    ended = CliRunner().invoke(app, ["trend", place.url])
+    ended = invoked("trend", place.url)
     assert ended.exit_code == 4
     assert "metrics are incomplete" in ended.output
 
@@ -359,7 +358,7 @@ def test_a_store_of_a_newer_schema_is_refused(place: Place, runs: list[Path]) ->
         ["store", "check", place.url],
         ["publish", str(runs[0]), place.url],
     ):
-        ended = CliRunner().invoke(app, words)
+        ended = invoked(*words)
         assert ended.exit_code == 4
         assert "written with schema 2; this jbclog knows 1" in ended.output
 

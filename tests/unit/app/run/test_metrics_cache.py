@@ -19,7 +19,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.analysis.metrics.definitions import METHODS
 from jbclog.analysis.opening import open_runs
@@ -37,12 +36,12 @@ from jbclog.analysis.trend import trends
 from jbclog.analysis.verdict import RULES
 from jbclog.app.run import metrics_cache
 from jbclog.app.run.metrics_cache import OFF, start_metrics
-from jbclog.cli.app import app
 from jbclog.record.check import check
 from jbclog.record.cross_check import uncovered
 from jbclog.record.folder import METRICS_CACHE
 from jbclog.record.manifest import RunState, manifest_sha256, read_manifest
 from jbclog.report.write import write_report
+from support.invoked import invoked
 from support.records import release_corpus, small_run
 
 COMMAND = [sys.executable, "-P", "-m", "jbclog.app.run.metrics_cache"]
@@ -86,7 +85,7 @@ def test_check_lists_it_as_a_cache(run: Path) -> None:
     ]
     (run / METRICS_CACHE).rename(run / f".{METRICS_CACHE}.tmp")  # its writer was killed
     assert check(run) == []
-    ended = CliRunner().invoke(app, ["check", str(run)])
+    ended = invoked("check", run)
     assert ended.exit_code == 0
     assert f"not covered: .{METRICS_CACHE}.tmp: a cache" in ended.output
 

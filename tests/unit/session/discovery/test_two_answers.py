@@ -6,16 +6,15 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from jbclog.app import discovery
 from jbclog.app.doctor import Fine, look_at_stations
-from jbclog.cli.app import app
 from jbclog.config.line import load_line, parse_line
 from jbclog.core.serial_line import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import LEARNING_S, PortReport, ScanPlan, StationFound
 from support.clients.talk import framed
+from support.invoked import invoked
 from support.links.uart_ports import Cable, Coming, FarEnd, access_to, says, station_cable
 
 OTHERWISE = {"SMN": "  EEE", "SVR": "9.99", "SER": "00005", "CT2": "00000", "CT1": "00004"}
@@ -52,7 +51,7 @@ def test_one_answer_changes_nothing_of_a_line_file(code: str, tmp_path: Path) ->
     cable = station_cable("dde")
     says(cable, code, OTHERWISE[code])
     words = ["scan", "/dev/far", "--write", str(tmp_path / "line.toml")]
-    ended = CliRunner().invoke(app, words, obj=access_to({"/dev/far": cable}))
+    ended = invoked(*words, obj=access_to({"/dev/far": cable}))
     assert ended.exit_code == 0
     (spec,) = load_line(tmp_path / "line.toml").stations
     assert (spec.family, spec.address, spec.ports) == ("dde", 1, (1, 2))
@@ -165,7 +164,7 @@ def test_what_is_another_each_time_is_told_and_no_line_file_is_made_of_it(
     cable = station_cable("dde")
     says(cable, code, *data)
     words = ["scan", "/dev/far", "--write", str(tmp_path / "line.toml"), "--json"]
-    ended = CliRunner().invoke(app, words, obj=access_to({"/dev/far": cable}))
+    ended = invoked(*words, obj=access_to({"/dev/far": cable}))
     facts = json.loads(ended.stdout)
     assert (ended.exit_code, facts["written"], (tmp_path / "line.toml").exists()) == (
         1,
