@@ -11,17 +11,13 @@ import pytest
 from jbclog.analysis.spc.nelson import ALL_TESTS, DEFAULT_TESTS, FALSE_ALARMS
 from jbclog.core.foreign.files import GIB, KIB, LIMITS, MIB, Kind
 from support.readers.command_line import calls, wrong
-from support.readers.texts import DOCS, FENCE, ROOT
+from support.readers.texts import DOCS, FENCE, ROOT, text_of
 
 TESTS = ROOT / "tests"
 PAGES = sorted(DOCS.rglob("*.md"))
 every_page = pytest.mark.parametrize(
     "page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix()
 )
-
-
-def text_of(name: str) -> str:
-    return (DOCS / name).read_text(encoding="utf-8")
 
 
 def anchors(page: Path) -> set[str]:

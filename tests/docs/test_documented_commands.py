@@ -19,7 +19,7 @@ from jbclog.config.line import load_line
 from jbclog.core.rows import SAMPLE_COLUMNS
 from support import warm_command
 from support.command import started, until
-from support.readers.texts import DOCS, FENCE, ROOT, Demo, blocks
+from support.readers.texts import DOCS, FENCE, ROOT, Demo, blocks, text_of
 from support.warm_start import connected
 
 COMMAND = warm_command.__file__
@@ -47,10 +47,6 @@ SHORTER = {
 """What a test types in place of the page's words: shorter times, and what stands for a name of the
 reader's.
 """
-
-
-def text_of(name: str) -> str:
-    return (DOCS / name).read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")

@@ -1,16 +1,19 @@
-"""Libraries that make a disk or memory fail (`failing_disk.c`, `failing_alloc.c`), made once for
-the tests that need them.
+"""What several files here need, made once for each: libraries that make a disk or memory fail
+(`failing_disk.c`, `failing_alloc.c`), a served line, a process that forks for each call.
 """
 
 from __future__ import annotations
 
 import shutil
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from support.campaigns.foreign_matrix import Pairs
 from support.faults import failing_run
+from support.virtual.served_line import ServedLine
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 
@@ -34,3 +37,17 @@ def made(name: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     source = Path(failing_run.__file__).with_name(f"{name}.c")
     subprocess.run([COMPILER, "-O1", "-shared", "-fPIC", "-o", library, source, "-ldl"], check=True)
     return library
+
+
+@pytest.fixture(scope="module")
+def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
+    """Four stations that outlive all runs of a file, with their logs."""
+    with ServedLine(tmp_path_factory.mktemp("line"), logs=True) as served:
+        yield served
+
+
+@pytest.fixture(scope="module")
+def pairs() -> Iterator[Pairs]:
+    made = Pairs()
+    yield made
+    made.close()

@@ -36,12 +36,6 @@ TOOLS = 6
 SAFE_S = 5.0  # from the first commit that failed, which comes within a second
 
 
-@pytest.fixture(scope="module")
-def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
-    with ServedLine(tmp_path_factory.mktemp("line"), logs=True) as served:
-        yield served
-
-
 @contextmanager
 def sampling(line: ServedLine, out: Path) -> Iterator[subprocess.Popen[str]]:
     """A run with all tools at work and rows in its record."""

@@ -110,13 +110,6 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.fixture(scope="module")
-def pairs() -> Iterator[Pairs]:
-    made = Pairs()
-    yield made
-    made.close()
-
-
 class Place:
     """A copy of the folder of runs, with one file of one run replaced."""
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import os
 import shutil
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable
 from contextlib import closing
 from hashlib import blake2b
 from pathlib import Path
@@ -38,13 +38,6 @@ NEEDS = {
     ("runs", "long kept files"): ("compare",),
 }
 """What needs the file that is a bomb, for some; all need one of the table of runs."""
-
-
-@pytest.fixture(scope="module")
-def pairs() -> Iterator[Pairs]:
-    made = Pairs()
-    yield made
-    made.close()
 
 
 @pytest.fixture(scope="module")

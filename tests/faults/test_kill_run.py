@@ -17,7 +17,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -49,13 +49,6 @@ LEAST_STEPS = 20  # that every recovery takes
 DURATION_S = 2.0
 LATEST_S = {"start": 1.5, "questions": DURATION_S + 1.5}
 PROGRAM = [sys.executable, "-c", "from jbclog.cli import main; main()"]
-
-
-@pytest.fixture(scope="module")
-def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
-    """Four stations that outlive all runs here."""
-    with ServedLine(tmp_path_factory.mktemp("line"), logs=True) as served:
-        yield served
 
 
 @dataclass

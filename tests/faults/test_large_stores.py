@@ -28,13 +28,6 @@ from support.records import few_rows
 from support.records.small_run import make_run
 
 
-@pytest.fixture(scope="module")
-def pairs() -> Iterator[Pairs]:
-    made = Pairs()
-    yield made
-    made.close()
-
-
 def test_a_batch_larger_than_any_recorder_s_is_one_finding_and_blocks_no_other_run(
     tmp_path: Path, pairs: Pairs
 ) -> None:

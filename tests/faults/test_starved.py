@@ -15,7 +15,7 @@ import os
 import random
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -40,13 +40,6 @@ WAYS = [
 ]
 NAMES = [f"{who.replace(' ', '-')}-{'always' if many < 0 else many}" for who, many in WAYS]
 TRIALS = 40
-
-
-@pytest.fixture(scope="module")
-def line(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServedLine]:
-    """Four stations that outlive all runs here."""
-    with ServedLine(tmp_path_factory.mktemp("line"), logs=True) as served:
-        yield served
 
 
 def drawn(rng: random.Random, most: int) -> int:

@@ -12,6 +12,7 @@ from jbclog.core.rows import COLUMN, SIGNAL_COLUMNS, Severity
 from jbclog.protocol.commands.omega import ConditionRecord, SetTemperature
 from jbclog.sim.virtual import Reply
 from support.oracles.account import assert_account_holds, reasons_in
+from support.virtual.lines import fault
 from support.virtual.virtual_run import Memory, VirtualRun, prepare
 
 LINE = (
@@ -32,11 +33,6 @@ def asks_for(value: ConditionRecord) -> str:
 
 def prepared(sim: str = "", recipe: str = HEAD, keys: str = "", **more: object) -> VirtualRun:
     return prepare(LINE.format(sim=sim, keys=keys), recipe, **more)  # type: ignore[arg-type]  # options of `prepare`
-
-
-def fault(kind: str, **keys: object) -> str:
-    lines = "".join(f"{name} = {value!r}\n" for name, value in keys.items())
-    return f'\n[[station.sim.fault]]\nkind = "{kind}"\n{lines}'
 
 
 def also_says(run: VirtualRun, after_s: float, data: bytes) -> None:

@@ -22,7 +22,7 @@ from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.sim.process import SimProcess
 from support.campaigns.awaited import CAPTURE_LACKS, RECORDING_ENDS
-from support.command import RECIPE, is_sampling, jbclog, started, until
+from support.command import RECIPE, is_sampling, jbclog, only_run, started, until
 from support.invoked import invoked
 from support.readers.run_files import read_rows
 
@@ -70,11 +70,6 @@ SLOW = [
     "transformer_c",
     "transistor_c",
 ]
-
-
-def only_run(out: Path) -> Path:
-    (folder,) = out.iterdir()
-    return folder
 
 
 @contextmanager

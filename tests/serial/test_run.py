@@ -18,15 +18,10 @@ from jbclog.core.rows import SAMPLE_COLUMNS
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from jbclog.sim.process import SimProcess
-from support.command import RECIPE, WireLog, is_sampling, jbclog, started, until
+from support.command import RECIPE, WireLog, is_sampling, jbclog, only_run, started, until
 
 Bench = tuple[Path, WireLog]
 STAND = "WPS100001"
-
-
-def only_run(out: Path) -> Path:
-    (folder,) = out.iterdir()
-    return folder
 
 
 def test_a_run_leaves_the_folder_that_the_reference_describes(bench: Bench, tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ import pytest
 from jbclog.analysis.run import open_run
 from jbclog.record.check import check
 from jbclog.record.manifest import Manifest, read_manifest
-from support.command import RECIPE, WireLog, is_sampling, jbclog, until
+from support.command import RECIPE, WireLog, is_sampling, jbclog, only_run, until
 
 Bench = tuple[Path, WireLog]
 
@@ -31,11 +31,6 @@ Bench = tuple[Path, WireLog]
 def arguments(line: Path, out: Path, *more: str) -> list[str]:
     words = ["run", RECIPE, "--line", line, "--out", out, "-s", "ucr-1", "--rate", "5", *more]
     return [sys.executable, "-c", "from jbclog.cli import main; main()", *map(str, words)]
-
-
-def only_run(out: Path) -> Path:
-    (folder,) = out.iterdir()
-    return folder
 
 
 def told_of_units(out: Path, count: int) -> bool:

@@ -62,6 +62,12 @@ def started(*arguments: str | Path) -> subprocess.Popen[str]:
     return Warm(list(map(str, arguments)))
 
 
+def only_run(out: Path) -> Path:
+    """The folder of the run in a folder that has nothing else."""
+    (folder,) = out.iterdir()
+    return folder
+
+
 QUESTION = re.compile(rb"\x02\d{4}([RW][ -~]*)\x03", re.DOTALL)
 
 

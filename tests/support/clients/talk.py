@@ -17,6 +17,7 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.robot import Station
 from jbclog.transport.virtual import Peer, VirtualDriver
+from support.golden.form import with_check_byte
 
 T = TypeVar("T")
 C = TypeVar("C", bound=Client)
@@ -31,11 +32,7 @@ def framed(text: str, source: int | None = 1, target: int = 0) -> bytes:
     addresses.
     """
     addresses = "" if source is None else f"{source:02d}{target:02d}"
-    covered = b"\x02" + (addresses + text).encode() + b"\x03"
-    check = 0
-    for byte in covered:
-        check ^= byte
-    return covered + bytes([check])
+    return with_check_byte(b"\x02" + (addresses + text).encode() + b"\x03")
 
 
 class OtherEnd:

@@ -234,6 +234,7 @@ def aftermath(folder: Path) -> dict[str, object]:
 
 
 def contents(folder: Path) -> dict[str, str]:
+    """The files below a folder, each with its digest."""
     files = (path for path in folder.rglob("*") if path.is_file())
     return {
         str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()

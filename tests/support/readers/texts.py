@@ -14,6 +14,11 @@ FENCE = re.compile(r"^```([^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 PROSE = FENCE.sub("", README)
 
 
+def text_of(name: str) -> str:
+    """The text of a page below docs/."""
+    return (DOCS / name).read_text(encoding="utf-8")
+
+
 def blocks(language: str, text: str = README) -> list[str]:
     """The fenced blocks of a language, in order."""
     return [block for name, block in FENCE.findall(text) if name.split()[:1] == [language]]

@@ -4,7 +4,6 @@ changes nothing.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shutil
@@ -25,19 +24,12 @@ from jbclog.record.parts import part_paths
 from jbclog.record.recover import Outcome, recover, recover_all
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import META, Segment, segments
+from support.faults.crash import contents
 from support.links.small_wire import write_wire
 from support.records import few_rows
 
 JUDGED = '[recipe]\nname = "a"\n\n[acceptance]\ncoverage_percent = 99.5\n'
 PLAIN = '[recipe]\nname = "a"\n'
-
-
-def contents(folder: Path) -> dict[str, str]:
-    return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
 
 
 @pytest.fixture

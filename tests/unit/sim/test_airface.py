@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from functools import reduce
-from operator import xor
-
 import pytest
 
 from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import SimSpec
 from jbclog.sim.hotair import AirModel, AirStation
 from jbclog.sim.virtual import VirtualStation
-
-T0 = 1000.0
+from support.virtual.by_frame import T0, told
 
 
 def station(**sim: object) -> VirtualStation:
@@ -29,22 +25,6 @@ def physics(asked: VirtualStation) -> AirStation:
     face = asked.device.face
     assert isinstance(face, AirModel)
     return face.station
-
-
-def told(asked: VirtualStation, text: str, now: float = T0) -> str | None:
-    """What the station answers to a question with addresses, as text, its check byte seen to."""
-    replies = asked.receive(_frame("0001", text), now)
-    if not replies:
-        return None
-    (reply,) = replies
-    text = reply.data[5:-2].decode()
-    assert reply.data == _frame("0100", text)
-    return text
-
-
-def _frame(addresses: str, text: str) -> bytes:
-    covered = b"\x02" + (addresses + text).encode() + b"\x03"
-    return covered + bytes([reduce(xor, covered)])
 
 
 def test_its_name_is_filled_with_a_blank() -> None:

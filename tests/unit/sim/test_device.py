@@ -4,9 +4,6 @@
 
 from __future__ import annotations
 
-from functools import reduce
-from operator import xor
-
 import pytest
 
 from jbclog.config.line import StationSpec
@@ -15,8 +12,7 @@ from jbclog.core.errors import UsageError
 from jbclog.core.quantities import OFF
 from jbclog.sim.device import AcceptedWrite
 from jbclog.sim.virtual import VirtualStation
-
-T0 = 1000.0
+from support.virtual.by_frame import T0, frame, told
 
 
 def station(family: str = "dde", address: int = 1, **sim: object) -> VirtualStation:
@@ -29,22 +25,6 @@ def station(family: str = "dde", address: int = 1, **sim: object) -> VirtualStat
     return VirtualStation(
         StationSpec(name="s", url="s", family=family, address=address, sim=table), now=T0
     )
-
-
-def frame(text: str, addresses: str = "0001") -> bytes:
-    """A frame as the manual describes it, built without our encoder."""
-    covered = b"\x02" + addresses.encode() + text.encode() + b"\x03"
-    return covered + bytes([reduce(xor, covered)])
-
-
-def told(asked: VirtualStation, text: str, now: float = T0) -> str | None:
-    """What the station answers to a question with addresses, as text, its check byte seen to."""
-    replies = asked.receive(frame(text), now)
-    if not replies:
-        return None
-    (reply,) = replies
-    assert reply.data == frame(reply.data[5:-2].decode(), "0100")
-    return reply.data[5:-2].decode()
 
 
 # Printed in the manuals, or text printed there with the check byte computed: (question, answer)

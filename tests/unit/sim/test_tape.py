@@ -12,6 +12,7 @@ import pytest
 from jbclog.core.capture_rows import CaptureRow, LinkRow, LinkRowKind, ResultRow
 from jbclog.sim.recorded_exchanges import RecordedGrid, exchanges, retry_groups
 from jbclog.sim.replayed_station import ReplayedStation
+from support.golden.form import with_check_byte
 
 Q1, Q2, A1, A2, A3 = (
     b"\x02RTT1\x03a",
@@ -232,10 +233,7 @@ ASKED, ASLEEP = b"\x020001RPS1\x03\x60", b"\x020001WPS100100\x03\x05"
 
 def checked(question: bytes) -> bytes:
     """The question with its check byte, as the wire has it."""
-    covered, check = question[:-1], 0
-    for byte in covered:
-        check ^= byte
-    return covered + bytes([check])
+    return with_check_byte(question[:-1])
 
 
 def reading(number: int) -> bytes:

@@ -21,6 +21,7 @@ from jbclog.core.quantities import Value
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
 from support.clients.talk import Answer, Talk, framed
+from support.golden.form import with_check_byte
 
 ALE = FAMILIES["ale"].commands
 TIP, STATUS, FLAGS, SELECT = (
@@ -135,19 +136,11 @@ def test_a_value_does_not_acknowledge_a_write() -> None:
     "data", [b"0183", b"000183", b"0018x", b"00 83", b"1e100", b"+0183", b"0_183", b"-----"]
 )
 def test_data_that_is_not_five_digits_is_no_value(data: bytes) -> None:
-    covered = b"\x020100ATT1" + data + b"\x03"
-    wrong = covered + bytes([_xor(covered)])
+    wrong = with_check_byte(b"\x020100ATT1" + data + b"\x03")
     talk = Talk(replies=lambda text: [wrong if text == "RTT1" else "ASMN  ALE"])
     with pytest.raises(AnswerFormat):
         talk.do(read_tip)
     assert talk.end.heard.count("RTT1") == 3
-
-
-def _xor(covered: bytes) -> int:
-    check = 0
-    for byte in covered:
-        check ^= byte
-    return check
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,6 @@ is heated by it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from functools import reduce
-from operator import xor
 from random import Random
 from types import SimpleNamespace
 from typing import Any
@@ -25,6 +23,8 @@ from jbclog.sim.hotair import AirModel
 from jbclog.sim.port import SLEEP, WORKING, SimPort
 from jbclog.sim.virtual import VirtualStation
 from support.clients.making_safe import ASKED_AT, Cable, Silent, station, task
+from support.clients.talk import framed
+from support.golden.form import with_check_byte
 
 
 def written(device: VirtualStation) -> list[object]:
@@ -506,8 +506,7 @@ class Drawing:
         ]
 
     def _told(self, answer: bytes) -> bytes:
-        body = answer[:9] + self._data + answer[14:15]
-        return body + bytes([reduce(xor, body)])
+        return with_check_byte(answer[:9] + self._data + answer[14:15])
 
     def is_unplugged(self, now: float) -> bool:
         return self._device.is_unplugged(now)
@@ -742,11 +741,6 @@ class FloodedCable(Cable):
         begun, end = max(self._next_at, self.now), max(request.until, self.now)
         came = self._copies * (1 + int((end - begun) / 0.05)) if begun <= end < self._until else b""
         return super()._waited(request)._replace(data=came)
-
-
-def framed(text: str) -> bytes:
-    covered = b"\x020100" + text.encode() + b"\x03"
-    return covered + bytes([reduce(xor, covered)])
 
 
 SAFE, OTHER, OURS = framed("APS100001"), framed("ASMNNAE"), framed("ASMNDDE")
