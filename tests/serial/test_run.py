@@ -24,22 +24,14 @@ Bench = tuple[Path, WireLog]
 STAND = "WPS100001"
 
 
+def recording(line: Path, out: Path, options: str) -> list[str | Path]:
+    """The words of a run with the shipped recipe."""
+    return ["run", RECIPE, "--line", line, "--out", out, *options.split()]
+
+
 def test_a_run_leaves_the_folder_that_the_reference_describes(bench: Bench, tmp_path: Path) -> None:
     line, wire = bench
-    ended = jbclog(
-        "run",
-        RECIPE,
-        "--line",
-        line,
-        "--out",
-        tmp_path / "runs",
-        "-d",
-        "4s",
-        "-s",
-        "ale-1",
-        "--rate",
-        "5",
-    )
+    ended = jbclog(*recording(line, tmp_path / "runs", "-d 4s -s ale-1 --rate 5"))
     folder = Path(ended.stdout.splitlines()[-1])
     assert folder == only_run(tmp_path / "runs")
     assert sorted(path.name for path in folder.iterdir()) == [
@@ -65,20 +57,7 @@ def test_a_run_leaves_the_folder_that_the_reference_describes(bench: Bench, tmp_
 
 def test_the_record_proves_each_setting(bench: Bench, tmp_path: Path) -> None:
     line, wire = bench
-    ended = jbclog(
-        "run",
-        RECIPE,
-        "--line",
-        line,
-        "--out",
-        tmp_path / "runs",
-        "-d",
-        "2s",
-        "-s",
-        "ale-1",
-        "--rate",
-        "5",
-    )
+    ended = jbclog(*recording(line, tmp_path / "runs", "-d 2s -s ale-1 --rate 5"))
     settings = pd.read_parquet(Path(ended.stdout.split()[-1]) / "settings").set_index("setting")
     written = settings[settings["outcome"] == "confirmed"]
     assert (written["requested"] == written["readback"]).all()
@@ -90,19 +69,7 @@ def test_the_record_proves_each_setting(bench: Bench, tmp_path: Path) -> None:
 
 def test_json_gives_one_object_with_the_run(bench: Bench, tmp_path: Path) -> None:
     line, _ = bench
-    ended = jbclog(
-        "run",
-        RECIPE,
-        "--line",
-        line,
-        "--out",
-        tmp_path / "runs",
-        "-d",
-        "2s",
-        "-s",
-        "ucr-1",
-        "--json",
-    )
+    ended = jbclog(*recording(line, tmp_path / "runs", "-d 2s -s ucr-1 --json"))
     told = json.loads(ended.stdout)
     assert told["run"] == str(only_run(tmp_path / "runs"))
     assert told["exit_code"] == ended.returncode
@@ -115,9 +82,7 @@ def test_a_signal_cuts_a_stated_duration_short_and_leaves_the_tools_safe(
     bench: Bench, tmp_path: Path, number: signal.Signals, code: int
 ) -> None:
     line, wire = bench
-    run = started(
-        "run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "--rate", "auto"
-    )
+    run = started(*recording(line, tmp_path / "runs", "-d 60s --rate auto"))
     assert until(lambda: is_sampling(tmp_path / "runs"))
     run.send_signal(number)
     run.send_signal(number)  # impatience changes nothing
@@ -134,9 +99,7 @@ def test_signals_without_end_do_not_keep_a_record_from_being_sealed(
     bench: Bench, tmp_path: Path
 ) -> None:
     line, _ = bench
-    run = started(
-        "run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1"
-    )
+    run = started(*recording(line, tmp_path / "runs", "-d 60s -s ucr-1"))
     assert until(lambda: is_sampling(tmp_path / "runs"))
     while run.poll() is None:
         run.send_signal(signal.SIGINT)
@@ -161,13 +124,9 @@ def test_ctrl_c_is_the_normal_end_of_a_run_without_duration(bench: Bench, tmp_pa
 
 def test_a_second_recorder_is_told_who_holds_the_port(bench: Bench, tmp_path: Path) -> None:
     line, _ = bench
-    first = started(
-        "run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1"
-    )
+    first = started(*recording(line, tmp_path / "runs", "-d 60s -s ucr-1"))
     assert until(lambda: is_sampling(tmp_path / "runs"))
-    second = jbclog(
-        "run", RECIPE, "--line", line, "--out", tmp_path / "others", "-d", "2s", "-s", "ucr-1"
-    )
+    second = jbclog(*recording(line, tmp_path / "others", "-d 2s -s ucr-1"))
     first.terminate()
     first.communicate(timeout=200)
     assert second.returncode == 3
@@ -192,16 +151,12 @@ def test_a_second_run_through_a_server_s_port_is_refused_too(tmp_path: Path) -> 
         ' "ucr"\n[station.sim]\n'
     )
     with SimProcess(source, tmp_path / "bench", tcp="127.0.0.1:0") as stations:
-        first = started(
-            "run", RECIPE, "--line", stations.line_path, "--out", tmp_path / "runs", "-d", "60s"
-        )
+        first = started(*recording(stations.line_path, tmp_path / "runs", "-d 60s"))
         try:
             assert until(lambda: is_sampling(tmp_path / "runs"))
             other = tmp_path / "other.toml"
             other.write_text(stations.line_path.read_text().replace("127.0.0.1", "localhost"))
-            second = jbclog(
-                "run", RECIPE, "--line", other, "--out", tmp_path / "others", "-d", "2s"
-            )
+            second = jbclog(*recording(other, tmp_path / "others", "-d 2s"))
         finally:
             first.terminate()
             first.communicate(timeout=200)
@@ -211,9 +166,7 @@ def test_a_second_run_through_a_server_s_port_is_refused_too(tmp_path: Path) -> 
 
 def test_what_was_committed_before_a_kill_is_recovered(bench: Bench, tmp_path: Path) -> None:
     line, _ = bench
-    run = started(
-        "run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "60s", "-s", "ucr-1"
-    )
+    run = started(*recording(line, tmp_path / "runs", "-d 60s -s ucr-1"))
     assert until(lambda: is_sampling(tmp_path / "runs"))
     run.kill()
     run.communicate(timeout=200)
@@ -233,7 +186,7 @@ def test_a_folder_that_cannot_hold_a_record_stops_the_run_before_any_question(
 ) -> None:
     line, wire = bench
     (tmp_path / "runs").write_text("a file, not a folder")
-    ended = jbclog("run", RECIPE, "--line", line, "--out", tmp_path / "runs", "-d", "2s")
+    ended = jbclog(*recording(line, tmp_path / "runs", "-d 2s"))
     assert ended.returncode == 4
     assert "No station was touched" in ended.stderr
     assert wire.questions("dde-1") == []
@@ -259,7 +212,7 @@ def test_a_full_disk_ends_the_run_with_the_tools_safe(
     bench: Bench, tmp_path: Path, small_disk: Path
 ) -> None:
     line, wire = bench
-    run = started("run", RECIPE, "--line", line, "--out", small_disk, "-d", "60s", "--rate", "auto")
+    run = started(*recording(line, small_disk, "-d 60s --rate auto"))
     assert until(lambda: is_sampling(small_disk))
     with (small_disk / "other-data").open("wb") as filler:
         while True:
