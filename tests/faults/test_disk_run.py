@@ -26,7 +26,7 @@ from jbclog.record.recover import recover
 from support.command import is_sampling, jbclog, until
 from support.faults.guarded import begun, only_run
 from support.faults.killed_run import folders
-from support.faults.small_disk import small_disk
+from support.faults.small_disk import fill, small_disk
 from support.oracles.invariants import Ended, violations
 from support.virtual.served_line import ServedLine
 from support.virtual.station_log import heard_in
@@ -59,22 +59,6 @@ def assert_made_safe(line: ServedLine) -> None:
     began = time.monotonic()
     assert until(lambda: line.at_work() == 0, SAFE_S + 1.0), "tools were left at work"
     print(f"all tools in their safe state {time.monotonic() - began:.2f} s later")
-
-
-def fill(disk: Path) -> Path:
-    """Take all room that there is; give what holds it."""
-    filler = disk / "filler"
-    with filler.open("wb", buffering=0) as file:
-        try:
-            while True:
-                file.write(bytes(1 << 16))
-        except OSError:
-            pass
-        try:
-            while True:
-                file.write(bytes(512))
-        except OSError:
-            return filler
 
 
 @pytest.mark.campaign

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 import os
-import shutil
 from collections.abc import Collection, Iterable
 from contextlib import closing
 from hashlib import blake2b
@@ -19,8 +18,9 @@ from jbclog.app.index.index_file import IndexFile
 from support.campaigns.foreign_matrix import Ended, Pairs
 from support.faults.bombs import BATCHES, INDEXES
 from support.faults.store_bombs import BOMBS, put, told
-from support.records.many_runs import many_runs
-from support.records.plant_store import published
+from support.records.plant_store import filled, run, store
+
+__all__ = ["filled", "run", "store"]  # fixtures
 
 VERBS = {
     "runs": ["runs", "{store}"],
@@ -38,21 +38,6 @@ NEEDS = {
     ("runs", "long kept files"): ("compare",),
 }
 """What needs the file that is a bomb, for some; all need one of the table of runs."""
-
-
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return many_runs(tmp_path_factory.mktemp("runs"), [0.2])[0]
-
-
-@pytest.fixture(scope="module")
-def filled(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return Path(published(tmp_path_factory.mktemp("plant") / "store", run).url)
-
-
-@pytest.fixture
-def store(filled: Path, tmp_path: Path) -> Path:
-    return shutil.copytree(filled, tmp_path / "store")
 
 
 def ended(pairs: Pairs, verb: str, store: Path, run: Path) -> Ended:

@@ -50,17 +50,7 @@ print(looks)
 
 @pytest.fixture(scope="module")
 def closed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run that its recorder has ended and not sealed yet."""
-    store = few_rows.begun(tmp_path_factory.mktemp("closed"))
-    store.facts(few_rows.facts())
-    few_rows.hand_over(store, range(ROWS))
-    store.close()
-    store.release()
-    write_manifest(
-        store.folder,
-        Manifest(store.folder.name, exit_status="success", exit_code=0, verdict="ACCEPT"),
-    )
-    return store.folder
+    return few_rows.closed(tmp_path_factory.mktemp("closed"), ROWS, few_rows.facts())
 
 
 @pytest.fixture(scope="module")

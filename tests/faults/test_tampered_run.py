@@ -18,7 +18,6 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 import pytest
 
 from jbclog import __version__
@@ -40,11 +39,11 @@ from jbclog.record.manifest import (
     read_manifest,
     write_manifest,
 )
-from jbclog.record.parts import part_paths
 from jbclog.report.verify import verified
 from jbclog.report.write import write_report
 from support.invoked import invoked
 from support.readers.run_files import verify_report
+from support.records.few_rows import rewritten
 from support.records.small_run import make_run
 
 STRIDE = 2999
@@ -225,16 +224,6 @@ def test_two_files_that_changed_places(run: Path) -> None:
 
 
 # -- rows, in files whose hashes the manifest no longer has ----------------------------------------
-
-
-def rewritten(folder: Path, table: str, change: Callable[[pa.Table], pa.Table]) -> None:
-    (path,) = part_paths(folder, table)
-    metadata = pq.read_metadata(path).metadata
-    with pq.ParquetFile(path) as file:
-        changed = change(file.read())
-    pq.write_table(
-        changed.replace_schema_metadata({**(changed.schema.metadata or {}), **metadata}), path
-    )
 
 
 def taken(*rows: int) -> Callable[[pa.Table], pa.Table]:

@@ -22,7 +22,7 @@ from jbclog.record.manifest import read_manifest
 from jbclog.record.recover import recover
 from support.command import until
 from support.faults.guarded import TOLD_S, TOOLS, begun, only_run
-from support.faults.small_disk import small_disk
+from support.faults.small_disk import fill, small_disk
 from support.oracles.invariants import Ended, violations
 from support.virtual.served_line import ServedLine
 from support.virtual.station_log import heard_in
@@ -72,19 +72,6 @@ def process(code: str, *words: object) -> Iterator[subprocess.Popen[str]]:
             yield one
         finally:
             one.kill()
-
-
-def fill(disk: Path) -> Path:
-    """Take all room that there is; give what holds it."""
-    filler = disk / "filler"
-    with filler.open("wb", buffering=0) as file:
-        for size in (1 << 16, 512):
-            try:
-                while True:
-                    file.write(bytes(size))
-            except OSError:
-                continue
-    return filler
 
 
 class Watcher:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -10,13 +9,10 @@ import pytest
 from jbclog.analysis.run import open_run
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
-from jbclog.core.goal import Goal
 from jbclog.core.outcome import Exit
-from jbclog.core.rows import EventRow
 from jbclog.record import capture_recorder
 from jbclog.record.check import check
-from jbclog.session.run.context import SessionContext
-from support.virtual.recorded_run import plan_in
+from support.virtual.recorded_run import Nobody, plan_in
 
 LINE = (
     '[line]\nname = "bench"\n[[station]]\nname = "dde-1"\nurl = "nowhere"\nfamily = "dde"\nports ='
@@ -25,20 +21,10 @@ LINE = (
 RECIPE = '[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n'
 
 
-class Onlooker:
-    def begun(self, folder: Path) -> None: ...
-
-    def happened(self, event: EventRow) -> None: ...
-
-    def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None: ...
-
-    def sealing(self) -> None: ...
-
-
 def run(place: Path) -> Result:
     """A run on a port that is not there."""
     plan = plan_in(place, LINE, RECIPE, 1.0, wire=True, guard=False)
-    return conduct(plan, place / "runs", Onlooker())
+    return conduct(plan, place / "runs", Nobody())
 
 
 def test_a_port_that_is_not_there_is_in_the_wire_too(tmp_path: Path) -> None:
@@ -66,6 +52,6 @@ def test_where_it_cannot_be_written_the_run_is_what_it_would_have_been(
 
 def test_without_the_option_nothing_is_kept(tmp_path: Path) -> None:
     plan = plan_in(tmp_path, LINE, RECIPE, 1.0, guard=False)
-    result = conduct(plan, tmp_path / "runs", Onlooker())
+    result = conduct(plan, tmp_path / "runs", Nobody())
     assert result.manifest.wire is None
     assert not (result.folder / "wire").exists()

@@ -624,6 +624,15 @@ def test_a_tool_changed_in_the_run_is_read_and_not_written() -> None:
     assert [one.text for one in run.writes if run.t0 + 4 < one.at < run.t0 + 12] == []
 
 
+def assert_soon_in_stand(run: VirtualRun) -> None:
+    orders = [
+        (write.at < run.t0 + 15, write.value)
+        for write in run.station.log.written("status")
+        if write.port == 1
+    ]
+    assert orders[:2] == [(True, WORKING), (True, STAND)]
+
+
 def test_a_new_tool_that_would_not_cool_goes_to_the_safe_state() -> None:
     run = prepare(
         line_text(fault("tool", port=1, code=3, at_s=4)),
@@ -632,12 +641,7 @@ def test_a_new_tool_that_would_not_cool_goes_to_the_safe_state() -> None:
     )
     run.at(3, lambda: setattr(run.station.plant.ports[1].tools[3], "sleep_delay", OFF))
     run.go()
-    orders = [
-        (write.at < run.t0 + 15, write.value)
-        for write in run.station.log.written("status")
-        if write.port == 1
-    ]
-    assert orders[:2] == [(True, WORKING), (True, STAND)]
+    assert_soon_in_stand(run)
 
 
 def test_a_new_tool_whose_delay_is_not_known_goes_to_the_safe_state() -> None:
@@ -650,12 +654,7 @@ def test_a_new_tool_whose_delay_is_not_known_goes_to_the_safe_state() -> None:
     )
     run.go()
     assert len(run.memory.of_kind("tool.unknown")) == 1
-    orders = [
-        (write.at < run.t0 + 15, write.value)
-        for write in run.station.log.written("status")
-        if write.port == 1
-    ]
-    assert orders[:2] == [(True, WORKING), (True, STAND)]
+    assert_soon_in_stand(run)
 
 
 # -- the list of what a run may write --------------------------------------------------------------

@@ -4,10 +4,11 @@ what is missing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from jbclog.core.rows import (
     COLUMN,
@@ -22,7 +23,8 @@ from jbclog.core.rows import (
 from jbclog.record.chains import breaks
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
-from jbclog.record.parts import row_groups
+from jbclog.record.manifest import Manifest, write_manifest
+from jbclog.record.parts import part_paths, row_groups
 
 T0 = 1_790_000_000_000_000
 EVENT_EVERY = 7
@@ -126,6 +128,21 @@ def abandoned(out: Path, commits: int = 3, rows: int = 50, *, in_pages: bool = F
     return store.folder
 
 
+def closed(out: Path, rows: int, *stations: StationFacts) -> Path:
+    """A run that its recorder has ended, and not sealed yet."""
+    store = begun(out)
+    for one in stations:
+        store.facts(one)
+    hand_over(store, range(rows))
+    store.close()
+    store.release()
+    write_manifest(
+        store.folder,
+        Manifest(store.folder.name, exit_status="success", exit_code=0, verdict="ACCEPT"),
+    )
+    return store.folder
+
+
 def vanish(store: LiveStore) -> None:
     """Leave the folder as a kill would: nothing closed, the lock free."""
     store._ending = True
@@ -174,4 +191,15 @@ def with_cell(table: pa.Table, row: int, column: str, value: object) -> pa.Table
     place = table.schema.get_field_index(column)
     return table.set_column(
         place, table.schema.field(column), pa.array(values, table.schema.field(column).type)
+    )
+
+
+def rewritten(folder: Path, table: str, change: Callable[[pa.Table], pa.Table]) -> None:
+    """Change the rows of a sealed table; the file keeps its metadata."""
+    (path,) = part_paths(folder, table)
+    metadata = pq.read_metadata(path).metadata
+    with pq.ParquetFile(path) as file:
+        changed = change(file.read())
+    pq.write_table(
+        changed.replace_schema_metadata({**(changed.schema.metadata or {}), **metadata}), path
     )

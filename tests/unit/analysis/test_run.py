@@ -14,6 +14,7 @@ import pytest
 
 import jbclog
 from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.rows import TABLES
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest, Metadata
 from jbclog.record.recover import recover
@@ -33,12 +34,7 @@ def run(folder: Path) -> jbclog.Run:
 
 
 def test_all_tables_have_their_columns(run: jbclog.Run) -> None:
-    frames = {
-        "samples": run.samples(),
-        "events": run.events(),
-        "settings": run.settings(),
-        "counters": run.counters(),
-    }
+    frames = {table: getattr(run, table)() for table in TABLES}
     for table, frame in frames.items():
         assert list(frame.columns) == SCHEMAS[table].names
         assert len(frame)

@@ -12,7 +12,6 @@ from shutil import copytree
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 import pytest
 
 from jbclog.core.errors import RecordError
@@ -20,10 +19,9 @@ from jbclog.record.annotations import append
 from jbclog.record.check import check
 from jbclog.record.conclude import files_of
 from jbclog.record.manifest import Manifest, manifest_sha256, read_manifest, write_manifest
-from jbclog.record.parts import part_paths
 from support.faults.forged_parts import FORGED
 from support.records import few_rows
-from support.records.few_rows import with_cell
+from support.records.few_rows import rewritten, with_cell
 from support.records.small_run import make_run
 
 
@@ -147,13 +145,7 @@ Change = Callable[[pa.Table], pa.Table]
 
 def rewrite(folder: Path, table: str, change: Change) -> None:
     """Change a table and have the manifest's list of files agree with it."""
-    (path,) = part_paths(folder, table)
-    metadata = pq.read_metadata(path).metadata
-    with pq.ParquetFile(path) as file:
-        changed = change(file.read())
-    pq.write_table(
-        changed.replace_schema_metadata({**(changed.schema.metadata or {}), **metadata}), path
-    )
+    rewritten(folder, table, change)
     manifest = read_manifest(folder)
     manifest.files = list(files_of(folder))
     write_manifest(folder, manifest)

@@ -162,16 +162,9 @@ def test_a_store_without_tables(tmp_path: Path) -> None:
 
 
 def test_a_run_that_was_closed_and_said_how_it_ended_is_not_lost(tmp_path: Path) -> None:
-    store = few_rows.begun(tmp_path)
-    few_rows.hand_over(store, range(20))
-    store.close()
-    store.release()
-    write_manifest(
-        store.folder,
-        Manifest(store.folder.name, exit_status="success", exit_code=0, verdict="ACCEPT"),
-    )
-    recover(store.folder)
-    manifest = read_manifest(store.folder)
+    folder = few_rows.closed(tmp_path, 20)
+    recover(folder)
+    manifest = read_manifest(folder)
     assert (manifest.exit_status, manifest.exit_code, manifest.verdict, manifest.lost) == (
         "success",
         0,

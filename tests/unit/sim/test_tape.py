@@ -281,24 +281,14 @@ def test_nothing_from_before_a_write_comes_after_it() -> None:
 
 def test_a_write_that_was_repeated_because_its_answer_was_lost_divides_nothing() -> None:
     """A client that hears the first answer does not write again, and comes as far all the same."""
-    one = station(
-        tape(
-            row(1.0, "sent", SLEEP),
-            row(1.5, "sent", SLEEP),
-            row(1.51, "heard", b"done"),
-            *ORDERED[-2:],
-        )
+    repeated = tape(
+        row(1.0, "sent", SLEEP),
+        row(1.5, "sent", SLEEP),
+        row(1.51, "heard", b"done"),
+        *ORDERED[-2:],
     )
-    assert said(one, SLEEP, STATE) == [b"asleep"]
-    two = station(
-        tape(
-            row(1.0, "sent", SLEEP),
-            row(1.5, "sent", SLEEP),
-            row(1.51, "heard", b"done"),
-            *ORDERED[-2:],
-        )
-    )
-    assert said(two, SLEEP, SLEEP, STATE) == [b"done", b"asleep"]
+    assert said(station(repeated), SLEEP, STATE) == [b"asleep"]
+    assert said(station(repeated), SLEEP, SLEEP, STATE) == [b"done", b"asleep"]
 
 
 def test_the_client_that_missed_a_tick_gets_the_values_of_the_one_it_is_at() -> None:

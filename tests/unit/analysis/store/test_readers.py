@@ -218,16 +218,20 @@ def test_polars(home: Path, place: Place) -> None:
     assert found.rows() == expected(home)
 
 
-def test_pandas(home: Path, place: Place) -> None:
-    runs, samples = (DeltaTable(place.of(name)).to_pandas() for name in ("runs", "samples"))
-    newest = runs.loc[runs.groupby("run")["version"].idxmax(), "record"]
+def published_rows(samples: pd.DataFrame, newest: set[str]) -> list[tuple[object, ...]]:
     found = samples[samples["publication"].isin(newest)].sort_values(["run", "row"])[
         ["run", "tick", "temperature_c"]
     ]
-    assert [
+    return [
         tuple(row)
         for row in found.astype(object).where(found.notna(), None).itertuples(index=False)
-    ] == expected(home)
+    ]
+
+
+def test_pandas(home: Path, place: Place) -> None:
+    runs, samples = (DeltaTable(place.of(name)).to_pandas() for name in ("runs", "samples"))
+    newest = runs.loc[runs.groupby("run")["version"].idxmax(), "record"]
+    assert published_rows(samples, set(newest)) == expected(home)
 
 
 def test_dask(home: Path, place: Place) -> None:
@@ -242,13 +246,7 @@ def test_dask(home: Path, place: Place) -> None:
         for path in files
     ]
     found = pd.concat(dask.compute(*parts, scheduler="synchronous"))
-    found = found[found["publication"].isin(newest)].sort_values(["run", "row"])[
-        ["run", "tick", "temperature_c"]
-    ]
-    assert [
-        tuple(row)
-        for row in found.astype(object).where(found.notna(), None).itertuples(index=False)
-    ] == expected(home)
+    assert published_rows(found, newest) == expected(home)
 
 
 if find_spec("pyspark") is not None:  # not among the test dependencies: it needs Java, and 400 MB

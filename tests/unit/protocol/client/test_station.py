@@ -279,6 +279,13 @@ def test_a_refusal_without_a_number_is_a_format_error() -> None:
 # -- what is asked again, and what is not ----------------------------------------------------------
 
 
+def saying(answer: Answer | None) -> Talk:
+    """An ALE that says this to all but the question for its model; None: nothing."""
+    return Talk(
+        replies=lambda text: ["ASMN  ALE"] if text == "RSMN" else [] if answer is None else [answer]
+    )
+
+
 @pytest.mark.parametrize(
     ("answer", "error"),
     [
@@ -292,9 +299,7 @@ def test_a_refusal_without_a_number_is_a_format_error() -> None:
 def test_a_read_goes_out_three_times_at_most(
     answer: Answer | None, error: type[StationError]
 ) -> None:
-    talk = Talk(
-        replies=lambda text: ["ASMN  ALE"] if text == "RSMN" else [] if answer is None else [answer]
-    )
+    talk = saying(answer)
     with pytest.raises(error):
         talk.do(read_tip)
     assert talk.end.heard.count("RTT1") == 3
@@ -305,9 +310,7 @@ def test_a_read_goes_out_three_times_at_most(
     [None, flipped(framed("ATA100001")), "NTA100001", "NTA199999", "ATA100102", "APP100999"],
 )
 def test_alarm_flags_go_out_once_whatever_comes(answer: Answer | None) -> None:
-    talk = Talk(
-        replies=lambda text: ["ASMN  ALE"] if text == "RSMN" else [] if answer is None else [answer]
-    )
+    talk = saying(answer)
     with pytest.raises(StationError):
         talk.do(lambda station: station.read(FLAGS, 1))
     assert talk.end.heard.count("RTA1") == 1
@@ -317,9 +320,7 @@ def test_alarm_flags_go_out_once_whatever_comes(answer: Answer | None) -> None:
     "answer", [None, flipped(framed("APS1")), "NPS100003", "NPS199999", "APS100000", "APP1"]
 )
 def test_a_write_goes_out_once_whatever_comes(answer: Answer | None) -> None:
-    talk = Talk(
-        replies=lambda text: ["ASMN  ALE"] if text == "RSMN" else [] if answer is None else [answer]
-    )
+    talk = saying(answer)
     with pytest.raises(StationError):
         talk.do(lambda station: station.write(STATUS, (0, 0, 0, 0, 1), 1))
     assert talk.end.heard.count("WPS100001") == 1
