@@ -45,7 +45,6 @@ STATION = "dde-1"
 PERIOD_S = 0.1
 USUAL = {"dead_band_c": 2.0, "stale_s": 60.0}
 CLOCK = "clock"
-BOTH = (Detector.SAMPLES, Detector.AFTERWARDS)
 SETTINGS = {
     "selected_temperature": "350",
     "alarm_high_limit": "380",

@@ -15,8 +15,6 @@ from jbclog.record.find_runs import find
 from jbclog.record.folder import create_run
 from jbclog.record.recover import recover_all
 
-LOCAL = "36 35 98:0 / / rw - ext4 /dev/sda rw\n"
-
 
 @pytest.fixture
 def remote(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
