@@ -492,24 +492,32 @@ def test_a_falling_tip_whose_heater_works_against_it_does_not_cool() -> None:
     assert told_words(device, 1) == [EXTRACTOR, STAND]
 
 
-class Drawing:
-    """A station that tells another power than its own."""
+class Other:
+    """A station that says some things otherwise; by itself it says what `device` says."""
 
-    def __init__(self, device: VirtualStation, permille: int) -> None:
+    def __init__(self, device: VirtualStation) -> None:
         self._device = device
-        self._data = f"{permille:05d}".encode()
 
     def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
-        replies = [(reply[0], reply[1]) for reply in self._device.receive(data, now)]
-        return [
-            (at, self._told(answer)) if b"RPP" in data else (at, answer) for at, answer in replies
-        ]
-
-    def _told(self, answer: bytes) -> bytes:
-        return with_check_byte(answer[:9] + self._data + answer[14:15])
+        return [(reply[0], reply[1]) for reply in self._device.receive(data, now)]
 
     def is_unplugged(self, now: float) -> bool:
         return self._device.is_unplugged(now)
+
+
+class Drawing(Other):
+    """A station that tells another power than its own."""
+
+    def __init__(self, device: VirtualStation, permille: int) -> None:
+        super().__init__(device)
+        self._data = f"{permille:05d}".encode()
+
+    def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
+        replies = super().receive(data, now)
+        return [(at, self._told(answer)) for at, answer in replies] if b"RPP" in data else replies
+
+    def _told(self, answer: bytes) -> bytes:
+        return with_check_byte(answer[:9] + self._data + answer[14:15])
 
 
 @pytest.mark.parametrize("only", ["read", "write"])
@@ -596,21 +604,18 @@ def test_what_was_not_acknowledged_is_ordered_again_at_last() -> None:
     assert {tool.reached for tool in made.tools} == {SafetyResult.SENT}
 
 
-class Lossy:
+class Lossy(Other):
     """A line on which what is asked, or what is answered, is lost now and then."""
 
     def __init__(self, device: VirtualStation, is_lost: Callable[[], bool]) -> None:
-        self._device = device
+        super().__init__(device)
         self._is_lost = is_lost
 
     def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
         if self._is_lost():
             return []
-        replies = [(reply[0], reply[1]) for reply in self._device.receive(data, now)]
+        replies = super().receive(data, now)
         return [] if self._is_lost() else replies
-
-    def is_unplugged(self, now: float) -> bool:
-        return self._device.is_unplugged(now)
 
 
 def test_one_order_that_is_lost_on_its_way_is_given_again_before_another_state_is() -> None:
@@ -922,18 +927,12 @@ def test_a_flood_that_begins_while_a_tool_is_watched_has_it_told_to_stand_withou
     assert [tool.reached for tool in made.tools] == [SafetyResult.SENT, SafetyResult.SENT]
 
 
-class WithoutPower:
+class WithoutPower(Other):
     """A station that does not know the question for the heater's power."""
 
-    def __init__(self, device: VirtualStation) -> None:
-        self._device = device
-
     def receive(self, data: bytes, now: float) -> list[tuple[float, bytes]]:
-        replies = [(reply[0], reply[1]) for reply in self._device.receive(data, now)]
+        replies = super().receive(data, now)
         return [(at, framed("N00004")) for at, _ in replies] if b"RPP" in data else replies
-
-    def is_unplugged(self, now: float) -> bool:
-        return self._device.is_unplugged(now)
 
 
 @pytest.mark.parametrize(("heats_on", "words"), [(False, [EXTRACTOR]), (True, [EXTRACTOR, STAND])])
