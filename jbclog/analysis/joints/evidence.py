@@ -99,28 +99,34 @@ def ports_found(
     in_windows = [facts for facts in with_tip if not has_feeder(facts)]
     for some in at_once(in_windows, lambda facts: len(facts.ports), MOST_PORTS):
         reader = PortReader(some, partial(read, "samples"), *clock, MOST_ROWS)
-        ports = {
-            (facts.name, port): PortSweeps(options[facts.name])
-            for facts in some
-            for port in facts.ports
-        }
-        reader.sweep(ports)
-        found |= {
-            key: PortFound(
-                port.found,
-                reader.rows(key),
-                reader.period_s(key),
-                reader.last_s(key),
-                identified=port.identified,
-            )
-            for key, port in ports.items()
-        }
+        found |= _in_windows(reader, some, options)
     for some in at_once([facts for facts in with_tip if has_feeder(facts)], _rows, MOST_ROWS):
         found |= _whole(
             PortReader(some, partial(read, "samples"), *clock, MOST_ROWS), some, read, options
         )
     return {
         (facts.name, port): found[facts.name, port] for facts in with_tip for port in facts.ports
+    }
+
+
+def _in_windows(
+    reader: PortReader, stations: Sequence[StationFacts], options: Mapping[str, JointOptions]
+) -> dict[Key, PortFound]:
+    ports = {
+        (facts.name, port): PortSweeps(options[facts.name])
+        for facts in stations
+        for port in facts.ports
+    }
+    reader.sweep(ports)
+    return {
+        key: PortFound(
+            port.found,
+            reader.rows(key),
+            reader.period_s(key),
+            reader.last_s(key),
+            identified=port.identified,
+        )
+        for key, port in ports.items()
     }
 
 

@@ -217,6 +217,25 @@ def _merge_pieces(
 ) -> tuple[list[Draw], list[list[Feed]], list[Draw]]:
     """Return the draws with their pieces merged, the feeds of each, and the draws near another's
     feed that are no joints.
+    """
+    owner_of, nearby = _owners(draws, draw_feeds, interval_s)
+    groups: dict[int, list[int]] = {}
+    for place in range(len(draws)):
+        if place not in nearby:
+            groups.setdefault(owner_of.get(place, place), []).append(place)
+    in_order = sorted(groups.values())
+    merged = [merged_draw([draws[place] for place in group]) for group in in_order]
+    feeds_of_merged = [
+        [feed for place in group for feed in draw_feeds[place]] for group in in_order
+    ]
+    return merged, feeds_of_merged, [draws[place] for place in sorted(nearby)]
+
+
+def _owners(
+    draws: Sequence[Draw], draw_feeds: Sequence[list[Feed]], interval_s: float
+) -> tuple[dict[int, int], set[int]]:
+    """Return the draw whose piece each piece is, and the draws near another's feed that are no
+    joints.
 
     A feed without a draw makes one joint of the draws before and after it; a draw on one side only
     may as well be a wipe.
@@ -237,17 +256,7 @@ def _merge_pieces(
         for pieces, others in sides:
             owner_of.update((piece, place) for piece in pieces if is_one and piece not in owner_of)
             nearby.update(others if is_one else [*pieces, *others])
-    nearby -= set(owner_of)
-    groups: dict[int, list[int]] = {}
-    for place in range(len(draws)):
-        if place not in nearby:
-            groups.setdefault(owner_of.get(place, place), []).append(place)
-    in_order = sorted(groups.values())
-    merged = [merged_draw([draws[place] for place in group]) for group in in_order]
-    feeds_of_merged = [
-        [feed for place in group for feed in draw_feeds[place]] for group in in_order
-    ]
-    return merged, feeds_of_merged, [draws[place] for place in sorted(nearby)]
+    return owner_of, nearby - set(owner_of)
 
 
 def _neighbours_without_feed(

@@ -272,32 +272,19 @@ def _not_arrived(limit: Limit, targets: Targets, heat: Heat) -> Judged:
             f" not at work{warmest}."
         )
         return "not at work", Result.MISSING, text
-    last = heat.stretches[-1] if heat.stretches else None
-    if last is None:
+    if not heat.stretches:
         if heat.known_s < ENOUGH_S:
-            return (
-                "not at work",
-                Result.MISSING,
-                f"Ordered to work, but read for only {heat.known_s:.1f} s{warmest}.",
-            )
-        return (
-            "not at work",
-            Result.FAIL,
-            f"Ordered to work, but never at work with a known temperature{warmest}.",
-        )
-    text = f"In {heat.at_work_s:.1f} s at work, the tool {_nearest(limit, last)}"
+            text = f"Ordered to work, but read for only {heat.known_s:.1f} s{warmest}."
+            return "not at work", Result.MISSING, text
+        text = f"Ordered to work, but never at work with a known temperature{warmest}."
+        return "not at work", Result.FAIL, text
+    text = f"In {heat.at_work_s:.1f} s at work, the tool {_nearest(limit, heat.stretches[-1])}"
     if heat.is_on_its_way:
-        return (
-            "not reached",
-            Result.MISSING,
-            f"{text} It was still approaching when its record ended.",
-        )
+        text += " It was still approaching when its record ended."
+        return "not reached", Result.MISSING, text
     if (heat.known_s if limit.is_ordered else heat.at_work_s) < ENOUGH_S:
-        return (
-            "not reached",
-            Result.MISSING,
-            f"{text} That is too short; {ENOUGH_S:g} s are needed.",
-        )
+        text += f" That is too short; {ENOUGH_S:g} s are needed."
+        return "not reached", Result.MISSING, text
     return "not reached", Result.FAIL, text
 
 

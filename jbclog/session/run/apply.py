@@ -167,20 +167,11 @@ def _check(context: SessionContext, wanted: list[Wanted]) -> None:
 
 def _cooling_problems(context: SessionContext, port: PortState, wanted: list[Wanted]) -> list[str]:
     """List delays that are off or not known, so that a standing tool may stay hot
-    (docs/reference/safe-states.md).
+    (docs/reference/safe-states.md); none where the recipe allows that.
     """
     if not context.family.may_stand_at_last(context.safe_state) or not port.has_tool:
         return []
-    asked = {one.command.name: one.value for one, place in wanted if place is port}
-    in_force = {
-        name: asked.get(name, port.held[name]) for name in COOLING_DELAYS if name in port.held
-    }
-    off = [name.replace("_", " ") for name in COOLING_DELAYS if in_force.get(name) is OFF]
-    unreported = [
-        name.replace("_", " ")
-        for name in COOLING_DELAYS
-        if name in context.family.commands and name not in in_force
-    ]
+    off, unreported = _doubtful_delays(context, port, wanted)
     found = [
         f"{' and '.join(names)} of port {port.number} {what}"
         for names, what in ((off, "off"), (unreported, NOT_REPORTED))
@@ -205,6 +196,23 @@ def _cooling_problems(context: SessionContext, port: PortState, wanted: list[Wan
         "safety.no_cooldown", Severity.WARNING, f"Allowed by the recipe: {text}.", port=port.number
     )
     return []
+
+
+def _doubtful_delays(
+    context: SessionContext, port: PortState, wanted: list[Wanted]
+) -> tuple[list[str], list[str]]:
+    """Return the delays that will be off, and those that the station does not report."""
+    asked = {one.command.name: one.value for one, place in wanted if place is port}
+    in_force = {
+        name: asked.get(name, port.held[name]) for name in COOLING_DELAYS if name in port.held
+    }
+    off = [name.replace("_", " ") for name in COOLING_DELAYS if in_force.get(name) is OFF]
+    unreported = [
+        name.replace("_", " ")
+        for name in COOLING_DELAYS
+        if name in context.family.commands and name not in in_force
+    ]
+    return off, unreported
 
 
 def _record_untouched(context: SessionContext, wanted: list[Wanted]) -> None:
