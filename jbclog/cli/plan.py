@@ -58,6 +58,37 @@ def _all_facts(made: Plan) -> dict[str, object]:
 
 def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
     from jbclog.core.quantities import text_of
+
+    writes = [
+        {
+            "port": one.port,
+            "setting": one.command.name,
+            "value": text_of(one.value),
+            "unit": one.unit,
+            "key": one.key,
+        }
+        for one in station.writes()
+    ]
+    return {
+        "name": station.spec.name,
+        "url": station.spec.url,
+        "family": station.spec.family,
+        "model": station.spec.model,
+        "ports": list(station.ports),
+        "recipe": str(station.recipe.path),
+        "asked_rate": station.asked_rate,
+        "rate_hz": station.rate_hz,
+        "assumed_turnaround_ms": round(1000 * station.turnaround_s, 3),
+        **_rate_facts(station),
+        "writes": writes,
+        "condition": _condition_facts(station, made),
+        "unsupported": station.skipped(),
+        "status": station.recipe.run.status,
+    }
+
+
+def _rate_facts(station: StationPlan) -> dict[str, object]:
+    """Return how its rate fits the link, and the best one."""
     from jbclog.session.rates import AS_AUTO
     from jbclog.session.scheduler import KEPT_BY_AUTO
 
@@ -77,32 +108,7 @@ def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
             known["auto_up_to_turnaround_ms"] = round(
                 1000 * demand.greatest_turnaround_s(rate_hz, KEPT_BY_AUTO), 3
             )
-    writes = [
-        {
-            "port": one.port,
-            "setting": one.command.name,
-            "value": text_of(one.value),
-            "unit": one.unit,
-            "key": one.key,
-        }
-        for one in station.writes()
-    ]
-    return {
-        "name": station.spec.name,
-        "url": station.spec.url,
-        "family": station.spec.family,
-        "model": station.spec.model,
-        "ports": list(station.ports),
-        "recipe": str(station.recipe.path),
-        "asked_rate": station.asked_rate,
-        "rate_hz": rate_hz,
-        "assumed_turnaround_ms": round(1000 * turnaround, 3),
-        **known,
-        "writes": writes,
-        "condition": _condition_facts(station, made),
-        "unsupported": station.skipped(),
-        "status": station.recipe.run.status,
-    }
+    return known
 
 
 def _condition_facts(station: StationPlan, made: Plan) -> dict[str, object] | None:
