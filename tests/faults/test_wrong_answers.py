@@ -28,6 +28,7 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.transport.virtual import VirtualDriver
+from support.clients.talk import sought
 from support.golden import framed
 from support.links.injector import FORGING, KINDS, Deed, Injector
 
@@ -95,7 +96,7 @@ def converse(
             try:
                 value = yield from station.read(DDE[name], port)
             except StationSilent:
-                yield from _sought(station)
+                yield from sought(station, DDE["model"])
             except StationError:
                 continue
             else:
@@ -105,16 +106,6 @@ def converse(
     driver.add(steps(), injector)
     driver.run()
     return taken, plant, injector
-
-
-def _sought(station: Station) -> Steps[None]:
-    """What a session does with a silent station: its model is read before anything else."""
-    for _ in range(20):
-        try:
-            yield from station.read(DDE["model"])
-        except StationError:
-            continue
-        return
 
 
 def wrong(taken: list[Taken], plant: Numbered, injector: Injector) -> list[str]:

@@ -12,10 +12,12 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TypeVar
 
 from jbclog.core.clock import VirtualClock
+from jbclog.core.errors import StationError
 from jbclog.core.io_requests import Reopen, Steps
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.robot import Station
+from jbclog.protocol.commands.command import Command
 from jbclog.transport.virtual import Peer, VirtualDriver
 from support.golden.form import with_check_byte
 
@@ -116,3 +118,13 @@ class Talk:
         expected, *answers = self.turns.pop(0)
         assert text == expected
         return answers
+
+
+def sought(station: Station, model: Command) -> Steps[None]:
+    """What a session does with a silent station: its model is read before anything else."""
+    for _ in range(20):
+        try:
+            yield from station.read(model)
+        except StationError:
+            continue
+        return

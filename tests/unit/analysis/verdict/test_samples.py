@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.analysis.verdict import RULES, judge
+from jbclog.analysis.verdict import RULES, Rule, judge
 from jbclog.analysis.verdict.samples import KeptMeasures, measure
 from jbclog.config.recipe_sections import Acceptance
 
@@ -40,15 +40,20 @@ def test_one_lost_reading_is_one_period(case: Any, tip: Callable[..., Any]) -> N
     assert gap(case) == 0.1
 
 
+def coverage_of(case: Any, percent: float) -> Rule:
+    """The rule of coverage, with this limit."""
+    return next(
+        rule
+        for rule in judge(case.evidence(), {"a": Acceptance(coverage_percent=percent)}).rules
+        if rule.name == "coverage"
+    )
+
+
 def test_skipped_ticks_have_no_rows_and_count_in_both(case: Any, tip: Callable[..., Any]) -> None:
     facts = case.station("a", tip(), skipped=60)
     assert gap(case) == 6  # at the end: last_tick says that they were due
     assert facts.last_tick == 659
-    coverage = next(
-        rule
-        for rule in judge(case.evidence(), {"a": Acceptance(coverage_percent=95)}).rules
-        if rule.name == "coverage"
-    )
+    coverage = coverage_of(case, 95)
     assert coverage.observed == pytest.approx(100 * 600 / 660)
     assert coverage.result == "missing"
 
@@ -102,11 +107,7 @@ def test_coverage_is_never_rounded_up_to_its_limit(
     case: Any, tip: Callable[..., Any], ok: int, shown: str, result: str
 ) -> None:
     case.station("a", tip(25_000, hz=1).lose(0, 25_000 - ok))
-    coverage = next(
-        rule
-        for rule in judge(case.evidence(), {"a": Acceptance(coverage_percent=99.5)}).rules
-        if rule.name == "coverage"
-    )
+    coverage = coverage_of(case, 99.5)
     assert coverage.result == result
     assert shown in coverage.text
 

@@ -18,7 +18,7 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.dialogue import LEAST_S, QUIET_S, UNMEASURED_S, least_s
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
-from support.clients.talk import PROMPT_S, Answer, Talk, framed
+from support.clients.talk import PROMPT_S, Answer, Talk, framed, sought
 
 DDE = FAMILIES["dde"].commands
 TIP, MODEL, SELECTED = DDE["tip_temperature"], DDE["model"], DDE["selected_temperature"]
@@ -63,7 +63,7 @@ def stale_values(plant: Plant, reads: int = 8) -> list[tuple[object, int]]:
             try:
                 value = yield from station.read(TIP, 1)
             except StationSilent:
-                yield from _sought(station)
+                yield from sought(station, MODEL)
             except StationError:
                 continue
             else:
@@ -72,16 +72,6 @@ def stale_values(plant: Plant, reads: int = 8) -> list[tuple[object, int]]:
 
     Talk(replies=plant.replies).do(all_reads)
     return stale
-
-
-def _sought(station: Station) -> Steps[None]:
-    """What a session does with a silent station: its identity is read before anything else."""
-    for _ in range(20):
-        try:
-            yield from station.read(MODEL)
-        except StationError:
-            continue
-        return
 
 
 @pytest.mark.parametrize("before", BEFORE)
