@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.text import count_text
-from jbclog.record.find_runs import Found, Unreadable, ending
+from jbclog.record.find_runs import Copy, Found, Unreadable, ending
 from jbclog.record.manifest import Manifest
 
 MOST_RUNS: Final = 20
@@ -53,10 +53,14 @@ def run_html(name: str, manifest: Manifest) -> str:
     return f"<div><b>{text(name)}</b><table>{rows}</table>{below}</div>"
 
 
-def runs_html(folder: Path, found: Sequence[Found], unreadable: Sequence[Unreadable]) -> str:
+def runs_html(
+    folder: Path, found: Sequence[Found], copies: Sequence[Copy], unreadable: Sequence[Unreadable]
+) -> str:
     """Return a row for each of the first `MOST_RUNS` runs, and the number of all."""
     rows = [_row(one) for one in found[:MOST_RUNS]]
     more = f"<p>and {len(found) - MOST_RUNS} more</p>" if len(found) > MOST_RUNS else ""
+    if copies:
+        more += f"<p>{count_text(len(copies), 'folder')} with a run of another one (.copies)</p>"
     failed = f"<p>{len(unreadable)} folders cannot be read (.unreadable)</p>" if unreadable else ""
     count = f"{count_text(len(found), 'run')} in {folder}"
     return f"<div><b>{text(count)}</b>{table(HEADS, rows) if rows else ''}{more}{failed}</div>"

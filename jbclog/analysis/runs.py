@@ -34,7 +34,7 @@ from jbclog.analysis.stored_tables import (
 )
 from jbclog.core.errors import RecordError, UsageError, unexpected_error_text
 from jbclog.core.text import count_text, shortened
-from jbclog.record.find_runs import ALL, SEALED, Filter, Found, Unreadable, find
+from jbclog.record.find_runs import ALL, SEALED, Copy, Filter, Found, Unreadable, find, once
 from jbclog.record.manifest import manifest_sha256
 
 T = TypeVar("T")
@@ -168,11 +168,12 @@ def _why_unreadable(error: Exception) -> str:
 
 
 class Runs(Sequence[Run]):
-    """The runs that match a filter, in the order of their starts. Reads manifests at first use, and
-    tables at each call.
+    """The runs that match a filter, each once, in the order of their starts. Reads manifests at
+    first use, and tables at each call.
 
-    `unreadable` has the folders whose manifest cannot be read, so that a match is not known, and
-    those that `each` could not read. `refreshed()` searches again.
+    `copies` has the folders with a run that another folder has. `unreadable` has the folders whose
+    manifest cannot be read, so that a match is not known, and those that `each` could not read.
+    `refreshed()` searches again.
     """
 
     def __init__(self, folder: Path, wanted: Filter, source: Source = RECORDS) -> None:
@@ -188,10 +189,23 @@ class Runs(Sequence[Run]):
             (found if isinstance(one, Found) else unreadable).append(one)  # type: ignore[arg-type]  # the list of its type
         return found, unreadable
 
+    @cached_property
+    def _once(self) -> tuple[list[Found], list[Copy]]:
+        return once(self._search[0])
+
     @property
     def found(self) -> list[Found]:
         """The summary of each run's manifest."""
-        return self._search[0]
+        return self._once[0]
+
+    @property
+    def copies(self) -> list[Copy]:
+        """Folders with a run that another folder has: by the name in their manifests. They do not
+        count.
+
+        The folder with that name counts, else the first by name.
+        """
+        return self._once[1]
 
     @property
     def unreadable(self) -> list[Unreadable]:
@@ -227,10 +241,11 @@ class Runs(Sequence[Run]):
 
     def __repr__(self) -> str:
         more = f", {len(self.unreadable)} unreadable" if self.unreadable else ""
+        more += f", {len(self.copies)} copied" if self.copies else ""
         return f"<Runs {self.folder}: {count_text(len(self), 'run')}{more}>"
 
     def _repr_html_(self) -> str:
-        return runs_html(self.folder, self.found, self.unreadable)
+        return runs_html(self.folder, self.found, self.copies, self.unreadable)
 
     def manifests(self) -> pd.DataFrame:
         """Return a row for each run: who, what, when, and with which result.

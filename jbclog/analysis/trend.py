@@ -5,7 +5,7 @@ without a value are counted with their reason. The mean of n readings that sprea
 resolves a step / √n; of readings that do not, a step. The chart is that of individual values and
 moving ranges, and capability is that against stated limits; both come from `spc`, which refuses
 misleading results and gives the reason. A changed tip or recipe makes two processes of one, so the
-trend lists such changes.
+trend lists such changes. A run that several folders have counts once, with a warning.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from jbclog.analysis.runs import WHAT_A_RATE_CHANGES, Runs, rate_text
 from jbclog.analysis.stored_tables import MetricRow
 from jbclog.core.errors import UsageError
 from jbclog.core.text import count_text, exact
-from jbclog.record.find_runs import Found
+from jbclog.record.find_runs import Copy, Found, copies_texts
 
 DEFAULT: Final = "idle_error_c"
 UNIT_AT_END: Final = re.compile(r"_(permille_s|permille|percent|c_per_h|mm_s|mm|c|s|j)$")
@@ -139,7 +139,7 @@ def trends(
     expect_limits(lower, upper)
     found = {one.folder.name: one for one in runs.found}
     return [
-        _trend(place, metric, unit, points, lower, upper, found)
+        _trend(place, metric, unit, points, lower, upper, found, runs.copies)
         for place, points in sorted(_points(runs, metric, station).items())
         if port in (None, place[1])
     ]
@@ -201,6 +201,7 @@ def _trend(
     lower: float | None,
     upper: float | None,
     found: dict[str, Found],
+    copies: Sequence[Copy],
 ) -> Trend:
     values = np.array(
         [point.value for point in points if point.value is not None], dtype=np.float64
@@ -220,7 +221,8 @@ def _trend(
     )
     changes = list(_changes([one.run for one in points], found, *place))
     measured = [found[one.run] for one in points if one.value is not None]
-    warnings = [*_other_rates(measured, place[0]), *_copies(measured)]
+    copied = [one for one in copies if place[0] in found[one.counted.name].stations]
+    warnings = [*_other_rates(measured, place[0]), *copies_texts(copied)]
     return Trend(*place, metric, unit, points, chart, index, changes, warnings, resolution)
 
 
@@ -232,15 +234,6 @@ def _other_rates(runs: Iterable[Found], station: str) -> Iterator[str]:
             f"{rate} in {count_text(count, 'run')}" for rate, count in counts.most_common()
         )
         yield f"rates differ: {rates}; {WHAT_A_RATE_CHANGES}"
-
-
-def _copies(runs: Iterable[Found]) -> Iterator[str]:
-    """Yield a sentence if a run is there more than once: chart and capability take each for one."""
-    counts = Counter(one.manifest_sha256 for one in runs if one.manifest_sha256)
-    copies = sum(counts.values()) - len(counts)
-    if copies:
-        are = "is a copy of another run" if copies == 1 else "are copies of other runs"
-        yield f"{copies} of the runs {are} (the same manifest) and counted as well"
 
 
 def _changes(

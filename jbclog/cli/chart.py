@@ -11,7 +11,15 @@ import typer
 from jbclog.cli import options
 from jbclog.cli.loading import drawing, without_collector
 from jbclog.cli.options import NO_FOLDER, expect_chart_place, expect_run, is_runs
-from jbclog.cli.output import echo, echo_json, note, note_unreadable, reports_errors, save_figure
+from jbclog.cli.output import (
+    echo,
+    echo_json,
+    note,
+    note_copies,
+    note_unreadable,
+    reports_errors,
+    save_figure,
+)
 from jbclog.core.errors import UsageError
 from jbclog.core.text import exact_figures
 
@@ -154,6 +162,7 @@ def _measured(
         runs = open_runs(source)
         series = series_of_runs(runs, metric, station, port)
         note_unreadable(runs)
+        note_copies(runs)
     tests = ALL_TESTS if all_tests else DEFAULT_TESTS
     fixed = [None if limits is None else limits.of(one) for one in series]
     return [
@@ -183,6 +192,7 @@ def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted
             else count_charts.alarms_in_runs(runs)
         )
         note_unreadable(runs)
+        note_copies(runs)
         return found
     if metric == "rejects":
         raise UsageError("rejects are counted over runs: give a folder of runs")

@@ -66,6 +66,7 @@ def _learn(
 ) -> None:
     for run in runs:
         expect_run(run)
+    _expect_each_once(runs)
     if out.exists():
         raise UsageError(
             f"--out {out} exists; charts cite limits by their hash, so give another name"
@@ -102,6 +103,15 @@ def _learn(
     if refused or not found:
         note(f"{len(found)} of {len(learnt)} ports have limits")
         raise typer.Exit(1)
+
+
+def _expect_each_once(runs: list[Path]) -> None:
+    """Raise `UsageError` for a run that is given twice: its joints would count twice."""
+    from jbclog.record.find_runs import Found, once, summary_of
+
+    _, copies = once(one for one in map(summary_of, runs) if isinstance(one, Found))
+    if copies:
+        raise UsageError(f"{copies[0]}; give each run once")
 
 
 def _show(path: Path, *, as_json: bool, refused: dict[str, str] | None = None) -> None:

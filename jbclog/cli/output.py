@@ -75,6 +75,13 @@ def note_unreadable(runs: Runs) -> None:
         note(f"{one.folder}: {one.why}")
 
 
+def note_copies(runs: Runs) -> None:
+    """Print a line for each of the first folders that do not count, as another one has the run."""
+    from jbclog.record.find_runs import copies_texts
+
+    note(*copies_texts(runs.copies))
+
+
 def echo_json(data: object) -> None:
     """Print one JSON object on one line of stdout."""
     _echo([json_line(data, only_ascii=not writes_unicode())], err=False)

@@ -181,7 +181,7 @@ def facts(run: Found) -> dict[str, object]:
     known = {
         one.name: getattr(run, one.name)
         for one in fields(run)
-        if one.name not in ("folder", "manifest_sha256")
+        if one.name not in ("folder", "run", "manifest_sha256")
     }
     return {"run": str(run.folder), **known, "shown_state": run.shown_state}
 

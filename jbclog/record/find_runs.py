@@ -14,7 +14,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -41,6 +41,7 @@ from jbclog.record.manifest import (
 )
 
 MOST_WHY: Final = 500  # characters of why a manifest cannot be read
+MOST_COPIES: Final = 10  # that are named
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
 ENDINGS: Final = {
     "success": "ended",
@@ -90,13 +91,15 @@ _read_summary: Final = decoder(_Summary)
 class Found:
     """A run. `state` is ``running``, ``crashed`` (`recover` finishes it) or ``sealed``.
 
-    `units` are all serials: named at the start, read during the run, added later. `recipes` are
-    ``NAME@REVISION``. `changed` says what is wrong with the manifest: somebody, or a disk, changed
-    it. `periods_s` are seconds between the ticks of each station that was sampled; None without
-    pause.
+    `run` is the name that the manifest gives it, which its folder has unless somebody renamed or
+    copied it. `units` are all serials: named at the start, read during the run, added later.
+    `recipes` are ``NAME@REVISION``. `changed` says what is wrong with the manifest: somebody, or a
+    disk, changed it. `periods_s` are seconds between the ticks of each station that was sampled;
+    None without pause.
     """
 
     folder: Path
+    run: str
     state: str
     started: str | None
     ended: str | None
@@ -133,6 +136,24 @@ class Unreadable:
 
     folder: Path
     why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Copy:
+    """A folder with a run that another one, `counted`, has as well; `is_same`: their manifests are
+    the same, byte for byte.
+    """
+
+    folder: Path
+    counted: Path
+    is_same: bool
+
+    def __str__(self) -> str:
+        which = "the same" if self.is_same else "another"
+        return (
+            f"{self.folder} has the same run as {self.counted.name} ({which} manifest); only"
+            f" {self.counted.name} counts"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,6 +270,39 @@ def find(folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
                 yield run
 
 
+def once(found: Iterable[Found]) -> tuple[list[Found], list[Copy]]:
+    """Return each run once, in this order, and its other folders, those with another manifest
+    first: every figure over runs counts a run once.
+
+    Of the folders with one run that counts which has the run's own name, else the first by name.
+    """
+    runs = list(found)
+    by_run: dict[str, list[Found]] = {}
+    for one in runs:
+        by_run.setdefault(one.run, []).append(one)
+    counted = {
+        run: min(those, key=lambda one: (one.folder.name != one.run, one.folder.name))
+        for run, those in by_run.items()
+    }
+    copies = [
+        Copy(one.folder, its.folder, one.manifest_sha256 == its.manifest_sha256)
+        for one in runs
+        if (its := counted[one.run]) is not one
+    ]
+    return (
+        [one for one in runs if counted[one.run] is one],
+        sorted(copies, key=lambda one: one.is_same),
+    )
+
+
+def copies_texts(copies: Sequence[Copy]) -> list[str]:
+    """Return a sentence for each of the first copies, and one for how many more there are."""
+    more = len(copies) - MOST_COPIES
+    are = "folder has a run" if more == 1 else "folders have runs"
+    said = [f"{more} more {are} that another folder has; they do not count"] if more > 0 else []
+    return [*map(str, copies[:MOST_COPIES]), *said]
+
+
 def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
     """Read a run's manifest; None if its bytes show that it does not match."""
     path = folder / NAME
@@ -289,6 +343,7 @@ def _found(folder: Path, summary: _Summary, changed: str | None, sha256: str) ->
     ]
     return Found(
         folder=folder,
+        run=summary.run,
         state=state,
         started=summary.started,
         ended=summary.ended,

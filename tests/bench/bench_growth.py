@@ -167,8 +167,8 @@ def shifted(hour: pa.Table, number: int) -> pa.Table:
 
 
 def of_folders(count: int, _: float) -> Figures:
-    """Copies of a run of two stations with its report; `again`: nothing has changed since the call
-    before. Calls that change nothing are made three times; the least counts.
+    """Runs with the record of one, of two stations with its report; `again`: nothing has changed
+    since the call before. Calls that change nothing are made three times; the least counts.
     """
     with TemporaryDirectory(prefix="jbclog-growth-") as made:
         folder = Path(made) / "runs"
@@ -196,7 +196,7 @@ def of_folders(count: int, _: float) -> Figures:
 
 
 def copied(first: Path, folder: Path, count: int) -> None:
-    """Make a run with its report, and so many copies of it (links: they take no space)."""
+    """Make a run with its report, and so many with its record (links: they take no space)."""
     run = make_run(first, 20.0)
     write_report(run)
     copies(run, folder, count)

@@ -1,6 +1,6 @@
 """What folders of thousands of runs cost: ``python tests/bench/bench_index.py [--short]``.
 
-10 000 copies of a sealed run (``--short``: 1000) with the metrics that its recorder left;
+10 000 runs with the record of one (``--short``: 1000) and the metrics that its recorder left;
 `jbclog runs`, `where-used`, `trend` as they are typed, each in a fresh process: without an index,
 at the first time with one, when nothing has changed, and after 100 new runs (``--short``: 10).
 Start of the program included. Each is one thread, so that on an idle machine wall time is CPU.
@@ -28,6 +28,7 @@ from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import computed_metrics
 from jbclog.analysis.stored_tables import cache_metrics
 from jbclog.record.manifest import manifest_sha256
+from support.records.same_record import as_another
 from support.records.small_run import make_run
 
 RUNS, SHORT_RUNS = 10_000, 1000
@@ -45,19 +46,10 @@ def made_run(out: Path) -> Path:
 
 
 def add(run: Path, out: Path, begin: int, count: int) -> None:
-    """Copies under the names that a recorder gives: the manifest is one of its own, all else are
-    links.
-    """
+    """Runs with this record, under the names that a recorder gives."""
     for number in range(begin, begin + count):
         name = f"20261101T{number // 3600:02d}{number // 60 % 60:02d}{number % 60:02d}Z-bench-aaaa"
-        shutil.copytree(run, out / name, copy_function=_linked)
-
-
-def _linked(source: str, target: str) -> None:
-    if source.endswith("manifest.json"):
-        shutil.copyfile(source, target)
-    else:
-        os.link(source, target)
+        as_another(run, out / name)
 
 
 def took(verb: str, out: Path, cache: Path, *more: str) -> tuple[float, float]:

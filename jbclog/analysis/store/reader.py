@@ -239,6 +239,7 @@ class Store:
         }
         found = Found(
             folder=self.place.path / row["run"],
+            run=row["run"],
             state=SEALED,
             started=_iso(row["started"]),
             ended=_iso(row["ended"]),

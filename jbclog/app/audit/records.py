@@ -40,7 +40,7 @@ from jbclog.maintenance.verification import (
 from jbclog.protocol.commands.command import Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.record.conclude import known_stations
-from jbclog.record.find_runs import SEALED, Filter, Found, Unreadable, find
+from jbclog.record.find_runs import Filter, Found, Unreadable, copies_texts, find, once
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import read_manifest
 from jbclog.record.store_reader import StoreReader
@@ -125,26 +125,26 @@ def past_runs(folder: Path, since: Mapping[Place, str], audit: str) -> PastRuns:
     return past
 
 
-def _runs(folder: Path, since: Mapping[Place, str], past: PastRuns) -> Iterator[Found]:
-    """Yield the runs with one of these stations that had not ended before, a sealed one and its
-    copies once.
+def _runs(folder: Path, since: Mapping[Place, str], past: PastRuns) -> list[Found]:
+    """Return the runs with one of these stations that had not ended before, each once; a copy with
+    another manifest is a trouble.
     """
     if not since:
-        return
+        return []
     begin = min(map(datetime.fromisoformat, since.values()))
-    unreadable = []
-    sealed: set[str] = set()
+    found, unreadable = list[Found](), list[Unreadable]()
     for run in find(folder, Filter(ended_since=begin)):
         if isinstance(run, Unreadable):
             unreadable.append(run)
-        elif run.state == SEALED and run.manifest_sha256 in sealed:
-            past.folders.add(Path(os.path.realpath(run.folder)))
         elif any((run.line, station) in since for station in run.stations):
-            sealed.add(run.manifest_sha256)
-            yield run
+            found.append(run)
+    counted, copies = once(found)
+    past.folders.update(Path(os.path.realpath(one.folder)) for one in copies)
+    past.trouble += copies_texts([one for one in copies if not one.is_same])
     past.trouble += [f"{one.folder}: {one.why}" for one in unreadable[:SHOWN]]
     if len(unreadable) > SHOWN:
         past.trouble.append(f"{folder}: {len(unreadable) - SHOWN} other runs cannot be read")
+    return counted
 
 
 def _count(found: Found, past: PastRuns) -> None:

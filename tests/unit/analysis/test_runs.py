@@ -5,6 +5,7 @@ many.
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
@@ -161,6 +162,20 @@ def test_a_folder_that_cannot_be_read_is_named_and_the_others_are_there(tmp_path
     runs = jbclog.open_runs(tmp_path)
     assert (len(runs), len(runs.unreadable)) == (1, 1)
     assert "1 unreadable" in repr(runs)
+
+
+def test_a_run_that_several_folders_have_is_there_once(tmp_path: Path) -> None:
+    folder = small_run.make_run(tmp_path, 5.0)
+    alone = jbclog.open_runs(tmp_path)
+    assert alone.copies == []
+    copy = shutil.copytree(folder, tmp_path / "0 copy")
+    runs = jbclog.open_runs(tmp_path)
+    assert [run.folder for run in runs] == [folder]
+    pd.testing.assert_frame_equal(runs.metrics(), alone.metrics())
+    (one,) = runs.copies
+    assert (one.folder, one.counted, one.is_same) == (copy, folder, True)
+    assert repr(runs) == f"<Runs {tmp_path}: 1 run, 1 copied>"
+    assert "1 folder with a run of another one (.copies)" in runs._repr_html_()
 
 
 # -- piece by piece --------------------------------------------------------------------------------

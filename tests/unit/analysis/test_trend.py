@@ -94,18 +94,53 @@ def test_a_run_that_is_off_is_a_signal_with_its_name(home: Path, tmp_path: Path)
     assert f"{found.points[-1].run}: test 1" in trend(tmp_path).stdout
 
 
-def test_a_run_that_is_there_more_than_once_is_warned_of(tmp_path: Path) -> None:
+def test_a_run_that_several_folders_have_counts_once(tmp_path: Path) -> None:
     first, _ = many_runs(tmp_path, [0.0, 1.0])
+    (alone,) = trends(open_runs(tmp_path))
+    assert (len(alone.points), alone.warnings) == (2, [])
+    names = ("0 copy", "a copy")  # before and behind the name of the run
+    for name in names:
+        copytree(first, tmp_path / name)
     (found,) = trends(open_runs(tmp_path))
-    assert found.warnings == []
+    assert found.points == alone.points
+    assert found.warnings == [
+        f"{tmp_path / name} has the same run as {first.name} (the same manifest); only"
+        f" {first.name} counts"
+        for name in names
+    ]
+    assert f"  warning: {found.warnings[0]}" in trend(tmp_path).stdout
+    told = json.loads(trend(tmp_path, "--json").stdout)
+    assert (told["runs"], told["trends"][0]["warnings"]) == (2, found.warnings)
+
+
+def test_a_copy_with_other_contents_is_named_first_and_does_not_count(tmp_path: Path) -> None:
+    first, _ = many_runs(tmp_path, [0.0, 1.0])
+    (alone,) = trends(open_runs(tmp_path))
+    forged = one_run(tmp_path, 2, 14.0).rename(tmp_path / "forged")
+    write_manifest(forged, replace(read_manifest(forged), run=first.name))
     copytree(first, tmp_path / "a copy")
     (found,) = trends(open_runs(tmp_path))
-    assert found.warnings == [
-        "1 of the runs is a copy of another run (the same manifest) and counted as well"
-    ]
-    copytree(first, tmp_path / "another copy")
-    said = "warning: 2 of the runs are copies of other runs (the same manifest)"
-    assert said in trend(tmp_path).stdout
+    assert found.points == alone.points
+    assert found.warnings[0] == (
+        f"{forged} has the same run as {first.name} (another manifest); only {first.name} counts"
+    )
+    assert "(the same manifest)" in found.warnings[1]
+    # a run that has lost its name: the first folder by name counts
+    first.rename(tmp_path / "moved")
+    (found,) = trends(open_runs(tmp_path))
+    assert {point.run for point in found.points} == {alone.points[1].run, "a copy"}
+    assert {text.split(" has ")[0] for text in found.warnings} == {
+        str(tmp_path / name) for name in ("forged", "moved")
+    }
+
+
+def test_of_many_copies_ten_are_named(tmp_path: Path) -> None:
+    (first,) = many_runs(tmp_path, [0.0])
+    for number in range(12):
+        copytree(first, tmp_path / f"copy {number}")
+    (found,) = trends(open_runs(tmp_path))
+    assert (len(found.points), len(found.warnings)) == (1, 11)
+    assert found.warnings[-1].startswith("2 more folders have runs that another folder has;")
 
 
 def test_what_would_mislead_is_refused_in_a_sentence(home: Path, tmp_path: Path) -> None:

@@ -137,6 +137,21 @@ def test_an_error_of_a_run_with_copies_counts_once(ledger: Ledger) -> None:
     assert ledger.audit(0) == {"port.error": 2}
 
 
+def test_a_copy_with_other_contents_is_told_and_does_not_count(ledger: Ledger) -> None:
+    """As one that was made while the run went on."""
+    one = run(ledger.out, -5)
+    one.say((-4, "port.error"))
+    copy = copytree(one.folder, ledger.out / "0 copy")
+    one.say((-3, "port.error"))
+    one.end(-1)
+    past = past_runs(ledger.out, {PLACE: iso(-24)}, iso(0))
+    assert past.events[PLACE] == {"port.error": 2}
+    assert past.trouble == [
+        f"{copy} has the same run as {one.folder.name} (another manifest); only {one.folder.name}"
+        " counts"
+    ]
+
+
 def test_a_run_over_several_audits_counts_part_by_part(ledger: Ledger) -> None:
     one = run(ledger.out, -30)
     one.say((-29, "port.error"), (-20, "port.error"))

@@ -105,7 +105,7 @@ def add(model: Path, out: Path, name: str, order: str) -> Path:
 
 def amend(run: Path, order: str) -> None:
     said = Metadata("A. Rossi", order, None, ["SN-1"], {"shift": order[-1]})
-    write_manifest(run, replace(read_manifest(run), metadata=said))
+    write_manifest(run, replace(read_manifest(run), run=run.name, metadata=said))
 
 
 Answer = tuple[list[Any], Any, Any]
