@@ -4,23 +4,45 @@ lock file alone.
 
 from __future__ import annotations
 
+import asyncio
+import time
 from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
-from threading import Lock
 from typing import Final
 
 from jbclog.core.foreign.files import Kind, open_foreign
 from jbclog.core.locks import NAME as LOCK
-from jbclog.core.text import clean
+from jbclog.core.text import clean, json_line, shortened
 from jbclog.live.follower import is_run
 from jbclog.record.find_runs import Found, summary_of
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.manifest import NAME as MANIFEST
 
 MOST: Final = 100  # the newest ones
+MOST_TEXT: Final = 300  # characters of what a manifest says, as in the table of `jbclog runs`
+KEPT_S: Final = 1.0
 REPORT: Final = "report.html"
-_one_at_a_time: Final = Lock()  # many who ask at once find what the first one has read
+
+
+class RunList:
+    """The list of runs as JSON, read once for all who ask within `KEPT_S`: who asks without pause
+    makes no work, and keeps no thread from others.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._reading = asyncio.Lock()
+        self._text = ""
+        self._until_s = 0.0
+
+    async def text(self) -> str:
+        """Raises OSError."""
+        async with self._reading:
+            if time.monotonic() >= self._until_s:
+                self._text = json_line(await asyncio.to_thread(past_runs, self._path))
+                self._until_s = time.monotonic() + KEPT_S
+            return self._text
 
 
 def past_runs(path: Path) -> list[dict[str, object]]:
@@ -31,11 +53,10 @@ def past_runs(path: Path) -> list[dict[str, object]]:
     names = sorted(
         (one.name for one in home.iterdir() if RUN_NAME.fullmatch(one.name)), reverse=True
     )[:MOST]
-    with _one_at_a_time:
-        return [
-            {"name": name, "text": _text(home / name), "report": (home / name / REPORT).is_file()}
-            for name in names
-        ]
+    return [
+        {"name": name, "text": _text(home / name), "report": (home / name / REPORT).is_file()}
+        for name in names
+    ]
 
 
 def open_report(path: Path, name: str) -> BufferedReader:
@@ -68,4 +89,4 @@ def _manifest_text(run: Path, *_: int) -> str:
         found.order and f"order {found.order}",
         found.product,
     ]
-    return clean(" · ".join(text for text in facts if text))
+    return clean(" · ".join(shortened(text, MOST_TEXT) for text in facts if text))

@@ -21,7 +21,7 @@ import socket
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from io import BufferedReader
 from pathlib import Path
 from typing import Final
@@ -37,7 +37,7 @@ from jbclog.app.watch import words
 from jbclog.app.watch.batch_queue import BatchQueue
 from jbclog.app.watch.connections import AT_ONCE, Connection
 from jbclog.app.watch.feed import Feed
-from jbclog.app.watch.past_runs import open_report, past_runs
+from jbclog.app.watch.past_runs import RunList, open_report
 from jbclog.core.errors import JbclogError, UsageError, unexpected_error_text
 from jbclog.core.text import clean, json_line
 from jbclog.live import RunState
@@ -122,8 +122,16 @@ def _is_own(name: str, address: str) -> bool:
     try:
         ipaddress.ip_address(name)
     except ValueError:
-        return name in (socket.gethostname().lower(), socket.getfqdn().lower())
+        return name in own_names()
     return True
+
+
+@cache
+def own_names() -> frozenset[str]:
+    """Return the names of this machine. Asked once: a resolver may take seconds, and each request,
+    with a token or without, could ask it.
+    """
+    return frozenset((socket.gethostname().lower(), socket.getfqdn().lower()))
 
 
 def is_any(address: str) -> bool:
@@ -302,9 +310,11 @@ def application(broadcast: Broadcast, access: Access, path: Path) -> ASGIApp:
             return PlainTextResponse(f"{MOST_BROWSERS} browsers are connected already", 503)
         return Stream(broadcast, queue)
 
-    def runs(_: Request) -> Response:
+    listed = RunList(path)
+
+    async def runs(_: Request) -> Response:
         try:
-            return Response(json_line(past_runs(path)), media_type="application/json")
+            return Response(await listed.text(), media_type="application/json")
         except OSError as error:
             return PlainTextResponse(f"the runs cannot be listed: {error.strerror or error}", 500)
 
@@ -361,6 +371,8 @@ class PageServer(uvicorn.Server):
     """
 
     def __init__(self, source: Source, access: Access, path: Path, queues: Queues = tuple) -> None:
+        if is_any(access.address):
+            own_names()  # before anybody waits for it
         self._broadcast = Broadcast(source, queues, Feed(words.no_run(path)))
         app = application(self._broadcast, access, path)
         config = uvicorn.Config(
