@@ -14,7 +14,7 @@ from urllib.parse import unquote
 import pyarrow.compute as pc
 
 from jbclog.analysis.store.place import Place, expect_library, explained
-from jbclog.analysis.store.reader import Published, Store, actions_of
+from jbclog.analysis.store.reader import Published, Store, actions_of, opened
 from jbclog.analysis.store.rows import chosen_rows
 from jbclog.analysis.store.schema import DATA, RUNS, TABLES
 from jbclog.app.publish.commits import committed, properties, writer
@@ -228,11 +228,12 @@ def compact(place: Place) -> dict[str, tuple[int, int]]:
     """
     expect_library()
     found = {}
+    runs = opened(place, RUNS)  # once: a log of thousands of commits takes seconds to read
     for name in TABLES:
         report: dict[str, int] = {}
 
         def compact(name: str = name, report: dict[str, int] = report) -> None:
-            report.update(_compacted(place, name))
+            report.update(_compacted(Store(place, None if name == RUNS else runs), name))
 
         if not committed(place, compact):
             raise RecordError(f"{place}: {name} changed meanwhile; compact it again")
@@ -240,9 +241,8 @@ def compact(place: Place) -> dict[str, tuple[int, int]]:
     return found
 
 
-def _compacted(place: Place, name: str) -> dict[str, int]:
-    store = Store(place)
-    table = store.table(name)
+def _compacted(store: Store, name: str) -> dict[str, int]:
+    place, table = store.place, store.table(name)
     place.expect_plain(name)
     with explained(place.url):
         store.data_files(name).expect_bounded(path for path, _ in _files(table))
@@ -276,7 +276,7 @@ def vacuum(place: Place, days: float = LEAST_DAYS) -> dict[str, int]:
 
 
 def _vacuumed(place: Place, name: str, days: float) -> int:
-    table = Store(place).table(name)
+    table = opened(place, name)
     place.expect_plain(name)  # it would follow links
     with explained(place.url):
         return len(table.vacuum(retention_hours=round(days * 24), dry_run=False, full=True))

@@ -8,6 +8,7 @@ import json
 import os
 import shutil
 import socket
+from collections import Counter
 from collections.abc import Iterator
 from datetime import timedelta
 from itertools import pairwise
@@ -242,6 +243,20 @@ def test_joined_files_have_the_same_rows_in_the_same_order(place: Place, filled:
     pd.testing.assert_frame_equal(
         jbclog.open_runs(place.url)[1].samples(), jbclog.open_runs(filled.url)[1].samples()
     )
+
+
+def test_the_log_of_a_table_is_not_read_once_for_each_table(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may have thousands of commits."""
+    read: list[str] = []
+    whole = Place.table
+    monkeypatch.setattr(Place, "table", lambda at, name: read.append(name) or whole(at, name))
+    compact(place)
+    assert Counter(read) == Counter([*TABLES, RUNS])
+    read.clear()
+    vacuum(place)
+    assert Counter(read) == Counter(TABLES)
 
 
 @pytest.fixture
