@@ -147,12 +147,13 @@ def _held(look: Observation) -> Iterator[Held]:
     if look.identity is None:
         return
     kind = look.identity.model or look.identity.family
+    tools = {str(port): tool for port, tool in look.tools.items()}
     if look.identity.software is not None:
         yield Held(look.station, "software", look.identity.software, ("software", kind))
     for name, value in sorted(look.parameters.items()):
         port, _, setting = name.rpartition(".")
-        tool = look.tools.get(int(port), "") if port.isdecimal() else ""
-        yield Held(look.station, name, value, (setting, look.identity.family, tool))
+        alike = (setting, look.identity.family, tools.get(port, ""))
+        yield Held(look.station, name, value, alike)
 
 
 def _since_last(seen: Sequence[Observation]) -> Iterator[Drift]:

@@ -30,7 +30,7 @@ from jbclog.core.durable_files import (
 )
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.files import Kind, each_line, open_foreign
-from jbclog.core.foreign.json_reader import LARGEST
+from jbclog.core.foreign.json_reader import LARGEST, expect_time
 from jbclog.core.locks import try_lock
 from jbclog.maintenance.counter_totals.observed import (
     Count,
@@ -108,7 +108,9 @@ def _cell(one: Count) -> tuple[str, object]:
 
 
 def read_line(line: bytes) -> Entry | None:
-    """Parse a line; None unless its hash is right and its content an entry."""
+    """Parse a line; None unless its hash is right and its content an entry, whose times can be
+    compared.
+    """
     body, own, rest = line.rpartition(OWN)
     body += b"}"
     if not own or rest != sha256(body).encode() + b'"}':
@@ -117,12 +119,21 @@ def read_line(line: bytes) -> Entry | None:
         return _observation(body)
     except (ValueError, RecursionError):  # a fact, or neither
         with suppress(ValueError, RecursionError):
-            return _FACT.decode(body)
+            return _fact(body)
     return None
+
+
+def _fact(body: bytes) -> Fact:
+    fact = _FACT.decode(body)
+    for time in (fact.time, fact.told):
+        expect_time(time)
+    return fact
 
 
 def _observation(body: bytes) -> Observation:
     look = _LOOK.decode(body)
+    for time in (look.time, look.audit, look.errors.until):
+        expect_time(time)
     return Observation(
         **{name: getattr(look, name) for name in _SHARED}, counts=tuple(_TABLES.decode(body).each())
     )

@@ -133,7 +133,8 @@ def _joint_rates(past: Past, ports: Sequence[int], joints: Each) -> Iterator[Use
         yield from (unknown(name, NO_JOINTS) for name in ("joints_a_day", "joints_a_work_h"))
         return
     made = [one for _, one in counted]
-    yield _figure("joints_a_day", made, sum_of(made).per(made[0].days))
+    days = made[0].days  # none between two looks at the same time
+    yield _figure("joints_a_day", made, sum_of(made).per(days) if days else None)
     work = [past.last_year(port, WORK) for port, _ in counted]
     yield _figure("joints_a_work_h", made, _rate(made, work), "hardly any working hours")
 

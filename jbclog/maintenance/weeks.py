@@ -74,7 +74,8 @@ class _Course:
     def _at(self, course: Sequence[float], when: datetime) -> float:
         """Return the value at `when`, interpolated linearly between two readings."""
         at = min(max(bisect_right(self.times, when), 1), len(self.times) - 1)
-        share = (when - self.times[at - 1]) / (self.times[at] - self.times[at - 1])
+        before, lasted = self.times[at - 1], self.times[at] - self.times[at - 1]
+        share = (when - before) / lasted if lasted else float(when >= before)
         return course[at - 1] + min(max(share, 0.0), 1.0) * (course[at] - course[at - 1])
 
     def is_spread(self, begin: datetime, end: datetime) -> bool:

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache, partial
+from heapq import nlargest
+from operator import attrgetter
 from typing import Final
 
 from jinja2 import Environment
@@ -17,7 +19,7 @@ from markupsafe import Markup
 
 from jbclog import __version__
 from jbclog.analysis.figures.canvas import styled
-from jbclog.core.text import clean, count_text
+from jbclog.core.text import clean, count_text, shortened
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind
 from jbclog.maintenance.fleet import (
@@ -34,7 +36,12 @@ from jbclog.report.audit import overview, plots
 from jbclog.report.audit.overview import listed, overview_of, span
 from jbclog.report.page_template import environment
 
+# of what a ledger can have without end; CSV and JSON have all of it
 MOST_MARKS: Final = 200
+MOST_OF_A_MARK: Final = 50  # counters; a port has twelve
+MOST_FACTS: Final = 200
+MOST_METERS: Final = 20_000  # of four hundred stations with four ports
+MOST_TEXT: Final = 10_000  # characters, as on a terminal
 SUPERSCRIPTS: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 OK: Final = "ok"
 
@@ -274,6 +281,7 @@ def _rendered(audit: FleetAudit) -> str:
     notes = Notes()
     rows = use_rows(audit, notes)
     weeks = fleet_weeks(audit)
+    every = list(meters(audit))
     return (
         _environment()
         .get_template("audit.html")
@@ -288,7 +296,10 @@ def _rendered(audit: FleetAudit) -> str:
             drifts=drift_rows(audit),
             marks=marks(audit),
             most_marks=MOST_MARKS,
-            meters=list(meters(audit)),
+            most_of_a_mark=MOST_OF_A_MARK,
+            facts=nlargest(MOST_FACTS, audit.facts, key=attrgetter("time")),
+            meters=every[:MOST_METERS],
+            more_meters=len(every) - MOST_METERS,
             turns=turns(audit),
             unread=list(unread(audit)),
             is_open=len(audit.stations) <= COUNTS_MOST,
@@ -307,8 +318,10 @@ def _rendered(audit: FleetAudit) -> str:
 
 
 def _shown(value: object) -> object:
-    """Return what a template writes: text from outside without control characters."""
-    return clean(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+    """Return what a template writes: text from outside without control characters, cut."""
+    if isinstance(value, str) and not isinstance(value, Markup):
+        return clean(shortened(value, MOST_TEXT))
+    return value
 
 
 @cache

@@ -113,6 +113,26 @@ def test_every_changed_byte_of_a_line_is_seen() -> None:
         assert read_line(changed) is None, place
 
 
+NO_TIMES = ("", "today", "0001-01-01T00:00:00+00:00", "9999-12-31T23:00:00+00:00", "2026-11-21")
+
+
+@pytest.mark.parametrize("time", NO_TIMES)
+def test_a_line_whose_times_cannot_be_compared_counts_for_nothing(path: Path, time: str) -> None:
+    """An audit took such a ledger for an internal error."""
+    wrong = [
+        *(replace(SEEN, **{name: time}) for name in ("time", "audit")),
+        replace(SEEN, errors=replace(SEEN.errors, until=time)),
+        *(replace(DONE, **{name: time}) for name in ("time", "told")),
+    ]
+    assert [read_line(written(one)) for one in wrong] == [None] * 5
+    add(path, [SEEN])
+    path.write_bytes(path.read_bytes() + written(replace(wrong[0], seq=2)) + b"\n")
+    add(path, [DONE])
+    book = read_book(path)
+    assert [one.seq for one in book.entries] == [1, 2]
+    assert not book.is_sound
+
+
 def test_a_changed_line_is_told_and_counts_for_nothing_and_the_next_audit_is_still_kept(
     path: Path,
 ) -> None:

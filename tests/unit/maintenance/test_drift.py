@@ -54,6 +54,12 @@ def test_a_station_that_was_never_seen_drifts_from_nothing() -> None:
     assert drifts({"a": [], "b": [look("b")]}) == {"b": ()}
 
 
+def test_a_port_of_thousands_of_digits_is_no_port() -> None:
+    """Of a ledger that is not ours: Python converts no number of so many."""
+    odd = look(parameters={f"{'9' * 5000}.sleep_delay_min": "5"})
+    assert drifts({"a": [odd]}) == {"a": ()}
+
+
 def test_another_tool_is_no_drift() -> None:
     seen = [
         look(days_ago=9, parameters={"1.adjust_c": "0"}, tools={1: "T245"}),

@@ -196,6 +196,31 @@ def test_marks_stand_with_their_rule_and_what_was_worked_at_least_and_at_most() 
     assert "line 41 is no observation or fact, or was changed" in page
 
 
+def test_of_what_a_ledger_can_have_without_end_the_page_has_a_part(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    audit = fleets.three()
+    (one,) = audit.facts
+    told = [
+        replace(
+            one, time=f"2026-{day // 28 + 1:02d}-{day % 28 + 1:02d}T06:00:00+00:00", part=f"T-{day}"
+        )
+        for day in range(260)
+    ]
+    long = replace(told[-1], text="x" * 300_000)
+    page = page_of(replace(audit, facts=(long, *told[:-1])))  # in any order
+    shown = words(page)
+    assert "60 older ones are in the JSON file" in shown
+    assert ("T-259 " in shown, "T-60 " in shown, "T-59 " in shown) == (True, True, False)
+    assert shown.index("T-259 ") < shown.index("T-258 ")
+    assert "x… (290000 characters are left out)" in shown
+    whole = words(drawn(fleets.three))
+    rows = whole.count("known", whole.index("Counters and totals"))
+    assert (rows > 1, "more are in the CSV" in whole) == (True, False)
+    monkeypatch.setattr("jbclog.report.audit.page.MOST_METERS", 1)
+    assert re.search(r" \d+ more are in the CSV and JSON files", words(page_of(audit)))
+
+
 def test_drift_says_from_how_many() -> None:
     page = words(drawn(fleets.trouble))
     assert "port 1: sleep delay ≠ off, 6 of 7 others have 5 line3-hde and line3-nae" in page

@@ -73,6 +73,15 @@ def test_a_year_of_a_station_that_has_been_known_for_a_month_is_not_known() -> N
     assert found["work_h_a_day_365"].value is None
 
 
+def test_two_looks_at_the_same_time_are_no_pace() -> None:
+    """Of a clock that stands, or of a ledger that is not ours."""
+    fed = went("dispensed_cycles", [(5, 10), (5, 20)])
+    assert figures(fed)["joints_a_day"].value is None
+    first, last = [(195.5, 0), (195.5, 5), (0, 10)], [(9, 0), (0, 5), (0, 9)]
+    for readings in (first, last):
+        assert len(weeks_of([went("work_h", readings)], ago(0))) == 53
+
+
 def test_shares_are_never_more_than_all() -> None:
     found = figures(went("plugged_h", [(30, 0), (0, 10)]), went("work_h", [(30, 0), (0, 10)]))
     assert found["use_percent"].range == Interval(pytest.approx(100 * 9 / 11), 100)
