@@ -5,14 +5,16 @@ neither memory nor the answers to others.
 from __future__ import annotations
 
 import http.client
+import os
 import re
 import resource
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 
 import pytest
@@ -143,6 +145,52 @@ def test_a_thousand_connections(
 ) -> None:
     sent = attacks(recording.folder.name, server[1])[kind]
     print(f"{kind}: {withstands(server, sent, 1000, ATTACKED_S)}")
+
+
+def asks(port: int, path: str, end_s: float) -> int:
+    """Ask again as soon as there is an answer; how often there was one."""
+    answers = 0
+    with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=60)) as connection:
+        while time.monotonic() < end_s:
+            connection.request("GET", path)
+            answers += connection.getresponse().read() != b""
+    return answers
+
+
+def cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("path", ["/hour?port=dde-1%201", "/runs"])
+def test_who_asks_without_pause_keeps_the_page_from_nobody(
+    server: tuple[subprocess.Popen[str], int],
+    tmp_path: Path,
+    path: str,
+    counted: Callable[..., None],
+) -> None:
+    process, port = server
+    for number in range(3000):
+        (tmp_path / f"20200101T00{number // 60:02d}{number % 60:02d}Z-bench-aaaa").mkdir()
+    began, used, seconds = time.monotonic(), cpu_s(process.pid), 10.0
+    with ThreadPoolExecutor(20) as pool:
+        asked = [pool.submit(asks, port, path, began + seconds) for _ in range(20)]
+        answers = []
+        while time.monotonic() < began + seconds:
+            answers.append(answer_s(port))
+            time.sleep(0.5)
+        count = sum(one.result() for one in asked)
+    took = [one for one in answers if one is not None]
+    used = (cpu_s(process.pid) - used) / (time.monotonic() - began)
+    counted(answers_without_pause=count)
+    print(f"{path}: {count} asked, {used:.2f} cores, page within {max(took):.2f} s")
+    assert count > 0
+    assert len(took) == len(answers)
+    assert max(took) < ANSWERS_S
+    assert used < 1.3
+    assert resident_mb(process.pid) < MEMORY
 
 
 @pytest.mark.parametrize("kind", ["silence", "reports"])
