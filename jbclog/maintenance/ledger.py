@@ -49,6 +49,7 @@ from jbclog.maintenance.counter_totals.observed import (
 V = TypeVar("V")
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
 OWN: Final = b', "sha256": "'
+PORTS: Final = frozenset(range(64))  # a station has at most four
 
 
 class _Tables(msgspec.Struct, gc=False):
@@ -57,6 +58,11 @@ class _Tables(msgspec.Struct, gc=False):
     counts: dict[int, dict[str, Number]] = msgspec.field(default_factory=dict)
     moving: dict[int, dict[str, tuple[Number, ...]]] = msgspec.field(default_factory=dict)
     unread: dict[int, dict[str, str]] = msgspec.field(default_factory=dict)
+
+    def expect_ports(self) -> None:
+        """Raise ValueError for a port that no station has: each is reckoned by itself."""
+        if not all(one.keys() <= PORTS for one in (self.counts, self.moving, self.unread)):
+            raise ValueError(f"has a port above {max(PORTS)}")
 
     def each(self) -> Iterator[Count]:
         for port, name, value in _each(self.counts):
@@ -134,8 +140,10 @@ def _observation(body: bytes) -> Observation:
     look = _LOOK.decode(body)
     for time in (look.time, look.audit, look.errors.until):
         expect_time(time)
+    tables = _TABLES.decode(body)
+    tables.expect_ports()
     return Observation(
-        **{name: getattr(look, name) for name in _SHARED}, counts=tuple(_TABLES.decode(body).each())
+        **{name: getattr(look, name) for name in _SHARED}, counts=tuple(tables.each())
     )
 
 

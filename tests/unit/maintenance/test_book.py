@@ -133,6 +133,15 @@ def test_a_line_whose_times_cannot_be_compared_counts_for_nothing(path: Path, ti
     assert not book.is_sound
 
 
+@pytest.mark.parametrize("standing", Standing)
+def test_a_line_of_ports_that_no_station_has_counts_for_nothing(standing: Standing) -> None:
+    """Thousands of them kept an audit busy for hours."""
+    values = {Standing.OK: 1.0}.get(standing)
+    for port, is_one in ((1, True), (63, True), (64, False), (10**6, False), (-1, False)):
+        counted = (Count(port, "work_h", "h", values, standing, why=""),)
+        assert (read_line(written(replace(SEEN, counts=counted))) is not None) == is_one
+
+
 def test_a_changed_line_is_told_and_counts_for_nothing_and_the_next_audit_is_still_kept(
     path: Path,
 ) -> None:

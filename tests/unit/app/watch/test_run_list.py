@@ -66,7 +66,7 @@ def test_what_a_manifest_says_is_cut(tmp_path: Path) -> None:
 
 def test_the_resolver_is_asked_once_whoever_asks(monkeypatch: pytest.MonkeyPatch) -> None:
     times: list[str] = []
-    monkeypatch.setattr(server.socket, "getfqdn", lambda: times.append("") or "line-pc.plant")
+    monkeypatch.setattr("socket.getfqdn", lambda: times.append("") or "line-pc.plant")
     server.own_names.cache_clear()
     try:
         access = server.Access("0.0.0.0", "a-token-of-24-characters")
