@@ -36,7 +36,7 @@ from jbclog.report.audit import overview, plots
 from jbclog.report.audit.overview import listed, overview_of, span
 from jbclog.report.page_template import environment
 
-# of what a ledger can have without end; CSV and JSON have all of it
+# of what a ledger can have without end; the JSON file has all of it
 MOST_MARKS: Final = 200
 MOST_OF_A_MARK: Final = 50  # counters; a port has twelve
 MOST_FACTS: Final = 200
