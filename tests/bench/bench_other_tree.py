@@ -9,8 +9,9 @@ from their own tree, and leave no metrics: those would be computed during the ne
 whole run, its start and its sealed record included.
 
 Whether 10 Hz fit a wire is decided by the response time at the start, when all stations are asked
-at once, and one station that is refused keeps all others from starting. So a run that recorded
-nothing is shown with the end of its output and made again, `TRIES` times in all.
+at once, and one station that is refused keeps all others from starting. This tree measures again
+before it refuses, an older one may not. So a run that recorded nothing is shown with the end of its
+output and made again, `TRIES` times in all.
 """
 
 from __future__ import annotations

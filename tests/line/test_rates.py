@@ -4,14 +4,17 @@ stations side by side.
 
 from __future__ import annotations
 
-from itertools import pairwise
+from collections import Counter
+from itertools import pairwise, takewhile
 
 import pytest
 
 from jbclog.core.errors import StartRefused
+from jbclog.core.io_requests import IoResult, Request, Steps, relay
 from jbclog.core.rows import COLUMN
+from jbclog.protocol.client.timing import READS
 from jbclog.session.run.context import PortState
-from jbclog.session.run.pace import choose_pace
+from jbclog.session.run.pace import APART_S, choose_pace
 from jbclog.session.scheduler import CEILING
 from support.oracles.account import assert_account_holds, wrong_values
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
@@ -103,6 +106,48 @@ def test_fit_takes_the_best_rate_and_keeps_it(turnaround_ms: float) -> None:
     assert run.facts.period_s is not None
     assert 1 / run.facts.period_s <= 10
     assert_account_holds(run)
+
+
+def test_a_link_that_is_too_slow_with_pauses_too_is_refused() -> None:
+    """Measured again before it is refused; what was measured last is what the message names."""
+    line = line_text("", "ports = [1]").replace("turnaround_ms = 1.0", "turnaround_ms = 60.0")
+    run = prepare(line, duration_s=5).go()
+    assert run.facts.outcome == "refused"
+    assert "10 Hz does not fit its serial link: " in run.facts.reason
+    assert "at 60.00 ms response time" in run.facts.reason
+    asked = [one for one in run.heard if one.text in ("RTT1", "RSER")]
+    assert Counter(one.text for one in asked) == {"RTT1": READS, "RSER": READS // 2}
+    again = [one.at for one in asked[-READS:]]
+    assert min(after - before for before, after in pairwise(again)) > APART_S
+    assert run.writes == []
+
+
+def test_a_computer_that_is_late_at_the_start_is_not_taken_for_slow_stations() -> None:
+    """Until the first sample each result costs the computer 1.5 ms, and twenty stations ask at
+    once: it comes to an answer 30 ms after the question, though the link had it after 14 ms.
+    """
+    head, station = line_text("", "ports = [1]").split("[[station]]")
+    names = [f"dde-{number}" for number in range(1, 21)]
+    run: VirtualRun
+
+    def slowly(request: Request) -> Steps[IoResult]:
+        heard = yield request
+        if not run.memory.samples:
+            clock = run.driver.clock
+            clock.advance_to(clock.monotonic() + 0.0015)
+        return heard
+
+    run = prepare(
+        "[[station]]".join([head, *(station.replace("dde-1", name) for name in names)]),
+        RECIPE + "\n[sampling]\nalarms_every_s = 0.2\n",
+        pulled=lambda _order, session, cable: (relay(session, slowly), cable),
+    )
+    run.go()
+    found = [run.memory.stations[name] for name in names]
+    assert [(one.outcome, one.rate_hz, one.reason) for one in found] == 20 * [("completed", 10, "")]
+    for tap in run.taps.values():  # each was measured again
+        asked = [one.text for one in takewhile(lambda one: not one.is_write, tap.heard)]
+        assert asked.count("RSER") == READS // 2
 
 
 def test_fit_never_takes_more_than_the_recipe_asks() -> None:

@@ -73,10 +73,15 @@ class ResponseTime:
 
 
 def response_time(
-    client: Client, family: Family, port: int, seen: Sequence[AnswerTime] = ()
+    client: Client,
+    family: Family,
+    port: int,
+    seen: Sequence[AnswerTime] = (),
+    *,
+    apart_s: float = 0.0,
 ) -> Steps[tuple[ResponseTime | None, int]]:
-    """Measure with `READS` harmless reads; return the response time, None without any answer, and
-    the number of answers to them.
+    """Measure with `READS` harmless reads, each `apart_s` after the answer before; return the
+    response time, None without any answer, and the number of answers to them.
 
     `seen` are answers to other signals of `port` that were read anyway, and count, too. Then all
     reads are those of a fast signal, and fewer are enough, `LEAST_READS` at least, unless one is
@@ -91,6 +96,8 @@ def response_time(
     while names and asked < (READS if lost else enough) and lost <= READS - LEAST_ANSWERED:
         name = names[0 if seen else asked % len(names)]
         question = _question(client, family, name, port)
+        if apart_s:
+            client.unasked((yield Wait(client.now + apart_s)))
         try:
             yield from client.ask(question)
         except NotSupported:

@@ -219,14 +219,16 @@ def _require_tools(context: SessionContext) -> None:
         )
 
 
-def measure_turnaround(context: SessionContext) -> Steps[None]:
+def measure_turnaround(context: SessionContext, *, apart_s: float = 0.0) -> Steps[None]:
     """Measure the response time, in µs: with what has been read of the signals of a port, and with
-    harmless reads.
+    harmless reads, `apart_s` apart. Measured again, it is that of the reads alone.
     """
     port = min(context.ports)
     seen = [] if context.answer_times is None else context.answer_times[port]
     context.answer_times = None
-    measured, answered = yield from response_time(context.station, context.family, port, seen)
+    measured, answered = yield from response_time(
+        context.station, context.family, port, seen, apart_s=apart_s
+    )
     if measured is None or answered < LEAST_ANSWERED:
         raise StartRefused(
             f"{context.name}: only {answered} of {READS} questions were answered; the link is too"

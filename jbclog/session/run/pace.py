@@ -5,8 +5,10 @@ response time.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from jbclog.core.errors import StartRefused
+from jbclog.core.io_requests import Steps
 from jbclog.core.rows import StationFacts
 from jbclog.session.rates import (
     AS_AUTO,
@@ -20,7 +22,15 @@ from jbclog.session.rates import (
     taken_rate_hz,
 )
 from jbclog.session.run.context import SessionContext
+from jbclog.session.run.identify import measure_turnaround
 from jbclog.session.scheduler import Demand, ScheduledRead
+
+# At a start all stations of a run are asked without pause, and a computer that serves hundreds of
+# them comes to an answer some milliseconds after it arrived. That counts as response time: nothing
+# tells it from a station that answers late. So a rate is refused only if the station is too slow
+# with pauses, too, in which the computer has time. Where the manual prints that answers vary, the
+# longest one counts, and further ones are no evidence against it.
+APART_S: Final = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +40,20 @@ class SamplingPlan:
     readings: list[ScheduledRead]
     period_s: float
     paced: bool
+
+
+def measure_pace(context: SessionContext) -> Steps[SamplingPlan]:
+    """Measure the response time and choose the rate; before a rate is refused, measure again.
+    Raises `StartRefused`.
+    """
+    yield from measure_turnaround(context)
+    try:
+        return choose_pace(context)
+    except StartRefused:
+        if context.order.is_replay or context.family.turnaround_ms is not None:
+            raise
+    yield from measure_turnaround(context, apart_s=APART_S)
+    return choose_pace(context)
 
 
 def choose_pace(context: SessionContext) -> SamplingPlan:

@@ -27,11 +27,11 @@ from jbclog.session.run.condition import bring_condition, check_condition, look_
 from jbclog.session.run.context import EXAMINED, HEATED, PREPARED, PortState, SessionContext
 from jbclog.session.run.countdown import compare_countdowns
 from jbclog.session.run.counters import read_counters
-from jbclog.session.run.identify import StationAbsent, identify, measure_turnaround
+from jbclog.session.run.identify import StationAbsent, identify
 from jbclog.session.run.link_loss import report_flood
 from jbclog.session.run.omega_states import unreported_states_text
 from jbclog.session.run.outage import StationGone, outage
-from jbclog.session.run.pace import SamplingPlan, choose_pace, chosen_text
+from jbclog.session.run.pace import SamplingPlan, chosen_text, measure_pace
 from jbclog.session.run.safe import make_safe
 from jbclog.session.run.sampling import Sampler, StationLost
 from jbclog.session.run.setting import listed
@@ -60,8 +60,7 @@ def start(context: SessionContext) -> Steps[SamplingPlan]:
     """
     yield from identify(context)
     wanted = yield from examine(context)
-    yield from measure_turnaround(context)
-    pace = choose_pace(context)
+    pace = yield from measure_pace(context)
     context.note(
         "station.ready",
         Severity.INFO,
