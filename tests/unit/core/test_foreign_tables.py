@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.core.foreign import tables
+from jbclog.core.foreign import parquet_pages, tables
 from jbclog.core.foreign.files import NotReadable
 from jbclog.core.foreign.parquet_footer import (
     BINARY,
@@ -96,6 +96,22 @@ def test_a_page_s_header_is_read_whatever_its_length(tmp_path: Path, length: int
     assert size >= 2 * length
     assert size < 2 * length + 20
     assert read_small(path)["name"].to_pylist() == texts
+
+
+def test_the_headers_of_a_long_record_are_parsed_once(tmp_path: Path) -> None:
+    """A report reads a week's samples several times, some 5000 page headers each time."""
+    first = {"a": 0, "b": 1000, "c": 2000, "d": 3000}  # else columns would have the same pages
+    rows = pa.table({name: range(begin, begin + 700) for name, begin in first.items()})
+    path = written(tmp_path / "a.parquet", rows)
+
+    def parsed() -> int:
+        before = parquet_pages._usual_head.cache_info().misses
+        with open_table(path) as table:
+            assert sum(len(group) for group in table.groups()) == 700
+        return parquet_pages._usual_head.cache_info().misses - before
+
+    assert parsed() > 5000
+    assert parsed() == 0
 
 
 @pytest.mark.parametrize("version", ["1.0", "2.0"])
