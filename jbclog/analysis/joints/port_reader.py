@@ -36,6 +36,8 @@ them.
 MOST_ROWS: Final = 1_000_000  # at once in memory, some 100 MB
 MOST_PORTS: Final = 48  # read together in windows, some 3 MB each
 TIMES: Final = ["time", "tick", "station", "port"]
+# columns that a sweep reads only where they say something: on a grid the tick is the time
+TIME, MOTOR = "time", "motor"
 SAME_S: Final = 1e-6
 # of a second: times since 1970 as floats are multiples of 0.24 µs, so there are few steps
 STEP_DECIMALS: Final = 12
@@ -83,6 +85,10 @@ class PortReader:
         self._kept: list[tuple[Key, Series]] | None = None
         self._last_s: dict[Key, float] = {}
         self._periods = self._read_periods()
+        every = self._facts.values()
+        spared = {TIME} if all(facts.period_s for facts in every) else set[str]()
+        spared |= set() if any(map(has_feeder, every)) else {MOTOR}
+        self._swept = [name for name in COLUMNS if name not in spared]
 
     def clock(self, key: Key) -> Clock:
         """Return the clock that gives the seconds of a port's rows, from the first row on."""
@@ -191,7 +197,7 @@ class PortReader:
         limits = self._rows
         rows = dict.fromkeys(self._facts, 0)
         kept: list[tuple[Key, Series]] | None = []
-        for group in gathered(self._groups(COLUMNS), len(self._facts)):
+        for group in gathered(self._groups(self._swept), len(self._facts)):
             found, places = sorted_by_port(group, self._facts)
             columns = _Columns.of(found, has_feeder=any(map(has_feeder, self._facts.values())))
             for key, place in places:
@@ -218,7 +224,7 @@ class PortReader:
 
 class _Columns(NamedTuple):
     """The columns of rows that are sorted by port; made for all ports at once, because each step
-    takes as long for few rows.
+    takes as long for few rows. Those that were not read are empty.
     """
 
     utc_us: Counts
@@ -236,9 +242,9 @@ class _Columns(NamedTuple):
     def of(cls, rows: pa.Table, *, has_feeder: bool) -> _Columns:
         names = ("tick", "temperature_c", "power_permille", "set_c", "tool", "port_error")
         ticks, temperature, power, setting, tool, port_error = (floats(rows[one]) for one in names)
-        status, motor = rows["status"], rows["motor"]
+        status = rows["status"]
         return cls(
-            micros(rows),
+            micros(rows) if TIME in rows.column_names else np.empty(0, dtype=np.int64),
             ticks,
             temperature,
             power,
@@ -247,7 +253,7 @@ class _Columns(NamedTuple):
             tool,
             port_error,
             _flags(pc.is_valid(status)),
-            floats(pc.equal(motor, PUSHING).cast(pa.int8())) if has_feeder else np.empty(0),
+            (floats(pc.equal(rows[MOTOR], PUSHING).cast(pa.int8())) if has_feeder else np.empty(0)),
         )
 
     def rows(self, place: slice) -> _Columns:

@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import time
 import tracemalloc
+from collections.abc import Iterator
 from math import nan
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from jbclog.analysis import run_metrics
@@ -107,6 +109,26 @@ def test_a_joint_has_the_time_of_the_row_next_to_it(monkeypatch: pytest.MonkeyPa
     for name in ("start", "end"):
         place = np.searchsorted(seconds, joints[f"{name}_s"].to_numpy() - 1e-5)
         assert (joints[name].cast("int64").to_numpy() == np.concatenate(rows)[place]).all()
+
+
+@pytest.mark.parametrize("is_free", [False, True])
+def test_a_sweep_reads_the_times_of_rows_only_where_there_is_no_grid(
+    is_free: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And the motor only where there is a feeder: a week is decoded four times."""
+    monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
+    run, asked = LongRun(600.0, 10.0, is_free=is_free), list[list[str]]()
+    groups = run.groups
+
+    def noted(table: str, columns: list[str], *, coded: bool = False) -> Iterator[pa.Table]:
+        asked.append(columns)
+        return groups(table, columns, coded=coded)
+
+    monkeypatch.setattr(run, "groups", noted)
+    joints_and_metrics(run)
+    spared = {"motor"} if is_free else {"motor", "time"}
+    sweeps = [columns for columns in asked if "temperature_c" in columns]
+    assert [set(COLUMNS) - set(columns) for columns in sweeps] == 4 * [spared]
 
 
 def memory(run: LongRun) -> tuple[float, int, float]:
