@@ -40,6 +40,7 @@ from common import RECIPE, in_own_process, virtual_stations
 from growth_page import Point, write_page
 from recorder import record
 
+from jbclog.analysis.rule_versions import RULES
 from jbclog.analysis.store.place import place_of
 from jbclog.analysis.store.statistics import Task
 from jbclog.app.publish.folder import publish_all
@@ -152,7 +153,7 @@ def sealed(out: Path, rows: int) -> str:
     """Seal a run of so many rows, an hour repeated; return its folder."""
     hour = table(samples(min(rows, HOUR_ROWS)))
     pieces = [shifted(hour, number) for number in range(-(-rows // HOUR_ROWS))]
-    return str(seal(out, [station(rows=rows)], pa.concat_tables(pieces)[:rows]))
+    return str(seal(out, [station(rows=rows)], pa.concat_tables(pieces)[:rows], rules=RULES))
 
 
 def shifted(hour: pa.Table, number: int) -> pa.Table:

@@ -28,6 +28,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from bench_growth import sealed, spent
 from common import in_own_process
 
+from jbclog.analysis.rule_versions import RULES
 from support.records.sealed_run import alarm, limit, lose, samples, seal, station, table
 
 ROWS = 8 * 3600 * 10
@@ -55,6 +56,7 @@ def eight_hours(out: Path) -> Path:
         table(columns),
         [alarm(10_002)],
         [limit("high", "380"), limit("low", "300")],
+        rules=RULES,
     )
 
 
@@ -73,6 +75,7 @@ def twenty_seconds(out: Path) -> Path:
         table(samples(200)),
         [],
         [limit("high", "380"), limit("low", "300")],
+        rules=RULES,
     )
 
 
@@ -108,7 +111,7 @@ def sixteen_stations(out: Path) -> Path:
         for name in names
         for side, text in (("high", "380"), ("low", "300"))
     ]
-    return seal(out, facts, table(*columns), [alarm(124, "dde-11")], limits)
+    return seal(out, facts, table(*columns), [alarm(124, "dde-11")], limits, rules=RULES)
 
 
 def cpu_s(what: Callable[[], object]) -> float:
