@@ -17,6 +17,7 @@ from pathlib import Path
 import pyarrow as pa
 
 from jbclog.analysis.run import open_run
+from jbclog.analysis.verdict.idle import KEPT
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.text import cleaned
@@ -78,6 +79,7 @@ def _memory_given_back() -> Iterator[None]:
 
 
 @_memory_given_back()
+@KEPT.while_in_use()
 def report_files(folder: Path) -> dict[str, bytes]:
     """Return every file of a report by its name. Raises `RecordError`, also for a run that is still
     open.

@@ -38,8 +38,12 @@ one; runs that these judged are compared by them again.
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from hashlib import blake2b
 from math import sqrt
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,6 +196,16 @@ def idle_readings(block: Block, period_s: float, rules: int = RULES) -> tuple[Fl
     version `rules` of the rules.
     """
     setting = setting_in_force(block.seconds, block.setting)
+
+    def find() -> Flags:
+        return _idle_rows(block, setting, period_s, rules)
+
+    idle = find() if rules < BOUNDS_HOLD else KEPT.rows(block, period_s, find)
+    return block.seconds[idle], np.asarray(block.temperature[idle] - setting[idle], np.float64)
+
+
+def _idle_rows(block: Block, setting: Floats, period_s: float, rules: int) -> Flags:
+    """Return the rows whose readings are idle."""
     usable = (
         block.working & ~np.isnan(block.temperature) & ~np.isnan(block.power) & ~np.isnan(setting)
     )
@@ -199,14 +213,64 @@ def idle_readings(block: Block, period_s: float, rules: int = RULES) -> tuple[Fl
     rows, in_force = block.take(usable), setting[usable]
     starts = _stretch_starts(rows.seconds, in_force, period_s)
     calm = settled(rows.seconds, rows.temperature, starts)
+    found = np.zeros(len(usable), dtype=np.bool_)
     if not calm.any():
-        return np.empty(0), np.empty(0)
+        return found
     errors = np.asarray(rows.temperature - in_force, dtype=np.float64)
     if rules < BOUNDS_HOLD:
-        idle = calm & outside_joints(rows.seconds, rows.power, calm)
+        found[usable] = calm & outside_joints(rows.seconds, rows.power, calm)
     else:
-        idle = calm & at_rest(rows.seconds, rows.power, errors, calm, starts, period_s)
-    return rows.seconds[idle], errors[idle]
+        found[usable] = calm & at_rest(rows.seconds, rows.power, errors, calm, starts, period_s)
+    return found
+
+
+class KeptRows:
+    """Which rows of blocks are idle by the latest rules, by all that a block holds.
+
+    A report needs them twice: for its metrics and for its verdict. To find them takes several times
+    as long as a digest.
+    """
+
+    def __init__(self) -> None:
+        self._found: dict[bytes, bytes] | None = None  # the rows in bits
+
+    @contextmanager
+    def while_in_use(self) -> Iterator[None]:
+        """Keep the rows of each block from its first use to its second."""
+        before, self._found = self._found, {}
+        try:
+            yield
+        finally:
+            self._found = before
+
+    def rows(self, block: Block, period_s: float, find: Callable[[], Flags]) -> Flags:
+        """Return what `find` returns for this block."""
+        if self._found is None:
+            return find()
+        key = _digest(block, period_s)
+        bits = self._found.pop(key, None)
+        if bits is None:
+            found = find()
+            if len(self._found) < MOST_KEPT:
+                self._found[key] = np.packbits(found).tobytes()
+            return found
+        packed = np.frombuffer(bits, dtype=np.uint8)
+        return np.unpackbits(packed, count=len(block.seconds)).astype(np.bool_)
+
+
+KEPT: Final = KeptRows()
+MOST_KEPT: Final = 8192  # blocks, some 1 kB each at 10 Hz: a week of eight ports
+
+
+def _digest(block: Block, period_s: float) -> bytes:
+    codes = block.tool, block.port_error
+    about = len(block.seconds), [one is None for one in codes], float(period_s)
+    digest = blake2b(repr(about).encode(), digest_size=16)
+    columns = block.seconds, block.temperature, block.power, block.setting, block.working, *codes
+    for column in columns:
+        if column is not None:
+            digest.update(np.ascontiguousarray(column))
+    return digest.digest()
 
 
 def _may_be_pulled(block: Block, setting: Floats) -> Flags:

@@ -20,12 +20,13 @@ from jbclog.analysis.figures.joined import GrowingColumn, JoinedTrace
 from jbclog.analysis.figures.trace import Grid, Trace
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_tables import RunTables, select
-from jbclog.analysis.verdict import judged_signals
+from jbclog.analysis.verdict import idle, judged_signals
+from jbclog.analysis.verdict.idle import Block, Flags, Floats
 from jbclog.report import gather, port_samples, ports
 from jbclog.report.facts import FigureFacts
 from jbclog.report.joints import joints_of
 from jbclog.report.port_samples import PortSamples
-from jbclog.report.write import as_document, figures_of
+from jbclog.report.write import as_document, figures_of, report_files
 from support.records import small_run
 from support.records.sealed_run import lose, samples, seal, station, table
 from support.virtual.lines import AIR
@@ -67,6 +68,24 @@ def in_small_groups(
 ) -> Iterator[pa.Table]:
     for group in run._groups(replace(select(table, columns), coded=coded)):
         yield from (group.slice(first, 61) for first in range(0, len(group), 61))
+
+
+def test_idle_rows_are_found_once_for_metrics_and_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The report is the same, byte for byte, as without what is kept."""
+    run, searched, find = small(tmp_path), list[bytes](), idle._idle_rows
+
+    def noted(block: Block, setting: Floats, period_s: float, rules: int) -> Flags:
+        searched.append(idle._digest(block, period_s))
+        return find(block, setting, period_s, rules)
+
+    monkeypatch.setattr(idle, "_idle_rows", noted)
+    files = report_files(run)
+    assert len({*searched}) == len(searched) == 3  # ports, of a block each
+    monkeypatch.setattr(idle.KEPT, "rows", lambda _block, _period_s, search: search())
+    assert report_files(run) == files
+    assert len(searched) == 9
 
 
 @pytest.mark.parametrize("made", [small, hot_air, free])

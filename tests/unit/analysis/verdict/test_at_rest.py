@@ -4,12 +4,14 @@ slowly, and with breaks.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from jbclog.analysis.verdict.idle import Block, Floats, idle_readings
+from jbclog.analysis.verdict import idle
+from jbclog.analysis.verdict.idle import KEPT, Block, Flags, Floats, idle_readings
 from support.plants import second_plant as plant
 from support.plants.second_plant import BOARD_C, Contact, Script, Trial, Truth, plants_of, simulate
 
@@ -101,21 +103,63 @@ def test_joints_that_leave_hardly_time_to_recover_give_the_true_error_or_none(hz
         assert not len(found) or abs(found.mean()) < 0.35
 
 
-def test_what_the_tip_does_in_its_own_time_stays_in() -> None:
-    """A slow swing of 3 °C while nothing is soldered is the tip's spread, and no tail."""
+def swinging() -> Block:
+    """A slow swing of 3 °C, and a joint now and then, whose recovery lasts 2 s."""
     at = np.arange(6000) / 10
     temperature = np.round(350 + 3 * np.sin(2 * np.pi * at / 45))
     power = np.full(len(at), 100.0)
-    for start in range(60, 600, 90):  # a joint now and then, whose recovery lasts 2 s
+    for start in range(60, 600, 90):
         here = (at >= start) & (at < start + 1.5)
         power[here], temperature[here] = 600.0, temperature[here] - 15
         after = (at >= start + 1.5) & (at < start + 3.5)
         temperature[after] -= np.round(15 * np.exp(-(at[after] - start - 1.5)))
-    block = Block(at, temperature, power, np.full(len(at), 350.0), np.ones(len(at), dtype=np.bool_))
-    found = idle_readings(block, 0.1)[1]
+    setting, working = np.full(len(at), 350.0), np.ones(len(at), dtype=np.bool_)
+    return Block(at, temperature, power, setting, working)
+
+
+def test_what_the_tip_does_in_its_own_time_stays_in() -> None:
+    """A slow swing while nothing is soldered is the tip's spread, and no tail."""
+    found = idle_readings(swinging(), 0.1)[1]
     assert len(found) > 4500
     assert found.std() == pytest.approx(3 / np.sqrt(2), rel=0.1)
     assert abs(found.mean()) < 0.3
+
+
+def test_while_they_are_kept_the_rows_of_a_block_are_found_once_for_two_who_ask(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """For a block that differs in anything they are found anew, and so for a third who asks."""
+    searched, find = list[Block](), idle._idle_rows
+
+    def noted(block: Block, setting: Floats, period_s: float, rules: int) -> Flags:
+        searched.append(block)
+        return find(block, setting, period_s, rules)
+
+    monkeypatch.setattr(idle, "_idle_rows", noted)
+    block = swinging()
+    known = [one.tolist() for one in idle_readings(block, 0.1)]
+    assert len(known[0]) > 4500
+    others = [
+        replace(block, **{name: getattr(block, name) + np.arange(6000) // 5999})
+        for name in ("seconds", "temperature", "power", "setting")
+    ]
+    others += [
+        replace(block, working=~block.working),
+        replace(block, tool=np.full(6000, 2.0), port_error=np.full(6000, 0.0)),
+    ]
+    with KEPT.while_in_use():
+        searched.clear()
+        for one in (block, *others):
+            idle_readings(one, 0.1)
+        idle_readings(block, 0.2)
+        assert len(searched) == len(others) + 2
+        again = idle_readings(replace(block, power=block.power.copy()), 0.1)
+        assert [one.tolist() for one in again] == known
+        assert len(searched) == len(others) + 2
+        idle_readings(block, 0.1)
+        assert len(searched) == len(others) + 3
+    idle_readings(block, 0.1)
+    assert len(searched) == len(others) + 4
 
 
 def test_power_that_is_all_there_is_is_no_rest() -> None:
