@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 
 from jbclog.analysis.figures.canvas import svg_text
-from jbclog.analysis.figures.curves import Readings, Span
+from jbclog.analysis.figures.curves import Readings, Span, blocks
 from jbclog.analysis.figures.from_samples import (
     BOTH,
     CLOGGED,
@@ -25,7 +25,7 @@ from jbclog.analysis.figures.from_samples import (
     TEMPERATURE,
 )
 from jbclog.analysis.figures.marks import Happening, limits_of, marks_of
-from jbclog.analysis.figures.port import draw
+from jbclog.analysis.figures.port import Scale, draw, scale_of
 from jbclog.analysis.figures.style import NARROW, WIDE, Format
 from jbclog.analysis.figures.trace import Air, Limit, MarkKind, Trace
 from jbclog.analysis.run_joints import spans_of
@@ -212,13 +212,19 @@ def _float(value: object) -> float | None:
 
 
 def _extreme(values: Readings, which: Callable[[Readings], np.floating[Any]]) -> float | None:
-    known = values[~np.isnan(values)]
-    return float(which(known)) if len(known) else None
+    """Return the least or greatest of the values that are known, without a copy of all."""
+    parts = (values[rows] for rows in blocks(len(values)))
+    found = [float(which(known)) for part in parts if len(known := part[~np.isnan(part)])]
+    return float(which(np.array(found, dtype=np.float64))) if found else None
 
 
 def _last(values: Readings) -> float | None:
-    known = values[~np.isnan(values)]
-    return float(known[-1]) if len(known) else None
+    """Return the last value that is known."""
+    for rows in reversed([*blocks(len(values))]):
+        known = np.flatnonzero(~np.isnan(values[rows]))
+        if len(known):
+            return float(values[rows][known[-1]])
+    return None
 
 
 def _limit(limits: Sequence[Limit], side: str) -> float | None:
@@ -247,9 +253,10 @@ def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figu
 
 def _figure(file: str, text: str, alt: str, drawn: Trace, crowded: bool) -> FigureFacts:
     """Return a figure in both sizes, or in the wide one alone, which a phone scrolls."""
-    wide = _svg(drawn, WIDE)
-    return FigureFacts(file, text, alt, wide, wide if crowded else _svg(drawn, NARROW))
+    scale = scale_of(drawn)
+    wide = _svg(drawn, WIDE, scale)
+    return FigureFacts(file, text, alt, wide, wide if crowded else _svg(drawn, NARROW, scale))
 
 
-def _svg(drawn: Trace, form: Format) -> str:
-    return svg_text(draw(drawn, form))
+def _svg(drawn: Trace, form: Format, scale: Scale) -> str:
+    return svg_text(draw(drawn, form, scale))

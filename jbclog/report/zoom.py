@@ -52,10 +52,10 @@ def zoom_of(trace: Trace, most: int) -> str | None:
     if trace.states or np.isnan(trace.temperature).all():
         return None
     words, page = _Words(), _in_page(trace, most)
-    stream = np.concatenate(_stream(trace, page, words))
+    stream = b"".join(map(varints, _stream(trace, page, words)))
     header = _header(trace, page, words)
     head = json.dumps(header, separators=(",", ":"), allow_nan=False).encode("ascii")
-    return base64.b64encode(len(head).to_bytes(4, "little") + head + varints(stream)).decode()
+    return base64.b64encode(len(head).to_bytes(4, "little") + head + stream).decode()
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ cleaned.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -55,12 +55,20 @@ RARE = 0.02  # samples that may lie in the coarse part of a scale
 COARSE: Final = 0.2  # share of the height below a knee
 
 
-def draw(trace: Trace, form: Format) -> Figure:
-    """Return the figure of one port."""
+class Scale(NamedTuple):
+    """The scale of the temperature in °C; below the knee, if there is one, it is coarser."""
+
+    low: float
+    high: float
+    knee: float | None
+
+
+def draw(trace: Trace, form: Format, scale: Scale | None = None) -> Figure:
+    """Return the figure of one port; `scale` is that of `scale_of`, if it is known."""
     lanes = lanes_of(trace, form)
     with styled():
         figure = new_figure(form.width_pt, height_pt(trace, lanes, form))
-        draw_at(figure, 0.0, trace, lanes, form)
+        draw_at(figure, 0.0, trace, lanes, form, scale=scale)
     return figure
 
 
@@ -79,6 +87,7 @@ def draw_at(
     form: Format,
     *,
     has_knee: bool = True,
+    scale: Scale | None = None,
 ) -> list[Axes]:
     """Draw a port into a figure, `top` points below its upper edge, and return the panels, the
     lowest last.
@@ -92,7 +101,7 @@ def draw_at(
         places, labels = trace.dates([second for second, _ in marks]), [label for _, label in marks]
         ticked(axes, places, labels, is_lowest=axes is panels[-1])
     if len(panels) > 1:
-        _temperature(panels[0], trace, form, has_knee=has_knee)
+        _temperature(panels[0], trace, form, scale or scale_of(trace, has_knee=has_knee))
         _power(panels[1], trace, form)
     draw_lanes(panels[-1], lanes, trace, form)
     return panels
@@ -115,11 +124,13 @@ def _panels(
 
 
 def _known(values: Readings) -> Readings:
-    return values[~np.isnan(values)]
+    """Return the values without NaN; these themselves, if there is none."""
+    there = ~np.isnan(values)
+    return values if there.all() else values[there]
 
 
-def _temperature(axes: Axes, trace: Trace, form: Format, *, has_knee: bool) -> None:
-    _scale(axes, trace, has_knee=has_knee)
+def _temperature(axes: Axes, trace: Trace, form: Format, scale: Scale) -> None:
+    _scale(axes, scale)
     _ground(axes, trace, form)
     _joints(axes, trace, form)
     _curve(
@@ -138,14 +149,21 @@ def _temperature(axes: Axes, trace: Trace, form: Format, *, has_knee: bool) -> N
     labelled(axes, labels, form.font_pt)
 
 
-def _scale(axes: Axes, trace: Trace, *, has_knee: bool) -> None:
-    """Set a scale that contains readings, settings and limits; its part below a knee, if it may
+def scale_of(trace: Trace, *, has_knee: bool = True) -> Scale:
+    """Return a scale that contains readings, settings and limits; its part below a knee, if it may
     have one, is coarser.
     """
-    external = np.empty(0) if trace.air is None else _known(trace.air.external)
+    read, external = (
+        _known(trace.temperature),
+        np.empty(0) if trace.air is None else _known(trace.air.external),
+    )
     lines = [external, _known(trace.setting), *(np.array(limit.celsius) for limit in trace.limits)]
-    low, high = _range([trace.temperature, *lines], least=20)
-    knee = _knee([_known(trace.temperature), external], lines[1:], low, high) if has_knee else None
+    low, high = _range([read, *lines], least=20)
+    return Scale(low, high, _knee([read, external], lines[1:], low, high) if has_knee else None)
+
+
+def _scale(axes: Axes, scale: Scale) -> None:
+    low, high, knee = scale
     axes.set_ylim(low, high)
     if knee is not None:
         axes.set_yscale("function", functions=_bent(low, knee, high))

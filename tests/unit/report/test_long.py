@@ -15,6 +15,7 @@ import pyarrow as pa
 import pytest
 
 from jbclog.analysis.figures import curves
+from jbclog.analysis.figures import port as port_figure
 from jbclog.analysis.figures.from_samples import has_air, trace
 from jbclog.analysis.figures.joined import GrowingColumn, JoinedTrace
 from jbclog.analysis.figures.trace import Grid, Trace
@@ -86,6 +87,17 @@ def test_idle_rows_are_found_once_for_metrics_and_verdict(
     monkeypatch.setattr(idle.KEPT, "rows", lambda _block, _period_s, search: search())
     assert report_files(run) == files
     assert len(searched) == 9
+
+
+def test_the_scale_of_a_figure_is_found_once_for_its_two_sizes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def again(*_: object, **__: object) -> None:
+        raise AssertionError("the drawing looks at all readings again")
+
+    run = small(tmp_path)
+    monkeypatch.setattr(port_figure, "scale_of", again)
+    assert "figures/dde-1-1.svg" in report_files(run)
 
 
 @pytest.mark.parametrize("made", [small, hot_air, free])

@@ -17,7 +17,7 @@ from jbclog.analysis.figures.canvas import new_figure, svg_text
 from jbclog.analysis.figures.curves import Span
 from jbclog.analysis.figures.from_samples import trace
 from jbclog.analysis.figures.lanes import lanes_of
-from jbclog.analysis.figures.port import draw, draw_at, height_pt
+from jbclog.analysis.figures.port import draw, draw_at, height_pt, scale_of
 from jbclog.analysis.figures.style import HATCHES, NARROW, WIDE, Format
 from jbclog.analysis.figures.ticks import round_values, spread
 from jbclog.analysis.figures.trace import Grid, Limit, Mark, MarkKind, Trace
@@ -66,6 +66,13 @@ def test_the_coarser_scale_loses_nothing_and_says_so() -> None:
     )[:, 1]
     assert (np.diff(heights) > 0).all()
     assert heights[1] - heights[0] < 0.5 * (heights[4] - heights[3]) * 75 / 10
+
+
+@pytest.mark.parametrize("form", [WIDE, NARROW])
+def test_a_scale_that_is_known_gives_the_same_figure(form: Format) -> None:
+    one = port(20_000)
+    assert scale_of(one).knee is not None
+    assert svg_text(draw(one, form, scale_of(one))) == svg_text(draw(one, form))
 
 
 def test_a_figure_for_a_notebook_has_one_scale_a_panel() -> None:
