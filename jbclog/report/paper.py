@@ -71,7 +71,7 @@ def _data(facts: Facts) -> dict[str, object]:
     shown = _Fitting().of(cleaned(_content(facts)))
     assert isinstance(shown, dict)
     drawings = {figure.file: drawable_in_figure(figure.wide) for figure in _figures(facts)}
-    if LACKING in f"{shown}{drawings}":
+    if LACKING in f"{shown}" or any(LACKING in drawn for drawn in drawings.values()):
         shown["sections"][-1]["parts"].append(paragraph(LACKING_MEANS, "quiet"))
     return {**shown, "drawings": drawings}
 

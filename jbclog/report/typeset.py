@@ -56,8 +56,11 @@ def drawable(text: str) -> str:
     """
     if text.isascii() and text.isprintable():
         return text
-    lacking = dict.fromkeys(map(ord, set(text) - _letters()), LACKING)
-    return _marks(MARKS + 1).sub(LACKING, text.translate(lacking))
+    used = frozenset(text)
+    lacking = dict.fromkeys(map(ord, used - _letters()), LACKING)
+    # the drawing of a figure is long: to translate looks up each of its letters
+    shown = text.translate(lacking) if lacking else text
+    return _marks(MARKS + 1).sub(LACKING, shown) if used & _combining() else shown
 
 
 def drawable_in_figure(svg: str) -> str:
@@ -93,8 +96,14 @@ def _letters() -> frozenset[str]:
 @cache
 def _marks(least: int) -> re.Pattern[str]:
     """Return a pattern of so many combining marks in succession, and more."""
-    marks = "".join(sorted(one for one in _letters() if category(one).startswith("M")))
+    marks = "".join(sorted(_combining()))
     return re.compile(f"[{re.escape(marks)}]{{{least},}}")
+
+
+@cache
+def _combining() -> frozenset[str]:
+    """Return the combining marks among the letters."""
+    return frozenset(one for one in _letters() if category(one).startswith("M"))
 
 
 def _in_font(path: Path) -> frozenset[str]:

@@ -338,6 +338,22 @@ def test_the_colours_of_a_figure_differ_in_grey() -> None:
     assert abs(grey(style.ALARM) - grey(style.NO_DATA_TINT)) > 60
 
 
+class Drawn(str):
+    """The drawing of a figure, which is long: to look up each of its letters takes 0.1 s for a
+    million.
+    """
+
+    __slots__ = ()
+
+    def translate(self, _table: object) -> str:
+        raise AssertionError("no letter of it is lacking")
+
+
+def test_a_drawing_whose_letters_the_font_has_is_not_translated() -> None:
+    svg = "<text>10 µs – 350 °C, ±2</text>"
+    assert drawable(Drawn(svg)) == svg
+
+
 def test_letters_that_the_font_lacks_are_told_and_not_lost_in_silence(tmp_path: Path) -> None:
     assert drawable("王 ΔT ✓") == f"{LACKING} ΔT ✓"
     assert drawable("a\0\x1b\ud800b\n") == f"a{3 * LACKING}b\n"
