@@ -40,8 +40,12 @@ def drawing() -> Iterator[None]:
     """Load what draws, without the collector.
 
     Matplotlib writes the list of its properties into the documentation of each kind of artist, a
-    quarter of its loading. Nobody reads that in a command.
+    quarter of its loading. Nobody reads that in a command. Nor does a command draw in three
+    dimensions, for which it loads five modules unless they cannot be had.
     """
+    flat = ModuleType("mpl_toolkits.mplot3d")
+    flat.Axes3D = None  # type: ignore[attr-defined]
+    sys.modules.setdefault(flat.__name__, flat)
     with without_collector():
         from matplotlib.artist import Artist
 

@@ -173,6 +173,7 @@ def test_report(tmp_path: Path) -> None:
     modules = loaded(SHOWN, ["report", str(make_run(tmp_path, 20.0))], tmp_path)
     assert foreign(modules) - COMMAND_LINE - MODELS - ARROW - DRAWN == set()
     assert {"rich", "serial", "matplotlib.pyplot", "pandas.plotting._matplotlib"} & modules == set()
+    assert "mpl_toolkits.mplot3d.axes3d" not in modules
     forbidden = ("session", "transport", "sim", "live", "app", "guard", "protocol.client")
     forbidden += ("config.load_recipe", "config.recipe")  # the run has its verdict
     assert [name for name in own(modules) if name.startswith(forbidden)] == []
