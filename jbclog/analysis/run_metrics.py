@@ -219,12 +219,16 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
 
 def _reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
     steps = clock_steps(run) if any(not facts.period_s for facts in stations) else []
+    is_sealed = run.manifest.state == "sealed"  # else rows move from the live store to a part
     return PortReader(
         stations,
         lambda columns: run.groups("samples", columns, coded=True),
         steps,
         run.manifest.t0_utc_us,
         MOST_ROWS,
+        (lambda columns, wanted: run.groups("samples", columns, coded=True, wanted=wanted))
+        if is_sealed
+        else None,
     )
 
 

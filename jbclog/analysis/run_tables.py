@@ -31,7 +31,7 @@ from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
 from jbclog.record.conclude import known_stations
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.record.parts import groups_of, part_paths, parts_through, summary_of
+from jbclog.record.parts import Wanted, groups_of, part_paths, parts_through, summary_of
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.sealed_files import expect_manifest_unchanged, expect_unchanged
 from jbclog.record.store import segments
@@ -68,6 +68,7 @@ class Selection:
     start: pd.Timestamp | None = None
     stop: pd.Timestamp | None = None
     coded: bool = False  # texts may come as dictionaries
+    wanted: Wanted | None = None  # sealed row groups that are needed, if not all
 
     @property
     def needed(self) -> list[str]:
@@ -395,11 +396,14 @@ class RunTables:
         """Return its joints or metrics as a store has them; None for a run in a folder."""
         return None
 
-    def groups(self, table: str, columns: list[str], *, coded: bool = False) -> Iterator[pa.Table]:
+    def groups(
+        self, table: str, columns: list[str], *, coded: bool = False, wanted: Wanted | None = None
+    ) -> Iterator[pa.Table]:
         """Yield the rows of a table in order, one row group at a time; rows of the live store come
-        last. `coded`: the texts of sealed rows come as dictionaries, in half the time.
+        last. `coded`: the texts of sealed rows come as dictionaries, in half the time. Row groups
+        of a sealed run that are not `wanted` may be left out.
         """
-        return self._groups(replace(select(table, columns), coded=coded))
+        return self._groups(replace(select(table, columns), coded=coded, wanted=wanted))
 
     def pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
         """Return the same row groups as a list."""
@@ -462,7 +466,8 @@ class RunTables:
                     " a sealed run"
                 )
             sealed = [part for part in parts if selection.may_have(part)]
-            groups = groups_of(sealed, selection.needed, coded=selection.coded)
+            coded, wanted = selection.coded, selection.wanted
+            groups = groups_of(sealed, selection.needed, coded=coded, wanted=wanted)
             yield from map(selection.cut, groups)
             yield from live
         if store.damage:

@@ -15,6 +15,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
+from itertools import count
 from pathlib import Path
 from typing import Final
 
@@ -121,6 +122,8 @@ PREPARING: Final = "."  # readers of Parquet folders leave out what begins with 
 
 Groups = Callable[[], Iterable[pa.Table]]
 """Gives the rows of a part, a row group at a time, and the same ones each time it is called."""
+Wanted = Callable[[int], bool]
+"""Whether a row group of a table is to be read, by its number from 0 over all parts."""
 
 
 def part_paths(folder: Path, table: str) -> list[Path]:
@@ -247,12 +250,22 @@ def row_groups(
 
 
 def groups_of(
-    parts: Iterable[Path], columns: list[str] | None = None, *, coded: bool = False
+    parts: Iterable[Path],
+    columns: list[str] | None = None,
+    *,
+    coded: bool = False,
+    wanted: Wanted | None = None,
 ) -> Iterator[pa.Table]:
-    """Yield the rows of these parts by row groups; `coded`: with dictionaries for texts."""
+    """Yield the rows of these parts by row groups, all or those that are `wanted`; `coded`: with
+    dictionaries for texts.
+    """
+    numbers = count()
     for path in parts:
         with _opened(path, coded=coded) as file:
             for index in range(file.num_row_groups):
+                number = next(numbers)
+                if wanted is not None and not wanted(number):
+                    continue
                 try:
                     yield file.group(index, columns)
                 except (pa.ArrowException, OSError) as error:

@@ -19,7 +19,7 @@ from jbclog.analysis.coded_texts import is_one_of
 from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, Clock
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.values import Values
-from jbclog.analysis.joints.windows import Windows, joined, placed
+from jbclog.analysis.joints.windows import SeenWindows, TakesRows, joined, placed
 from jbclog.analysis.port_split import Key, by_port, gathered, sorted_by_port
 from jbclog.analysis.verdict.clock_steps import Step, nominal_period
 from jbclog.analysis.verdict.idle import Block, Flags, Floats
@@ -33,6 +33,8 @@ Groups = Callable[[list[str]], Iterable[pa.Table]]
 """Reads these columns of the row groups of a run's samples in order; station and port are among
 them.
 """
+SomeGroups = Callable[[list[str], Callable[[int], bool]], Iterable[pa.Table]]
+"""Reads the same; may leave out row groups that are not wanted, by their number."""
 MOST_ROWS: Final = 1_000_000  # at once in memory, some 100 MB
 MOST_PORTS: Final = 48  # read together in windows, some 3 MB each
 TIMES: Final = ["time", "tick", "station", "port"]
@@ -58,7 +60,7 @@ def at_once(some: Sequence[T], size: Callable[[T], float], most: float) -> Itera
 class Sweeps(Protocol):
     """What sweeps over the rows of a port several times, such as `PortSweeps`."""
 
-    def next_sweep(self) -> Windows | None:
+    def next_sweep(self) -> TakesRows | None:
         """Return what takes the rows next, None if there is nothing more to do; called again when
         the rows have ended.
         """
@@ -66,7 +68,7 @@ class Sweeps(Protocol):
 
 class PortReader:
     """The ports of stations, read together. `steps` are those of the wall clock, `t0_us` is the
-    run's zero.
+    run's zero. `some` reads some row groups of a run that does not change.
     """
 
     def __init__(
@@ -76,6 +78,7 @@ class PortReader:
         steps: Sequence[Step],
         t0_us: int,
         most_rows: int,
+        some: SomeGroups | None = None,
     ) -> None:
         self._facts: dict[Key, StationFacts] = {
             (facts.name, port): facts for facts in stations for port in facts.ports
@@ -83,6 +86,9 @@ class PortReader:
         self._groups, self._steps, self._t0_us, self._most_rows = groups, steps, t0_us, most_rows
         self._rows: dict[Key, int] | None = None
         self._kept: list[tuple[Key, Series]] | None = None
+        self._some = some
+        # of a port alone: the moments of its first and last row in each row group
+        self._spans: list[tuple[float, float] | None] = []
         self._last_s: dict[Key, float] = {}
         self._periods = self._read_periods()
         every = self._facts.values()
@@ -142,7 +148,7 @@ class PortReader:
             for key, port in ports.items()
             if (windows := port.next_sweep()) is not None
         }:
-            for key, piece in self._pieces():
+            for key, piece in self._some_pieces(taking) or self._pieces():
                 if key in taking:
                     taking[key].take(piece)
             for windows in taking.values():
@@ -195,11 +201,12 @@ class PortReader:
             return
         clocks = {key: self.clock(key) for key in self._facts}
         limits = self._rows
-        rows = dict.fromkeys(self._facts, 0)
+        rows, spans = dict.fromkeys(self._facts, 0), list[tuple[float, float] | None]()
         kept: list[tuple[Key, Series]] | None = []
         for group in gathered(self._groups(self._swept), len(self._facts)):
             found, places = sorted_by_port(group, self._facts)
             columns = _Columns.of(found, has_feeder=any(map(has_feeder, self._facts.values())))
+            spans.append(None)
             for key, place in places:
                 some = columns.rows(
                     place
@@ -210,12 +217,37 @@ class PortReader:
                 piece = _series(self._facts[key], some, clocks[key], self._periods[key])
                 if len(some.ticks):
                     self._last_s[key] = float(piece.seconds[-1])
+                    spans[-1] = float(piece.seconds[0]), self._last_s[key]
                 if kept is not None:
                     kept.append((key, piece))
                 yield key, piece
             if sum(rows.values()) > self._most_rows:
                 kept = None
-        self._rows, self._kept = rows, kept
+        self._rows, self._kept, self._spans = rows, kept, spans
+
+    def _some_pieces(self, taking: Mapping[Key, TakesRows]) -> Iterator[tuple[Key, Series]] | None:
+        """Return the rows that are needed of a port alone on a grid, which was read before; None
+        where they are all to be read.
+        """
+        windows, *others = taking.values()
+        is_alone = len(self._facts) == 1 and not others and TIME not in self._swept
+        if self._some is None or self._kept is not None or not is_alone:
+            return None
+        return self._needed(self._some, windows) if isinstance(windows, SeenWindows) else None
+
+    def _needed(self, some: SomeGroups, windows: SeenWindows) -> Iterator[tuple[Key, Series]]:
+        ((key, facts),) = self._facts.items()
+        clock = self.clock(key)
+
+        def is_needed(number: int) -> bool:
+            span = self._spans[number] if number < len(self._spans) else None
+            return span is not None and windows.needs(*span)
+
+        for group in some(self._swept, is_needed):
+            found, places = sorted_by_port(group, self._facts)
+            columns = _Columns.of(found, has_feeder=has_feeder(facts))
+            for _, place in places:
+                yield key, _series(facts, columns.rows(place), clock, self._periods[key])
 
     def _split(self, group: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
         """Yield the rows of each of these ports in a row group."""

@@ -11,7 +11,8 @@ the rows are read:
    temperatures at rest.
 3. *Joints*: what each draw did to the tip, against the levels that are now known.
 
-The second sweep has two halves, so the rows are read four times. Kept in memory are a table of
+The second sweep has two halves, so the rows are read four times; of a long record the first half
+needs the windows with those pieces alone. Kept in memory are a table of
 stretches, of draws and of joints, and a count of readings by temperature. A draw longer than
 `windows.MOST_WINDOWS` windows is cut off. A port with a feeder is analysed as a whole (`joints`),
 because counts and pushes far apart explain each other.
@@ -39,7 +40,7 @@ from jbclog.analysis.joints.recovery import MOST_RECOVERY_S, Joint, joints_of
 from jbclog.analysis.joints.series import Series, Stretch, Unseen
 from jbclog.analysis.joints.thermal import ThermalModel
 from jbclog.analysis.joints.tools import UNKNOWN_CODE, Tool, code_at, merged_by_code
-from jbclog.analysis.joints.windows import WINDOW_S, Seen, View, Windows
+from jbclog.analysis.joints.windows import WINDOW_S, Seen, SeenWindows, TakesRows, View, Windows
 
 # a draw that ends so long before the last row does not depend on later rows
 SETTLED_S: Final = 30.0
@@ -154,16 +155,14 @@ class PortSweeps:
             self._doubt,
         )
 
-    def next_sweep(self) -> Windows | None:
+    def next_sweep(self) -> TakesRows | None:
         """Return what takes the rows of the next sweep; call it again when these have ended."""
         number, self._done = self._done, self._done + 1
         if number == 0:
             return Windows(self._look_at_stretches, self._window_s, seen=self._seen)
         if number == 1:
             self._choose_pieces()
-            return Windows(
-                self._keep_pieces, self._window_s, seen=self._seen, wanted=self._has_piece
-            )
+            return SeenWindows(self._keep_pieces, self._seen, self._has_piece)
         if number == 2:
             self._identify_tools()
             return Windows(self._find_draws, self._window_s)

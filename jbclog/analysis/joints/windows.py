@@ -12,11 +12,12 @@ has.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from math import floor, inf
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,16 +94,38 @@ class _PartBefore:
         return ReadyStretch(Stretch(self.period_s, seconds, none, none, none), ready)
 
 
+class _Edges(NamedTuple):
+    """A window of a sweep: from when to when it is, the moments of its first and last row, and the
+    codes of the first.
+    """
+
+    begin_s: float
+    end_s: float
+    is_final: bool
+    first_s: float
+    last_s: float
+    codes: tuple[float | None, ...]
+
+    @classmethod
+    def of(cls, rows: Series, begin_s: float, end_s: float, *, is_final: bool) -> _Edges:
+        columns = [getattr(rows.rows, name) for name in CODES]
+        codes = (None if column is None else float(column[0]) for column in columns)
+        first_s, last_s = float(rows.seconds[0]), float(rows.seconds[-1])
+        return cls(begin_s, end_s, is_final, first_s, last_s, tuple(codes))
+
+
 class Seen:
-    """The stretches of every window of a sweep that sees each window once, some bits a row: a later
-    sweep can look at some windows alone.
+    """Every window of a sweep that sees each once, with its stretches, some bits a row: a later
+    sweep can look at some windows alone (`SeenWindows`).
     """
 
     def __init__(self) -> None:
+        self.edges: list[_Edges] = []
         self._parts: list[list[_PartBefore]] = []
 
-    def add(self, parts: Sequence[ReadyStretch]) -> None:
-        """Add those of the next window."""
+    def add(self, edges: _Edges, parts: Sequence[ReadyStretch]) -> None:
+        """Add the next window."""
+        self.edges.append(edges)
         self._parts.append([*map(_PartBefore.of, parts)])
 
     def before(self, window: int) -> list[ReadyStretch]:
@@ -114,12 +137,19 @@ Look = Callable[[View], float | None]
 """Takes a window and returns since when it wants to see that window's own rows again, or None."""
 
 
+class TakesRows(Protocol):
+    """What takes the rows of a port piece by piece, in their order."""
+
+    def take(self, piece: Series) -> None: ...
+
+    def end(self) -> None:
+        """Take note that there are no more rows."""
+
+
 class Windows:
     """Cuts the rows of a port into windows and shows them to `look`.
 
-    `seen` takes the stretches of each window. With `wanted`, which says by the first and last
-    moment whether a window is shown at all, `seen` gives those of the sweep that took them. Without
-    `with_parts` a view has no stretches.
+    `seen` takes each window. Without `with_parts` a view has no stretches.
     """
 
     def __init__(
@@ -128,11 +158,10 @@ class Windows:
         window_s: float = WINDOW_S,
         *,
         seen: Seen | None = None,
-        wanted: Callable[[float, float], bool] | None = None,
         with_parts: bool = True,
     ) -> None:
         self._look, self._window_s = look, window_s
-        self._seen, self._wanted, self._with_parts, self._number = seen, wanted, with_parts, 0
+        self._seen, self._with_parts = seen, with_parts
         self._pieces: list[Series] = []
         self._begin_s = self._end_s = -inf
         self._before: Sequence[ReadyStretch] = ()
@@ -178,22 +207,77 @@ class Windows:
         return _rows_from(held, self._begin_s - BESIDE_S)
 
     def _look_at(self, rows: Series, end_s: float, *, is_final: bool) -> float | None:
-        number, self._number = self._number, self._number + 1
-        if self._wanted is not None and self._seen is not None:
-            if not self._wanted(self._begin_s, end_s):
-                return None
-            self._before = self._seen.before(number)
         series = placed(rows)
         if self._with_parts:
-            self._before = self._parts(series)
-        if self._seen is not None and self._wanted is None:
-            self._seen.add(self._before)
+            self._before = _parts_of(series, self._before)
+        if self._seen is not None:
+            edges = _Edges.of(rows, self._begin_s, end_s, is_final=is_final)
+            self._seen.add(edges, self._before)
         return self._look(View(series, self._before, self._begin_s, end_s, is_final))
 
-    def _parts(self, series: Series) -> list[ReadyStretch]:
-        return ready_stretches_of_window(
-            stretches(series, begun=[part.stretch for part in self._before]), self._before
+
+class SeenWindows:
+    """Shows `look` again, as they were, those windows of an earlier sweep that are `wanted`, by
+    their begin and end.
+
+    Pieces without a row of these windows may be left out (`needs`).
+    """
+
+    def __init__(self, look: Look, seen: Seen, wanted: Callable[[float, float], bool]) -> None:
+        self._look, self._seen = look, seen
+        self._left = deque(
+            (number, edges)
+            for number, edges in enumerate(seen.edges)
+            if wanted(edges.begin_s, edges.end_s)
         )
+        self._pieces: list[Series] = []
+
+    def needs(self, first_s: float, last_s: float) -> bool:
+        """Return whether a window that has not been shown has rows between these moments."""
+        return any(one.first_s <= last_s and one.last_s >= first_s for _, one in self._left)
+
+    def take(self, piece: Series) -> None:
+        if not len(piece.seconds):
+            return
+        self._pieces.append(piece)
+        while self._left and self._left[0][1].last_s <= piece.seconds[-1]:
+            self._show(*self._left.popleft())
+        first_s = self._left[0][1].first_s if self._left else inf
+        self._pieces = [one for one in self._pieces if one.seconds[-1] >= first_s]
+
+    def end(self) -> None:
+        """Do nothing: each window was shown with its last row."""
+
+    def _show(self, number: int, edges: _Edges) -> None:
+        there = [_between(one, edges.first_s, edges.last_s) for one in self._pieces]
+        held = joined([one for one in there if len(one.seconds)])
+        tool, port_error = (
+            _begun_with(getattr(held.rows, name), code)
+            for name, code in zip(CODES, edges.codes, strict=True)
+        )
+        rows = replace(held.rows, tool=tool, port_error=port_error)
+        series = placed(replace(held, rows=rows))
+        parts = _parts_of(series, self._seen.before(number))
+        self._look(View(series, parts, edges.begin_s, edges.end_s, edges.is_final))
+
+
+def _parts_of(series: Series, before: Sequence[ReadyStretch]) -> list[ReadyStretch]:
+    """Return the stretches of a window; `before` are those of the window before it."""
+    begun = [part.stretch for part in before]
+    return ready_stretches_of_window(stretches(series, begun=begun), before)
+
+
+def _between(series: Series, first_s: float, last_s: float) -> Series:
+    first = np.searchsorted(series.seconds, first_s)
+    stop = np.searchsorted(series.seconds, last_s, side="right")
+    return rows_of(series, slice(int(first), int(stop)))
+
+
+def _begun_with(codes: Floats | None, first: float | None) -> Floats | None:
+    """Return the codes of a window, of which the first is that last read before it."""
+    if codes is None or first is None:
+        return codes
+    return np.concatenate([[first], codes[1:]])
 
 
 def joined(pieces: Sequence[Series]) -> Series:

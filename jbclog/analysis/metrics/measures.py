@@ -15,7 +15,7 @@ from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.solder_wire import Wire, wire_figures
 from jbclog.analysis.joints.sweeps import PortSweeps
-from jbclog.analysis.joints.windows import View, Windows, whole
+from jbclog.analysis.joints.windows import TakesRows, View, Windows, whole
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.energy import energy, totals_of
 from jbclog.analysis.metrics.heating import Heating
@@ -105,7 +105,7 @@ class PortMeasuring:
         self._joints = PortSweeps(options, observe=self._figures.take) if kind == "tip" else None
         self._steps = iter([] if kind == "omega" else [Windows(self._figures.take)])
 
-    def next_sweep(self) -> Windows | None:
+    def next_sweep(self) -> TakesRows | None:
         return next(self._steps, None) if self._joints is None else self._joints.next_sweep()
 
     @property

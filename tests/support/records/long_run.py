@@ -16,6 +16,7 @@ from jbclog.analysis.run import Run
 from jbclog.analysis.run_tables import frame, select
 from jbclog.core.rows import StationFacts
 from jbclog.record.manifest import Manifest
+from jbclog.record.parts import Wanted
 from jbclog.record.schema import SCHEMAS
 from support.plants.scripted_tip import soldered
 
@@ -64,10 +65,14 @@ class LongRun(Run):
     def manifest(self) -> Manifest:
         return self._manifest
 
-    def groups(self, table: str, columns: list[str], *, coded: bool = False) -> Iterator[pa.Table]:
+    def groups(
+        self, table: str, columns: list[str], *, coded: bool = False, wanted: Wanted | None = None
+    ) -> Iterator[pa.Table]:
         assert table == "samples"
-        for first in range(0, self.rows, self.group):
-            yield self._rows(np.arange(first, min(first + self.group, self.rows))).select(columns)
+        for number, first in enumerate(range(0, self.rows, self.group)):
+            ticks = np.arange(first, min(first + self.group, self.rows))
+            if wanted is None or wanted(number):
+                yield self._rows(ticks).select(columns)
 
     def settings(self, station: str | None = None) -> pd.DataFrame:
         return frame(SCHEMAS["settings"].empty_table())

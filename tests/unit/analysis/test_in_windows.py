@@ -8,6 +8,7 @@ import time
 import tracemalloc
 from collections.abc import Iterator
 from math import nan
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -120,15 +121,47 @@ def test_a_sweep_reads_the_times_of_rows_only_where_there_is_no_grid(
     run, asked = LongRun(600.0, 10.0, is_free=is_free), list[list[str]]()
     groups = run.groups
 
-    def noted(table: str, columns: list[str], *, coded: bool = False) -> Iterator[pa.Table]:
+    def noted(table: str, columns: list[str], **how: Any) -> Iterator[pa.Table]:
         asked.append(columns)
-        return groups(table, columns, coded=coded)
+        return groups(table, columns, **how)
 
     monkeypatch.setattr(run, "groups", noted)
     joints_and_metrics(run)
     spared = {"motor"} if is_free else {"motor", "time"}
     sweeps = [columns for columns in asked if "temperature_c" in columns]
     assert [set(COLUMNS) - set(columns) for columns in sweeps] == 4 * [spared]
+
+
+def test_of_a_long_run_a_model_s_pieces_are_read_and_nothing_between_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A model comes from twenty minutes, however long the run is; what is found is the same as if
+    each sweep read all.
+    """
+    monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
+    run, read = LongRun(HALF_A_DAY_S, 5.0, group=500), dict[int, int]()
+    groups = run.groups
+
+    def counted(table: str, columns: list[str], **how: Any) -> Iterator[pa.Table]:
+        number = len(read)
+        read[number] = 0
+        for group in groups(table, columns, **how):
+            read[number] += 1
+            yield group
+
+    monkeypatch.setattr(run, "groups", counted)
+    some = joints_and_metrics(run)
+    every = -(-run.rows // run.group)
+    sweeps = list(read.values())[:4]
+    assert [sweeps[0], *sweeps[2:]] == 3 * [every]
+    assert 50 < sweeps[1] < 0.8 * every
+    monkeypatch.setattr(
+        run, "groups", lambda table, columns, *, coded=False, wanted=None: groups(table, columns)
+    )
+    joints, *others = joints_and_metrics(run)
+    assert joints.num_rows > 1000
+    assert joints.equals(some[0])
+    assert repr(others) == repr(list(some[1:]))
 
 
 def memory(run: LongRun) -> tuple[float, int, float]:

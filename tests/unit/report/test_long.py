@@ -100,6 +100,14 @@ def test_the_scale_of_a_figure_is_found_once_for_its_two_sizes(
     assert "figures/dde-1-1.svg" in report_files(run)
 
 
+def test_row_groups_that_are_not_wanted_are_left_out(tmp_path: Path) -> None:
+    run = open_run(seal(tmp_path, [station(rows=100_000)], table(samples(100_000))))
+    every = [*run.groups("samples", ["tick"])]
+    assert len(every) == 4
+    some = [*run.groups("samples", ["tick"], wanted=lambda number: number % 2 == 1)]
+    assert some == every[1::2]
+
+
 @pytest.mark.parametrize("made", [small, hot_air, free])
 @pytest.mark.parametrize("at_once", [1, 7, 50])
 def test_a_trace_made_in_pieces_is_that_of_the_whole_table(
