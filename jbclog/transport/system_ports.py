@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from serial.tools import list_ports
-
 from jbclog.core.locks import processes
 
 BY_ID: Final = Path("/dev/serial/by-id")
@@ -32,6 +30,8 @@ class UsbPort:
 
 def usb_ports(by_id: Path = BY_ID) -> list[UsbPort]:
     """List the USB serial ports, ordered by device; other ports are left out."""
+    from serial.tools import list_ports  # not loaded by a run and its guard
+
     found = sorted(
         (port for port in list_ports.comports() if port.vid is not None),
         key=lambda port: port.device,

@@ -194,7 +194,7 @@ def ser2net(folder: Path, device: Path) -> Iterator[str]:
 
 
 def test_no_usb_port_is_said_with_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("jbclog.transport.system_ports.list_ports.comports", list)
+    monkeypatch.setattr("serial.tools.list_ports.comports", list)
     said = invoked("scan")
     assert said.exit_code == 1
     assert said.stdout.startswith("no USB serial port found: plug the adapter in")

@@ -166,6 +166,7 @@ def test_a_run_when_its_first_byte_is_due(words: list[str], tmp_path: Path) -> N
     assert own(modules) - RUN == set()
     assert foreign(modules) - COMMAND_LINE - MODELS - ARROW - {"serial"} == set()
     assert {"pyarrow.compute", "pyarrow.parquet", "pyarrow.dataset"} & modules == set()
+    assert "serial.tools.list_ports" not in modules
     assert OF_PACKAGES & modules == set()
 
 

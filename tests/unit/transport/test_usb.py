@@ -26,7 +26,7 @@ def plugged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         SimpleNamespace(device=str(tmp_path / "ttyS0"), vid=None, description="ttyS0"),
         SimpleNamespace(device=str(tmp_path / "ttyUSB0"), vid=0x1A86, description=None),
     ]
-    monkeypatch.setattr(system_ports.list_ports, "comports", lambda: ports)
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
     return tmp_path
 
 
