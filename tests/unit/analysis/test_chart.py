@@ -317,10 +317,10 @@ def test_rejects_by_day(tmp_path: Path) -> None:
 def test_a_run_that_several_folders_have_counts_once(tmp_path: Path, metric: str) -> None:
     first, *_ = many_runs(tmp_path, [0.0] * 3)
     write_manifest(first, replace(read_manifest(first), verdict="REJECT"))
-    alone = call("chart", tmp_path, "-m", metric, "--json")
+    alone = invoked("chart", tmp_path, "-m", metric, "--json")
     assert (alone.exit_code, "counts" in alone.stderr) == (0, False)
     copytree(first, tmp_path / "a copy")
-    found = call("chart", tmp_path, "-m", metric, "--json")
+    found = invoked("chart", tmp_path, "-m", metric, "--json")
     assert json.loads(found.stdout) == json.loads(alone.stdout)
     said = f"a copy has the same run as {first.name} (the same manifest); only {first.name} counts"
     assert said in found.stderr
@@ -331,7 +331,7 @@ def test_limits_are_not_learnt_of_a_run_that_is_given_twice(
 ) -> None:
     copy, out = copytree(home, tmp_path / "a copy"), tmp_path / "none.json"
     for twice in (copy, home):
-        ended = call("limits", "learn", home, twice, "-m", "dwell_s", "--out", out)
+        ended = invoked("limits", "learn", home, twice, "-m", "dwell_s", "--out", out)
         assert (ended.exit_code, "give each run once" in ended.stderr) == (2, True)
     assert not out.exists()
 
