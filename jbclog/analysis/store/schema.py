@@ -21,13 +21,13 @@ import pyarrow as pa
 from jbclog.analysis.run_alarms import ARROW_TYPES
 from jbclog.analysis.run_alarms import TABLE as ALARMS
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA, METRICS
-from jbclog.core.rows import TABLES
+from jbclog.core.rows import TABLES as OF_A_RUN
 from jbclog.record.schema import FLOAT, INT, SCHEMAS, TEXT, TIME
 
 SCHEMA: Final = 1
 PROPERTY: Final = "jbclog.schema"
 RUNS: Final = "runs"
-RECORD: Final = TABLES
+RECORD: Final = OF_A_RUN
 """Tables that a sealed run has, and that never change."""
 FINDINGS: Final = ("joints", "metrics", "units", "alarms")
 """Tables that are computed, or that annotations change."""

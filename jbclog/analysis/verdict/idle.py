@@ -269,7 +269,7 @@ def _digest(block: Block, period_s: float) -> bytes:
     columns = block.seconds, block.temperature, block.power, block.setting, block.working, *codes
     for column in columns:
         if column is not None:
-            digest.update(np.ascontiguousarray(column))
+            digest.update(np.ascontiguousarray(column).data)
     return digest.digest()
 
 
