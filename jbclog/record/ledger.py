@@ -24,7 +24,6 @@ from jbclog.record.parts import row_groups
 
 SIGNALS: Final = tuple(column for column in SIGNAL_COLUMNS if SIGNAL_OF_COLUMN[column] == column)
 NO_PORT: Final = "station"
-MOST_PLACES: Final = 4096  # a run has at most 512 stations, with four ports each
 MOST_COUNTS: Final = 65_536  # of counters in a row group, with each way in which reading failed
 
 _ROWS = ""  # counts the rows of a port, beside its signals
@@ -32,7 +31,7 @@ _ROWS = ""  # counts the rows of a port, beside its signals
 
 def ledger_of(folder: Path, stations: Iterable[StationFacts] = ()) -> Ledger:
     """Compute the accounting of sealed tables. Raises pyarrow's errors if a part cannot be read,
-    `RecordError` for more stations and ports than a run can have.
+    `RecordError` for what `row_groups` refuses, and for too many different counters.
     """
     ledger: Ledger = {}
     for group in row_groups(folder, "samples", ["station", "port", "reasons", *SIGNALS]):
@@ -55,7 +54,6 @@ def _count_samples(ledger: Ledger, rows: pa.Table) -> None:
     counted = rows.group_by(["station", "port"]).aggregate(
         [(signal, "count") for signal in SIGNALS] + [([], "count_all")]
     )
-    _expect_few(counted.num_rows + sum(map(len, ledger.values())))
     for row in counted.to_pylist():
         port = _port(ledger, row["station"], row["port"])
         _add(port, _ROWS, "ok", row["count_all"])
@@ -73,11 +71,6 @@ def _count_samples(ledger: Ledger, rows: pa.Table) -> None:
                 _add(port, column, reason, row["count_all"])
 
 
-def _expect_few(places: int) -> None:
-    if places > 2 * MOST_PLACES:  # those of a row group may be known already
-        raise RecordError(f"rows of more than {MOST_PLACES} stations and ports")
-
-
 def _count_counters(ledger: Ledger, rows: pa.Table) -> None:
     failed = pc.if_else(pc.is_null(rows["value"]), rows["raw"], None)
     counted = (
@@ -87,7 +80,6 @@ def _count_counters(ledger: Ledger, rows: pa.Table) -> None:
     )
     if counted.num_rows > MOST_COUNTS:
         raise RecordError(f"counters: {counted.num_rows} different ones in a row group")
-    _expect_few(sum(map(len, ledger.values())))
     for row in counted.to_pylist():
         reason = "ok" if row["failed"] is None else str(row["failed"]).strip("<>")
         _add(_port(ledger, row["station"], row["port"]), row["counter"], reason, row["count_all"])

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from itertools import count
+from math import prod
 from pathlib import Path
 from typing import Final
 
@@ -118,6 +119,7 @@ THROUGH: Final = b"jbclog.through"
 PART: Final = re.compile(r"part-[0-9]{1,9}\.parquet")
 PROBE: Final = "probe"  # with which a new folder is tried
 HALF_A_LEASE: Final = "lease.json.new"
+MOST_PLACES: Final = 4096  # a run has at most 512 stations, with four ports each
 PREPARING: Final = "."  # readers of Parquet folders leave out what begins with a dot
 
 Groups = Callable[[], Iterable[pa.Table]]
@@ -259,7 +261,7 @@ def groups_of(
     """Yield the rows of these parts by row groups, all or those that are `wanted`; `coded`: with
     dictionaries for texts.
     """
-    numbers = count()
+    numbers, places = count(), _Places()
     for path in parts:
         with _opened(path, coded=coded) as file:
             for index in range(file.num_row_groups):
@@ -267,9 +269,28 @@ def groups_of(
                 if wanted is not None and not wanted(number):
                     continue
                 try:
-                    yield file.group(index, columns)
-                except (pa.ArrowException, OSError) as error:
+                    group = file.group(index, columns)
+                    places.add(group)
+                except (pa.ArrowException, OSError, RecordError) as error:
                     raise RecordError(f"{path}, row group {index}: {error}") from error
+                yield group
+
+
+class _Places:
+    """The stations and ports in the rows that were read: whoever splits rows by them does not
+    expect a million.
+    """
+
+    def __init__(self) -> None:
+        self._found: dict[str, set[object]] = {"station": set(), "port": set()}
+
+    def add(self, rows: pa.Table) -> None:
+        """Add those of `rows`. Raises `RecordError` for more than a run can have."""
+        for name, found in self._found.items():
+            if name in rows.column_names:
+                found.update(rows[name].unique().to_pylist())
+        if prod(max(len(found), 1) for found in self._found.values()) > MOST_PLACES:
+            raise RecordError(f"rows of more than {MOST_PLACES} stations and ports")
 
 
 @contextmanager
