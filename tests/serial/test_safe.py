@@ -112,8 +112,9 @@ def ports_told_to_stand(folder: Path) -> set[int] | None:
     assert {order.value for order in orders} == {STAND}
     start_s = now - before  # of a process, on a machine that may be busy
     assert orders[-1].at - now < 2 * ALLOWED_S + 2 * start_s
-    assert len({order.port for order in orders}) == len(orders)
-    return {order.port for order in orders}
+    ports = {order.port for order in orders}
+    assert len(orders) < 2 * len(ports)  # one is repeated if its answer comes late
+    return ports
 
 
 def test_a_run_that_holds_the_line_is_asked_to_end_and_its_record_is_whole(
