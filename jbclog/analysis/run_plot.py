@@ -8,7 +8,7 @@ from typing import Final
 from matplotlib.figure import Figure
 
 from jbclog.analysis.figures.canvas import new_figure, styled
-from jbclog.analysis.figures.from_samples import AIR_COLUMNS, STATE_COLUMNS, has_air, trace
+from jbclog.analysis.figures.from_samples import columns_of, has_air, has_only_states, trace
 from jbclog.analysis.figures.lanes import lanes_of
 from jbclog.analysis.figures.marks import happenings, limits_of, marks_of
 from jbclog.analysis.figures.port import draw_at, height_pt
@@ -17,22 +17,8 @@ from jbclog.analysis.figures.trace import Grid, Trace
 from jbclog.analysis.run_joints import joints_of_port, spans_of
 from jbclog.analysis.run_metrics import joints_of
 from jbclog.analysis.run_tables import RunTables
-from jbclog.analysis.verdict import judged_signals
 from jbclog.core.errors import UsageError
-from jbclog.core.rows import StationFacts
 
-COLUMNS: Final = (
-    "time",
-    "tick",
-    "station",
-    "port",
-    "quality",
-    "reasons",
-    "temperature_c",
-    "set_c",
-    "power_permille",
-    "status",
-)
 HEADING_PT: Final = 17.0
 DPI: Final = 130  # of the picture in a notebook
 
@@ -77,18 +63,13 @@ def _traces(run: RunTables, station: str | None, port: int | None) -> list[tuple
     for facts in run.manifest.stations:
         if station not in (None, facts.name):
             continue
-        for number, rows in run.samples(facts.name, port, columns=_columns(facts)).groupby("port"):
-            of_states, own = "temperature_c" not in judged_signals(facts), int(str(number))
-            one = trace(
-                rows, Grid(t0_utc_us, facts.period_s), of_states=of_states, of_air=has_air(facts)
-            )
+        columns = ["port", *columns_of(facts)]
+        of_states, of_air = has_only_states(facts), has_air(facts)
+        for number, rows in run.samples(facts.name, port, columns=columns).groupby("port"):
+            own, grid = int(str(number)), Grid(t0_utc_us, facts.period_s)
+            one = trace(rows, grid, of_states=of_states, of_air=of_air)
             limits = limits_of(settings, facts.name, own, t0_utc_us)
             marks = marks_of(events, facts.name, own)
             spans = spans_of(joints_of_port(joints, facts.name, own))
             found.append((facts.name, own, replace(one, limits=limits, marks=marks, joints=spans)))
     return found
-
-
-def _columns(facts: StationFacts) -> list[str]:
-    states = () if "temperature_c" in judged_signals(facts) else STATE_COLUMNS
-    return [*COLUMNS, *states, *(AIR_COLUMNS if has_air(facts) else ())]

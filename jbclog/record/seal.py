@@ -26,7 +26,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.locks import FolderLock
 from jbclog.core.rows import TABLES
 from jbclog.record import parts
-from jbclog.record.parts import regroup, remove_leavings, through, write_part
+from jbclog.record.parts import remove_leavings, through, write_part
 from jbclog.record.store import Segment, segments
 from jbclog.record.store_reader import StoreReader
 
@@ -59,7 +59,7 @@ def _seal_store(folder: Path) -> tuple[int, bool]:
         for table in TABLES:
             numbers = store.numbers_of(table, through(folder, table))
             for some, last in _shares(store, numbers):
-                write_part(folder, table, partial(_groups, store, some), last)
+                write_part(folder, table, partial(store.row_groups, some), last)
         parts.note_damage(folder, store.damage)
         return store.last, not store.damage
 
@@ -72,10 +72,6 @@ def _shares(store: StoreReader, numbers: list[int]) -> Iterator[tuple[list[int],
     for at in range(0, len(numbers), count):
         some = numbers[at : at + count]
         yield some, store.last if some[-1] == numbers[-1] else some[-1]
-
-
-def _groups(store: StoreReader, numbers: list[int]) -> Iterator[pa.Table]:
-    return regroup(store.tables(numbers))
 
 
 def _delete(folder: Path, last: int) -> None:

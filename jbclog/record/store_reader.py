@@ -15,7 +15,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.database import NotAStore
 from jbclog.core.rows import TABLES
 from jbclog.record.batches import MOST_ROWS, Damaged, decode
-from jbclog.record.parts import ROWS_A_GROUP, Damage, through
+from jbclog.record.parts import ROWS_A_GROUP, Damage, regroup, through
 from jbclog.record.store import FACTS, META, Segment, segments
 
 LEAST_BYTES: Final = 1024  # no batch is smaller, so no file holds more batches than this says
@@ -134,6 +134,10 @@ class StoreReader:
                 yield from (
                     table.slice(at, ROWS_A_GROUP) for at in range(0, table.num_rows, ROWS_A_GROUP)
                 )
+
+    def row_groups(self, numbers: Sequence[int]) -> Iterator[pa.Table]:
+        """Yield the same rows as a part has them: in its row groups."""
+        return regroup(self.tables(numbers))
 
     @property
     def was_closed(self) -> bool:

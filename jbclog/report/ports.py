@@ -1,8 +1,9 @@
-"""The ports of a report: readings, temperatures, power, and their figures."""
+"""The stations of a report and their ports: readings, temperatures, power, and their figures."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,8 +29,10 @@ from jbclog.analysis.figures.marks import Happening, limits_of, marks_of
 from jbclog.analysis.figures.port import Scale, draw, scale_of
 from jbclog.analysis.figures.style import NARROW, WIDE, Format
 from jbclog.analysis.figures.trace import Air, Limit, MarkKind, Trace
+from jbclog.analysis.run import Run
 from jbclog.analysis.run_joints import spans_of
 from jbclog.analysis.verdict import PortMeasure
+from jbclog.analysis.verdict.clock_steps import steps_of
 from jbclog.core.clock import utc_of, utc_text
 from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.core.text import clean
@@ -42,14 +45,23 @@ from jbclog.report.facts import (
     PowerFacts,
     RecordedFacts,
     StatesFacts,
+    StationReport,
     TipFacts,
 )
 from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.overview import Overview
-from jbclog.report.port_samples import PortSamples
-from jbclog.report.repeated import PortRows, due_readings, of_port, verification
+from jbclog.report.port_samples import PortSamples, samples_of_stations
+from jbclog.report.repeated import (
+    PortRows,
+    due_readings,
+    of_port,
+    of_station,
+    ports_of,
+    verification,
+)
 from jbclog.report.zoom import zoom_of
 
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # docs/reference/configuration.md
 MOST_GAPS = 50
 ENERGIES = ("energy_permille_s", "energy_recorded_permille_s", "energy_j")
 
@@ -71,6 +83,21 @@ class Context:
     rules: Sequence[Mapping[str, object]]
     crowded: bool
     zoom: int  # rows of each port in the interactive view
+
+
+def station_reports(run: Run, context: Context) -> Iterator[StationReport]:
+    """Yield one station of the run after the other."""
+    stations = run.manifest.stations
+    steps = tuple(steps_of(run.folder))
+    for number, (facts, samples) in enumerate(samples_of_stations(run, steps), 1):
+        context.has_overview = len(stations) > 1 or len(samples) > 1
+        # the name in a manifest can be any text
+        stem = facts.name if NAME.fullmatch(facts.name) else f"station-{number}"
+        ports = [
+            port_facts(facts, port, f"{stem}-{port}", samples, context)
+            for port in ports_of(facts, sorted(samples))
+        ]
+        yield StationReport(ports=ports, **of_station(facts, cut_off=context.cut_off))
 
 
 def port_facts(

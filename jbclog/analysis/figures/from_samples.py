@@ -20,9 +20,19 @@ from jbclog.analysis.figures.curves import (
     runs,
 )
 from jbclog.analysis.figures.trace import Air, Grid, Trace
+from jbclog.analysis.verdict import judged_signals
 from jbclog.analysis.verdict.clock_steps import nominal_period
 from jbclog.core.rows import StationFacts
 
+COLUMNS = (
+    "tick",
+    "quality",
+    "reasons",
+    "temperature_c",
+    "power_permille",
+    "status",
+    "set_c",
+)
 STATE_COLUMNS = ("solder_shortage", "clogged", "preparing", "in_range")
 SOLDER, CONTROL, TEMPERATURE = "solder", "control", "temperature"
 SHORTAGE, CLOGGED, BOTH = "shortage", "clogged", "both"
@@ -36,6 +46,26 @@ AIR_COLUMNS = ("cooling", "desoldering", SIGNAL, "set_flow_permille")
 FLOW, SUCTION, COOLING, OFF = "flow", "suction", "cooling", "off"
 AWAY = ("disconnected", "robot_off")
 FLOW_JOINED_S = 15.0  # it is due each 5 s; two losses are bridged in the drawing, and only there
+
+
+def columns_of(facts: StationFacts) -> list[str]:
+    """Return the columns of a trace; on a grid of ticks the time of a row is not needed."""
+    return [
+        *(() if facts.period_s else ("time",)),
+        *COLUMNS,
+        *(STATE_COLUMNS if has_only_states(facts) else ()),
+        *(AIR_COLUMNS if has_air(facts) else ()),
+    ]
+
+
+def has_only_states(facts: StationFacts) -> bool:
+    """Return whether this station reports states and no temperature."""
+    return "temperature_c" not in judged_signals(facts)
+
+
+def has_air(facts: StationFacts) -> bool:
+    """Return whether this is a hot air station, by its signals."""
+    return SIGNAL in facts.signals
 
 
 def trace(
@@ -128,11 +158,6 @@ def _solder(short: bool | None, clogged: bool | None) -> str | None:
         (False, True): CLOGGED,
         (True, True): BOTH,
     }[short, clogged]
-
-
-def has_air(facts: StationFacts) -> bool:
-    """Return whether this is a hot air station, by its signals."""
-    return SIGNAL in facts.signals
 
 
 def air_of(samples: pd.DataFrame, seconds: Floats, period_s: float) -> Air:
