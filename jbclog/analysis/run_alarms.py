@@ -32,7 +32,7 @@ from jbclog.analysis.alarms import (
 from jbclog.analysis.alarms.from_record import UNKNOWN as FLAGS_LOST
 from jbclog.analysis.alarms.from_record import earliest_us
 from jbclog.analysis.port_split import gathered
-from jbclog.analysis.run_tables import RunTables, stations_of
+from jbclog.analysis.run_tables import RunTables
 from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.manifest import iso as manifest_iso
@@ -201,7 +201,7 @@ class Alarms:
 
 def alarms_of(run: RunTables) -> Alarms:
     """Return the alarms of `run`, computed from its record. Raises `RecordError`."""
-    stations, events = stations_of(run), read_events(run)
+    stations, events = run.stations, read_events(run)
     known = {facts.name: facts for facts in stations}
     sampled, reads, spans = _sampled(run, known, events)
     episodes = [episode for one in sampled.values() for episode in one.found]

@@ -29,7 +29,7 @@ from jbclog.analysis.joints.solder_wire import Wire
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
 from jbclog.analysis.port_split import Key
-from jbclog.analysis.run_tables import RunTables, frame, stations_of
+from jbclog.analysis.run_tables import RunTables, frame
 from jbclog.analysis.stored_tables import (
     JOINTS_SCHEMA,
     MetricRow,
@@ -171,7 +171,7 @@ def _parameters(run: RunTables, facts: StationFacts) -> JointOptions:
 
 def _measured(run: RunTables, station: str | None) -> Iterator[MeasuredPort]:
     """Measure each port of each station, or of one, in their order."""
-    selected = [facts for facts in stations_of(run) if station in (None, facts.name)]
+    selected = [facts for facts in run.stations if station in (None, facts.name)]
     for with_feeder, stations in groupby(selected, has_feeder):
         if with_feeder:
             every = run.settings(), run.counters()

@@ -32,7 +32,7 @@ from jbclog.record.conclude import known_stations
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.parts import Wanted, groups_of, part_paths, parts_through, summary_of
-from jbclog.record.schema import SCHEMAS
+from jbclog.record.schema import FIRST_IN, SCHEMAS
 from jbclog.record.sealed_files import expect_manifest_unchanged, expect_unchanged
 from jbclog.record.store import segments
 from jbclog.record.store_reader import StoreReader
@@ -212,7 +212,17 @@ class RunTables:
         """The stations in the order of the line file, each with what the run found out about it.
         Raises `RecordError`.
         """
-        return stations_of(self)
+        manifest = self.manifest
+        if manifest.state == "sealed":
+            return manifest.stations
+        with StoreReader(self.folder) as store:
+            # read after the store: a run that is sealed in between has them in its manifest
+            manifest = self.manifest
+            return (
+                manifest.stations
+                if manifest.state == "sealed"
+                else known_stations(store, manifest.stations)
+            )
 
     @property
     def duration(self) -> pd.Timedelta | None:
@@ -437,6 +447,10 @@ class RunTables:
     ) -> Selection:
         """Return a selection. Raises `UsageError` for an unknown station, port or column."""
         self.expect_place(station, port)
+        later = [name for name in columns or () if (table, name) in FIRST_IN]
+        if later and self.manifest.schema < max(FIRST_IN[table, name] for name in later):
+            names = ", ".join(later)
+            self._say_once(f"{table}: {names} not recorded by the version that made the run")
         return select(table, columns, station, port, start, stop)
 
     def _groups(self, selection: Selection) -> Iterator[pa.Table]:
@@ -479,21 +493,6 @@ class RunTables:
         if text not in self._said:
             self._said.add(text)
             warnings.warn(f"{self.folder}: {text}", stacklevel=2)
-
-
-def stations_of(run: RunTables) -> list[StationFacts]:
-    """Return the facts of the stations; of a run not sealed, with those of its live store."""
-    manifest = run.manifest
-    if manifest.state == "sealed":
-        return manifest.stations
-    with StoreReader(run.folder) as store:
-        # read after the store: a run that is sealed in between has them in its manifest
-        manifest = run.manifest
-        return (
-            manifest.stations
-            if manifest.state == "sealed"
-            else known_stations(store, manifest.stations)
-        )
 
 
 def _micros(times: pd.Series) -> pd.Series:

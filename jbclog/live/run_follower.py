@@ -29,7 +29,7 @@ from jbclog.record.batches import keep_pandas_out
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.manifest import RunState as RecordState
-from jbclog.record.parts import groups_of, part_paths, parts_through
+from jbclog.record.parts import group_of, groups_of, part_paths, parts_through
 
 NEWEST_BATCHES: Final = 90  # of samples: more than a minute of commits
 NEWEST_GROUPS: Final = 2  # of a sealed run: more than 32 000 rows
@@ -319,6 +319,6 @@ def _groups_in(parts: list[Path]) -> list[tuple[Path, int]]:
 def _group(path: Path, index: int) -> pa.Table:
     try:
         with open_table(path) as file:
-            return file.group(index)
+            return group_of(file, path.parent.name, index)
     except (pa.ArrowException, OSError) as error:
         raise RecordError(f"{path}, row group {index}: {error}") from error

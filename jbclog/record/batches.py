@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 
 import pyarrow as pa
 
-from jbclog.record.schema import INT, SCHEMAS
+from jbclog.record.schema import INT, SCHEMAS, lacking_in, with_columns
 
 BARE: Final = {
     table: pa.schema([pa.field(f.name, f.type, f.nullable) for f in schema])
@@ -150,6 +150,9 @@ def decode(batch: Batch, crc: int) -> pa.Table:
         table = pa.ipc.open_stream(stream).read_all()
         if table.num_rows != batch.rows:
             raise Damaged(f"it has {table.num_rows} rows, not {batch.rows}")
+        lacking = lacking_in(batch.table, table.column_names)
+        if lacking:
+            table = with_columns(table, batch.table, lacking)
         table = (
             pa.Table.from_arrays(table.columns, schema=schema)
             if table.schema == BARE[batch.table]

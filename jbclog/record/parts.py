@@ -30,7 +30,7 @@ from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
 from jbclog.core.rows import TABLES
 from jbclog.core.text import count_text
-from jbclog.record.schema import SCHEMAS, TEXT
+from jbclog.record.schema import FIRST_IN, SCHEMAS, TEXT, lacking_in, with_columns
 
 # Damage is noted as JSON lines in `damage.jsonl` before the work continues, and the manifest
 # includes the notes. Damaged files are set aside in `damaged/`.
@@ -269,11 +269,25 @@ def groups_of(
                 if wanted is not None and not wanted(number):
                     continue
                 try:
-                    group = file.group(index, columns)
+                    group = group_of(file, path.parent.name, index, columns)
                     places.add(group)
                 except (pa.ArrowException, OSError, RecordError) as error:
                     raise RecordError(f"{path}, row group {index}: {error}") from error
                 yield group
+
+
+def group_of(
+    file: ParquetTable, table: str, index: int, columns: Sequence[str] | None = None
+) -> pa.Table:
+    """Return a row group of a part; the columns that its version lacks are null."""
+    lacking = lacking_in(table, file.schema.names)
+    if not lacking:
+        return file.group(index, columns)
+    asked = SCHEMAS[table].names if columns is None else columns
+    # a file gives no rows without any column
+    there = [name for name in asked if name not in lacking] or file.schema.names[:1]
+    rows = with_columns(file.group(index, there), table, [one for one in lacking if one in asked])
+    return rows.select([name for name in rows.column_names if name in asked])
 
 
 class _Places:
@@ -296,15 +310,17 @@ class _Places:
 @contextmanager
 def _opened(path: Path, *, coded: bool) -> Iterator[ParquetTable]:
     """Open a part; checks its pages by checksums, its footer by content. Raises RecordError."""
-    schema = SCHEMAS[path.parent.name]
-    texts = [field.name for field in schema if field.type == TEXT] if coded else ()
+    table = path.parent.name
+    schema = SCHEMAS[table]
+    texts = [one.name for one in schema if one.type == TEXT and (table, one.name) not in FIRST_IN]
     with ExitStack() as opened:
         try:
-            file = opened.enter_context(open_table(path, texts))
+            file = opened.enter_context(open_table(path, texts if coded else ()))
         except (pa.ArrowException, OSError) as error:
             raise RecordError(f"{path} is no readable part: {error}") from error
-        if not file.schema.equals(schema):
-            raise RecordError(f"{path} is no part of {path.parent.name}: its columns are others")
+        lacking = lacking_in(table, file.schema.names)
+        if not file.schema.equals(pa.schema([one for one in schema if one.name not in lacking])):
+            raise RecordError(f"{path} is no part of {table}: its columns are others")
         yield file
 
 

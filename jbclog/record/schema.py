@@ -3,8 +3,8 @@
 Times are UTC microseconds; whole numbers are int64 (narrow ones overflow in squares and sums and
 take the same space on disk). A nullable value was not due, or not answered.
 
-Parts and batches with other columns are refused (`parts.py`, `batches.py`), those of earlier
-releases too: docs/how-to/change.md has what a new column takes.
+Parts and batches with other columns are refused (`parts.py`, `batches.py`), but those of earlier
+versions, which lack the columns of `FIRST_IN`: docs/how-to/change.md has what a new column takes.
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ TEXT: Final = pa.utf8()
 
 Column = tuple[str, pa.DataType, str, str]
 """Name (never null with a final ``!``), type, unit, command(s) of the manuals."""
+
+FIRST_IN: Final[dict[tuple[str, str], int]] = {}
+"""Table and column -> the first `SCHEMA_VERSION` that has it; version 1 has all others."""
 
 SAMPLES: Final[Sequence[Column]] = (
     ("time!", TIME, "UTC", ""),
@@ -149,3 +152,24 @@ def _schema(columns: Sequence[Column]) -> pa.Schema:
 SCHEMAS: Final[Mapping[str, pa.Schema]] = MappingProxyType(
     dict(zip(TABLES, map(_schema, (SAMPLES, EVENTS, SETTINGS, COUNTERS)), strict=True))
 )
+
+
+def lacking_in(table: str, names: Sequence[str]) -> list[str]:
+    """Return the columns that rows with the columns `names`, of an earlier version, lack; none for
+    rows of this version, and of no version.
+    """
+    for version in sorted({*FIRST_IN.values()}):
+        later = [one for (of, one), first in FIRST_IN.items() if of == table and first >= version]
+        if later and [*names] == [name for name in SCHEMAS[table].names if name not in later]:
+            return [name for name in SCHEMAS[table].names if name in later]
+    return []
+
+
+def with_columns(rows: pa.Table, table: str, lacking: Sequence[str]) -> pa.Table:
+    """Return rows of an earlier version with the columns that they lack, null, in their places."""
+    schema = SCHEMAS[table]
+    for name in lacking:
+        field = schema.field(name)
+        rows = rows.append_column(field, pa.nulls(rows.num_rows, field.type))
+    rows = rows.select([name for name in schema.names if name in rows.column_names])
+    return rows.replace_schema_metadata(schema.metadata)

@@ -15,7 +15,6 @@ from pathlib import Path
 import pytest
 
 from jbclog.analysis.run import open_run
-from jbclog.analysis.run_tables import stations_of
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
@@ -118,7 +117,7 @@ def test_what_is_known_of_its_stations_is_not_lost_either(
 ) -> None:
     folder = Path(shutil.copytree(closed, tmp_path / closed.name))
     with meanwhile(step, Sealing(folder)):
-        assert [facts.name for facts in stations_of(open_run(folder))] == ["a"]
+        assert [facts.name for facts in open_run(folder).stations] == ["a"]
 
 
 def test_a_reader_leaves_nothing_in_a_run_that_is_sealed_meanwhile(
