@@ -23,7 +23,7 @@ LIMIT_S = 60.0
 @pytest.mark.parametrize(
     ("count", "wire"),
     [
-        (20, "false"),
+        (12, "false"),
         pytest.param(100, "true", marks=[pytest.mark.campaign, pytest.mark.timeout(240)]),
     ],
 )
