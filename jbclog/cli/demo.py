@@ -14,6 +14,7 @@ from jbclog.cli import options
 from jbclog.cli.options import Color
 from jbclog.cli.output import echo_json, echo_words, note, reports_errors
 from jbclog.cli.streams import never_wait
+from jbclog.core.states import SafetyResult, StationOutcome
 
 if TYPE_CHECKING:
     from jbclog.app.run.run_record import Result
@@ -111,12 +112,12 @@ def _shown(result: Result) -> dict[str, bool]:
     dropped, overheated = stations.get(DROPPED), stations.get(OVERHEATED)
     return {
         "all stations recorded to the end": all(
-            facts.outcome == "completed" for facts in stations.values()
+            facts.outcome == StationOutcome.COMPLETED for facts in stations.values()
         ),
         f"{DROPPED} disconnected for 3 s and reconnected": bool(dropped and dropped.outages == 1),
         f"{OVERHEATED} raised a high-temperature alarm": bool(overheated and overheated.alarms),
         "all tools confirmed in their safe state": all(
-            facts.safe_state and set(facts.safe_state.values()) == {"verified"}
+            facts.safe_state and set(facts.safe_state.values()) == {SafetyResult.VERIFIED}
             for facts in stations.values()
         ),
     }

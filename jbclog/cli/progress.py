@@ -19,6 +19,7 @@ from jbclog.cli.terminal import Column, Printer, fitting_table, moment, span_of,
 from jbclog.core.clock import SystemClock
 from jbclog.core.goal import JOINTS, Goal
 from jbclog.core.rows import EventRow, Severity
+from jbclog.core.states import StationOutcome
 from jbclog.core.text import units_text
 
 if TYPE_CHECKING:
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from jbclog.session.run.context import PortState, SessionContext
 
 SHOWN = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
-RUNNING = "running"  # the outcome of a station that has none yet
 ALSO_SHOWN = (
     *(
         "station.ready",
@@ -199,14 +199,16 @@ def _cells(context: SessionContext, joints: Mapping[Key, Joints]) -> Iterator[tu
     not obtained. Joints are those that had ended some seconds ago.
     """
     alarms = str(context.facts.alarms or "")
-    if context.facts.outcome != RUNNING or not context.ports:
+    if context.facts.outcome != StationOutcome.RUNNING or not context.ports:
         ports = ", ".join(map(str, context.ports))
         yield (
             context.name,
             ports,
             "",
             "",
-            "starting" if context.facts.outcome == RUNNING else context.facts.outcome,
+            "starting"
+            if context.facts.outcome == StationOutcome.RUNNING
+            else context.facts.outcome,
             alarms,
             *[""] * 3,
         )

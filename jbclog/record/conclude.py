@@ -24,7 +24,7 @@ from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import metadata_of, open_table
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, EventRow, Severity, StationFacts
-from jbclog.core.states import SafetyResult
+from jbclog.core.states import SafetyResult, StationOutcome
 from jbclog.core.text import count_text
 from jbclog.record import capture, guard_actions
 from jbclog.record.annotations import NAME as ANNOTATIONS
@@ -66,7 +66,6 @@ _build_station_facts: Final = builder(StationFacts)
 KIND: Final = "safety.not_known"
 NO_GUARD: Final = "none"  # in the manifest
 TOOK_OVER: Final = ("guard.took_over", "guard.left_over")
-RUNNING: Final = "running"
 COLUMNS: Final = ["time", "station", "port", "temperature_c", "status"]
 
 
@@ -148,7 +147,7 @@ def _is_confirmed(
     facts: StationFacts, lease: Lease, by_guard: Collection[tuple[str | None, int | None]]
 ) -> bool:
     def is_safe(port: int) -> bool:
-        is_open = facts.outcome == RUNNING or (facts.name, port) in by_guard
+        is_open = facts.outcome == StationOutcome.RUNNING or (facts.name, port) in by_guard
         return is_open and facts.safe_state.get(port) == SafetyResult.VERIFIED
 
     return not facts.unsafe and not lease.feeds and all(is_safe(port) for port in lease.ports)
@@ -197,7 +196,7 @@ def _places(folder: Path, stations: list[StationFacts]) -> Iterator[tuple[str, i
     for facts in stations:
         lease, is_running = (
             held.get(facts.name, Lease()),
-            facts.outcome == RUNNING and facts.asked_safe_state != "",
+            facts.outcome == StationOutcome.RUNNING and facts.asked_safe_state != "",
         )
         ports = {*lease.ports, *(facts.touched if is_running or why else ())}
         yield from ((facts.name, port) for port in sorted(ports - facts.safe_state.keys()))
@@ -389,7 +388,7 @@ def known_stations(store: StoreReader, known: list[StationFacts]) -> list[Statio
     """
     facts = {station.name: station for station in known}
     for name, text in store.facts().items():
-        if name in facts and facts[name].outcome != RUNNING:
+        if name in facts and facts[name].outcome != StationOutcome.RUNNING:
             continue
         try:
             facts[name] = _build_station_facts(json_of(text))

@@ -18,6 +18,7 @@ from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.rows import EventRow, Severity, StationFacts
+from jbclog.core.states import SafetyResult
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -32,7 +33,10 @@ BLANK: Final = b"\n"  # reserved space
 RETRY_S: Final = 0.05
 ROWS_AT_ONCE: Final = 8192
 SAFE: Final = "safety.safe_state"
-REACHED: Final = {SAFE: "verified", "safety.not_safe": "failed"}
+REACHED: Final[dict[str, str]] = {
+    SAFE: SafetyResult.VERIFIED,
+    "safety.not_safe": SafetyResult.FAILED,
+}
 
 
 @contextmanager
@@ -194,6 +198,6 @@ def _updated(facts: StationFacts, reached: Mapping[int, EventRow]) -> StationFac
     unsafe = [
         f"{facts.name} port {port}: {event.text}"
         for port, event in reached.items()
-        if REACHED[event.kind] == "failed"
+        if REACHED[event.kind] == SafetyResult.FAILED
     ]
     return replace(facts, safe_state=facts.safe_state | states, unsafe=[*facts.unsafe, *unsafe])

@@ -15,15 +15,13 @@ import sqlite3
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import Final
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import NotReadable
 from jbclog.core.locks import NAME as LOCK
 from jbclog.core.locks import holder_pid, is_held, processes
 from jbclog.core.serial_line import PortAddress, port_address
-
-RUNNING: Final = "running"
+from jbclog.core.states import StationOutcome
 
 
 def run_that_holds(url: str) -> Path | None:
@@ -111,7 +109,7 @@ def _holds(folder: Path, wanted: Collection[PortAddress]) -> bool:
     held = [
         port_address(facts.url)
         for facts in manifest.stations
-        if facts.outcome == RUNNING and facts.name not in ended
+        if facts.outcome == StationOutcome.RUNNING and facts.name not in ended
     ]
     return any(one.is_at(other) for one in held for other in wanted)
 
@@ -133,5 +131,8 @@ def _says_ended(text: str) -> bool:
     """Whether a station's facts say that its session has ended. Foreign text may be no facts."""
     with contextlib.suppress(ValueError, TypeError, RecursionError):
         facts = json.loads(text)
-        return isinstance(facts, dict) and facts.get("outcome", RUNNING) != RUNNING
+        return (
+            isinstance(facts, dict)
+            and facts.get("outcome", StationOutcome.RUNNING) != StationOutcome.RUNNING
+        )
     return False

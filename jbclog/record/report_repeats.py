@@ -16,6 +16,7 @@ from itertools import islice
 from typing import Any, Final
 
 from jbclog.core.rows import StationFacts
+from jbclog.core.states import StationOutcome
 from jbclog.core.text import cleaned
 from jbclog.record.annotations import Annotations
 from jbclog.record.chains import is_head
@@ -52,7 +53,6 @@ SAME_OF_STATION: Final = (
 )
 MAIN: Final = "temperature_c"
 WITH_THE_RUN: Final = "with the run"
-RUNNING: Final = "running"
 Found = tuple[str, object, object]
 """What differs: its place, what the report says, what the record says."""
 
@@ -162,7 +162,7 @@ def _of_stations(stations: object, manifest: Manifest) -> Iterator[Found]:
             "skipped_ticks": facts.skipped
         }
         known["not_supported"] = sorted(facts.not_supported)
-        if manifest.exit_status == "lost" and facts.outcome == RUNNING:
+        if manifest.exit_status == "lost" and facts.outcome == StationOutcome.RUNNING:
             del known["outcome"], known["reason"]  # in other words
         yield from _same(station, known, f"{facts.name}, ")
         ports = station.get("ports")

@@ -18,6 +18,7 @@ from jbclog.analysis.figures.from_samples import has_air
 from jbclog.analysis.run import Run
 from jbclog.analysis.verdict import RULES, judged_signals
 from jbclog.core.rows import StationFacts, TipCheck
+from jbclog.core.states import StationOutcome
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import short_head
 from jbclog.record.manifest import Ledger, Manifest, manifest_sha256
@@ -95,7 +96,7 @@ def _of_tables(run: Run) -> dict[str, Any]:
 
 def of_station(facts: StationFacts, *, cut_off: bool) -> dict[str, Any]:
     """Return the fields of `StationReport` without its ports."""
-    broke_off = cut_off and facts.outcome == "running"
+    broke_off = cut_off and facts.outcome == StationOutcome.RUNNING
     turnaround = facts.turnaround_us.get("median")
     return {
         "name": facts.name,

@@ -7,13 +7,14 @@ from dataclasses import asdict, dataclass
 from typing import Final
 
 from jbclog.core.rows import StationFacts, TipCheck
+from jbclog.core.states import SafetyResult
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.report.text import Row
 
-MEANINGS = {
-    "verified": "The safe state was confirmed.",
-    "sent": "The safe state was ordered and could not be confirmed.",
-    "failed": "The safe state could not be set.",
+MEANINGS: Final[dict[str, str]] = {
+    SafetyResult.VERIFIED: "The safe state was confirmed.",
+    SafetyResult.SENT: "The safe state was ordered and could not be confirmed.",
+    SafetyResult.FAILED: "The safe state could not be set.",
 }
 UNSAFE = (
     "The run used this tool, and the record shows no safe state afterwards. It may still be hot."
@@ -38,7 +39,9 @@ def end_state(
     """Return how the run left the tool in `port`; `celsius` and `status` are its last readings."""
     order = facts.safe_state.get(port)
     if order is not None:
-        return EndState(order, MEANINGS.get(order, ""), order not in ("verified", "sent"))
+        return EndState(
+            order, MEANINGS.get(order, ""), order not in (SafetyResult.VERIFIED, SafetyResult.SENT)
+        )
     family = FAMILIES.get(facts.family)
     if family is not None and not family.safe_states:
         return EndState("has none", NO_SAFE_STATE, False)

@@ -28,13 +28,13 @@ from jbclog.core.errors import JbclogError
 from jbclog.core.goal import JOINTS, Goal
 from jbclog.core.outcome import Exit, in_order
 from jbclog.core.rows import EventRow
+from jbclog.core.states import StationOutcome
 from jbclog.session.run.context import SessionContext
 from jbclog.transport.typed_lines import open_source
 
 SPEC: Final = TypeAdapter(JobSpec)
 INTERRUPTED: Final = 130
 WAITING_MOST: Final = 1000
-RUNNING: Final = "running"
 UNIT_ENDS: Final = "unit.end"
 CLOSE_S: Final = 2.0
 BROKEN: Final = ("fail", "missing")
@@ -98,7 +98,9 @@ class JobObserver:
             away=[
                 context.name
                 for context in contexts
-                if context.ports and context.facts.outcome == RUNNING and not context.connected
+                if context.ports
+                and context.facts.outcome == StationOutcome.RUNNING
+                and not context.connected
             ],
             units=self._units,
             unit=self._unit,
@@ -122,7 +124,7 @@ class JobObserver:
 
 
 def _ports(context: SessionContext) -> list[PortProgress]:
-    if context.facts.outcome != RUNNING:
+    if context.facts.outcome != StationOutcome.RUNNING:
         return []
     return [_port(context, number) for number in context.ports]
 

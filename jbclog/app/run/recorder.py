@@ -33,6 +33,7 @@ from jbclog.core.errors import (
 from jbclog.core.locks import is_held
 from jbclog.core.outcome import CUT_SHORT, Exit
 from jbclog.core.rows import EventRow, Severity, StationFacts
+from jbclog.core.states import StationOutcome
 from jbclog.core.text import count_text
 from jbclog.guard.open_leases import settle
 from jbclog.guard.supervisor import RunGuard
@@ -54,7 +55,6 @@ if TYPE_CHECKING:  # loaded with --wire
     from jbclog.record.capture_recorder import WireRecorder
 
 GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # values in the manifest
-RUNNING = "running"  # outcome of a session in progress
 FIRST_PROCESS = 1  # of a container; the system ends all other processes with it
 OF_A_CONTAINER = (
     "This recorder is the first process of its container: whatever kills it ends its guard with it."
@@ -267,7 +267,7 @@ class Recorder:
     def _note_sharers(self) -> None:
         for url, who in self._sharers.news():
             for context in self._contexts:
-                if context.order.url == url and context.facts.outcome == RUNNING:
+                if context.order.url == url and context.facts.outcome == StationOutcome.RUNNING:
                     text = (
                         f"{url} is open in {who}, too, which may take answers that were meant for"
                         " this run; end that program."
@@ -293,7 +293,7 @@ class Recorder:
             return
         gc.freeze()
         self._have_all_begun = all(
-            context.facts.first_tick is not None or context.facts.outcome != RUNNING
+            context.facts.first_tick is not None or context.facts.outcome != StationOutcome.RUNNING
             for context in self._contexts
         )
 

@@ -41,6 +41,7 @@ from jbclog.core.rows import (
     StationFacts,
     TipCheck,
 )
+from jbclog.core.states import StationOutcome
 from jbclog.core.text import count_text
 from jbclog.maintenance.verification import cited
 from jbclog.record.chains import previous_run
@@ -195,7 +196,7 @@ class RunRecord:
     def refuse(self, why: Mapping[str, str]) -> Result:
         """Record a run that is not started, with the reasons by station."""
         for context in self.contexts:
-            context.facts.outcome = "refused"
+            context.facts.outcome = StationOutcome.REFUSED
             context.facts.reason = why.get(
                 context.name, f"{context.name}: not asked, for the run was not started"
             )
