@@ -13,11 +13,9 @@ import pyarrow as pa
 
 from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import metadata_of, open_table
 from jbclog.core.locks import commit_status, is_held
 from jbclog.core.rows import TABLES, StationFacts
-from jbclog.core.states import StationOutcome
 from jbclog.live.event_history import EventHistory, SettingHistory
 from jbclog.live.heartbeat import DELAYED_S, Heartbeat
 from jbclog.live.joint_numbers import JointNumbers
@@ -27,7 +25,7 @@ from jbclog.live.store_follower import Sealed, StoreFollower
 from jbclog.live.view import RunView
 from jbclog.record.batches import keep_pandas_out
 from jbclog.record.manifest import NAME as MANIFEST
-from jbclog.record.manifest import Manifest, read_manifest
+from jbclog.record.manifest import Manifest, facts_in, merged_facts, read_manifest
 from jbclog.record.manifest import RunState as RecordState
 from jbclog.record.parts import group_of, groups_of, part_paths, parts_through
 
@@ -41,8 +39,6 @@ CRASHED: Final = (
     "The recorder ended without finalizing; tools may be hot. `jbclog recover` finishes the record."
 )
 NOT_ALL_COMMITTED: Final = (Phase.STARTING, Phase.RECORDING, Phase.DELAYED)
-
-_build_facts: Final = builder(StationFacts)
 
 
 class RunFollower:
@@ -116,7 +112,8 @@ class RunFollower:
         """Return what is known of each station, in the manifest's order; of an ended session the
         manifest has the last word.
         """
-        return _merged([] if self._manifest is None else self._manifest.stations, self._facts)
+        planned = [] if self._manifest is None else self._manifest.stations
+        return merged_facts(planned, self._facts)
 
     # -- where the run stands ----------------------------------------------------------------------
 
@@ -271,7 +268,7 @@ class RunFollower:
         return {facts.name: facts.period_s for facts in self._stations()}
 
     def _take_facts(self) -> None:
-        self._facts |= _facts_in(self._store)
+        self._facts |= facts_in(self.folder, self._store.changed_facts())
 
 
 def stations_of(folder: Path, manifest: Manifest) -> list[StationFacts]:
@@ -279,30 +276,9 @@ def stations_of(folder: Path, manifest: Manifest) -> list[StationFacts]:
     store = StoreFollower(folder)
     try:
         store.refresh(None)
-        return _merged(manifest.stations, _facts_in(store))
+        return merged_facts(manifest.stations, facts_in(folder, store.changed_facts()))
     finally:
         store.close()
-
-
-def _merged(planned: list[StationFacts], live: dict[str, StationFacts]) -> list[StationFacts]:
-    facts = {one.name: one for one in planned}
-    for name, found in live.items():
-        if name not in facts or facts[name].outcome == StationOutcome.RUNNING:
-            facts[name] = found
-    return list(facts.values())
-
-
-def _facts_in(store: StoreFollower) -> dict[str, StationFacts]:
-    """Return the facts in the live store that changed since the last call."""
-    found = {}
-    for name, text in store.changed_facts().items():
-        try:
-            found[name] = _build_facts(json_of(text))
-        except ValueError as error:
-            raise RecordError(
-                f"{store.folder}: the facts of station {name} cannot be read: {error}"
-            ) from error
-    return found
 
 
 def _groups_in(parts: list[Path]) -> list[tuple[Path, int]]:

@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.foreign.json_reader import json_of
 from jbclog.core.foreign.tables import metadata_of, open_table
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, EventRow, Severity, StationFacts
@@ -37,8 +37,10 @@ from jbclog.record.manifest import (
     RunState,
     SealedFile,
     expect_readable,
+    facts_in,
     fitting_units,
     iso,
+    merged_facts,
     write_manifest,
 )
 from jbclog.record.parts import (
@@ -57,8 +59,6 @@ from jbclog.record.parts import (
 from jbclog.record.store import companions, segments
 from jbclog.record.store_reader import StoreReader
 from jbclog.record.units import units_of
-
-_build_station_facts: Final = builder(StationFacts)
 
 # Whether a tool was made safe is not known if recorder and guard both died, without a guard, or if
 # the guard could not log its actions. The open lease and the sessions' last facts name these tools.
@@ -382,21 +382,12 @@ def unkept_rows(store: StoreReader) -> int:
 
 
 def known_stations(store: StoreReader, known: list[StationFacts]) -> list[StationFacts]:
-    """Return the facts in the live store, in the manifest's order of stations.
-
-    For a session that has ended the recorder's own facts win: the store may not have taken them.
+    """Return the facts in the live store, in the manifest's order of stations; those of an ended
+    session are the manifest's.
     """
-    facts = {station.name: station for station in known}
-    for name, text in store.facts().items():
-        if name in facts and facts[name].outcome != StationOutcome.RUNNING:
-            continue
-        try:
-            facts[name] = _build_station_facts(json_of(text))
-        except ValueError as error:
-            raise RecordError(
-                f"{store.folder}: the facts of station {name} cannot be read: {error}"
-            ) from error
-    return list(facts.values())
+    ended = {one.name for one in known if one.outcome != StationOutcome.RUNNING}
+    texts = {name: text for name, text in store.facts().items() if name not in ended}
+    return merged_facts(known, facts_in(store.folder, texts))
 
 
 def _lost(found: list[Damage], dropped: int) -> Lost | None:

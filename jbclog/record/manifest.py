@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from itertools import accumulate, islice
@@ -26,6 +26,7 @@ from jbclog.core.foreign.json_reader import (
 )
 from jbclog.core.goal import Goal
 from jbclog.core.rows import SCHEMA_VERSION, SIGNAL_COLUMNS, StationFacts, TipCheck
+from jbclog.core.states import StationOutcome
 from jbclog.record.manifest_counts import MOST, expect_counts
 
 NAME: Final = "manifest.json"
@@ -288,6 +289,7 @@ class _Rule:
 
 
 _build_manifest: Final = builder(Manifest)
+_build_facts: Final = builder(StationFacts)
 _build_rules: Final = builder(list[_Rule])
 
 
@@ -323,6 +325,33 @@ def read_manifest(folder: Path) -> Manifest:
         ) from None
     except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise NoManifest(f"{path} is no manifest: {error}") from error
+
+
+def facts_in(folder: Path, texts: Mapping[str, str]) -> dict[str, StationFacts]:
+    """Return stations' facts by name, from their texts in a live store. Raises `RecordError`."""
+    found = {}
+    for name, text in texts.items():
+        try:
+            found[name] = _build_facts(json_of(text))
+        except ValueError as error:
+            raise RecordError(
+                f"{folder}: the facts of station {name} cannot be read: {error}"
+            ) from error
+    return found
+
+
+def merged_facts(
+    known: Iterable[StationFacts], stored: Mapping[str, StationFacts]
+) -> list[StationFacts]:
+    """Return the facts of a manifest, in its order, with those of the live store.
+
+    For a session that has ended the manifest's win: the store may not have taken them.
+    """
+    facts = {one.name: one for one in known}
+    for name, found in stored.items():
+        if name not in facts or facts[name].outcome == StationOutcome.RUNNING:
+            facts[name] = found
+    return list(facts.values())
 
 
 def _expect_signals(stations: Iterable[StationFacts]) -> None:
