@@ -76,7 +76,7 @@ LOCKED = (errno.EBUSY, errno.EAGAIN)
 TOO_MANY = (errno.EMFILE, errno.ENFILE)
 
 
-def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
+def open_port(url: str, line: LineFormat) -> Port:
     """Open `url` at the rate and format of `line`, exclusively (a device; for a socket its server
     decides).
 
@@ -86,12 +86,12 @@ def open_port(url: str, line: LineFormat, *, exclusive: bool = True) -> Port:
     _expect_port(url)
     try:
         opened = serial.serial_for_url(url, do_not_open=True)
-        _set_up(opened, url, line, exclusive)
+        _set_up(opened, url, line)
         _open(opened, line.parity)
     except BROKEN as error:
         raise _refused(url, _device(opened, url), error) from error
     try:
-        return _port(url, opened, exclusive)
+        return _port(url, opened)
     except BaseException as error:  # a port left open would stay locked
         close_in_thread(opened.close)
         if isinstance(error, OSError):
@@ -121,7 +121,7 @@ def _expect_port(url: str) -> None:
         )
 
 
-def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bool) -> None:
+def _set_up(opened: serial.SerialBase, url: str, line: LineFormat) -> None:
     opened.baudrate = line.baudrate
     opened.stopbits = line.stop_bits
     # check bytes can be XON and XOFF (docs/reference/protocol.md, Check byte)
@@ -131,8 +131,7 @@ def _set_up(opened: serial.SerialBase, url: str, line: LineFormat, exclusive: bo
         opened.write_timeout = WRITE_S
     if termios is not None:
         opened.inter_byte_timeout = 0  # VMIN 1 distinguishes "no bytes" from "connection lost"
-    if exclusive:
-        opened.exclusive = True
+    opened.exclusive = True
 
 
 def _open(opened: serial.SerialBase, parity: str) -> None:
@@ -173,7 +172,7 @@ def _device(opened: serial.SerialBase | None, url: str) -> str:
     return str(getattr(opened, "port", None) or url)
 
 
-def _port(url: str, opened: serial.SerialBase, exclusive: bool) -> Port:
+def _port(url: str, opened: serial.SerialBase) -> Port:
     connection = getattr(opened, "_socket", None)  # in every pyserial release so far
     descriptor = _descriptor(url, opened)
     if isinstance(connection, socket.socket):
@@ -181,11 +180,7 @@ def _port(url: str, opened: serial.SerialBase, exclusive: bool) -> Port:
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, HELD_BY_SYSTEM)
         return _connected(url, opened, connection, descriptor)
-    return (
-        ObjectPort(url, opened)
-        if descriptor is None
-        else _device_port(url, opened, descriptor, exclusive)
-    )
+    return ObjectPort(url, opened) if descriptor is None else _device_port(url, opened, descriptor)
 
 
 def _connected(
@@ -228,9 +223,8 @@ def _bound(opened: serial.SerialBase) -> Callable[[], None]:
     return let_all_in
 
 
-def _device_port(url: str, opened: serial.SerialBase, descriptor: int, exclusive: bool) -> Port:
-    if exclusive:
-        _keep_others_out(descriptor)
+def _device_port(url: str, opened: serial.SerialBase, descriptor: int) -> Port:
+    _keep_others_out(descriptor)
     with contextlib.suppress(*BROKEN):  # by default FTDI adapters delay an answer by 16 ms
         opened.set_low_latency_mode(True)  # type: ignore[attr-defined]  # Linux only
     own = os.dup(descriptor)

@@ -247,16 +247,6 @@ def test_a_second_opening_is_refused_and_says_that_it_is_us() -> None:
         open_port(far.url, LINE).close()
 
 
-def test_a_port_can_be_shared_on_request() -> None:
-    with terminal() as far:
-        one = open_port(far.url, LINE, exclusive=False)
-        two = open_port(far.url, LINE, exclusive=False)
-        one.close()
-        far.say(b"still")
-        assert two.read(1.0) == b"still"
-        two.close()
-
-
 def test_a_terminal_bears_no_mark_that_would_outlive_a_killed_recorder() -> None:
     with terminal() as far:
         port = open_port(far.url, LINE)
