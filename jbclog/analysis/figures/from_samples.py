@@ -79,12 +79,9 @@ def trace(
         _floats(samples["tick"]), np.empty(0) if grid.period_s else _utc_us(samples["time"])
     )
     temperature = _readings(samples["temperature_c"])
-    period_s = (
-        grid.period_s or nominal_period(seconds) or 1.0
-    )  # a single row is drawn as one second
-    is_read = (
-        np.array(any_state_read(samples), dtype=np.bool_) if of_states else ~np.isnan(temperature)
-    )
+    # a single row is drawn as one second
+    period_s = grid.period_s or nominal_period(seconds) or 1.0
+    is_read = _is_any_state_read(samples) if of_states else ~np.isnan(temperature)
     why = _coded(samples["quality"], but=is_read, ok="not due")
     skipped = missing_ticks(seconds, period_s) if grid.period_s else []
     return Trace(
@@ -127,8 +124,8 @@ def _coded(
     )
 
 
-def any_state_read(samples: pd.DataFrame) -> list[bool]:
-    return [bool(there) for there in samples[list(STATE_COLUMNS)].notna().any(axis=1)]
+def _is_any_state_read(samples: pd.DataFrame) -> NDArray[np.bool_]:
+    return np.asarray(samples[[*STATE_COLUMNS]].notna().any(axis=1), dtype=np.bool_)
 
 
 def state_lanes(samples: pd.DataFrame, seconds: Floats, period_s: float) -> dict[str, list[Span]]:
