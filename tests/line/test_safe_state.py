@@ -16,7 +16,7 @@ from jbclog.core.rows import EventRow, SampleRow
 from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.session.run import station_run as session_run
 from jbclog.session.run.context import SessionContext
-from jbclog.session.run.readings import Fill, fill_of
+from jbclog.session.run.scan import Fill, fill_of
 from jbclog.session.safety.secure import LOOK_S
 from jbclog.session.scheduler import ScheduledRead
 from jbclog.sim.port import STAND as STANDING

@@ -1,4 +1,6 @@
-"""Converts values to columns of a row, and reads implausible values again."""
+"""Whether an answer is recorded: which values mean nothing, and which are read again before they
+are believed.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +9,13 @@ from dataclasses import dataclass
 
 from jbclog.core.errors import ImplausibleAnswer
 from jbclog.core.io_requests import Steps
-from jbclog.core.quantities import Value, permille_of
-from jbclog.core.rows import COLUMN, SampleRow, Severity
+from jbclog.core.quantities import Value
+from jbclog.core.rows import Severity
 from jbclog.protocol.client.confirmed_reads import confirmed_value
 from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import OMEGA, Family
-from jbclog.protocol.commands.feeder import FeederState
-from jbclog.protocol.commands.omega import OMEGA_SIGNALS, TRUE_ANSWERS, WITHOUT_DIGIT
+from jbclog.protocol.commands.omega import WITHOUT_DIGIT
 from jbclog.protocol.commands.ranges import (
     NO_COUNTDOWN,
     STILL_C,
@@ -23,99 +24,17 @@ from jbclog.protocol.commands.ranges import (
     is_share,
     plausibility_check,
 )
-from jbclog.protocol.commands.signals import STATUS_COLUMNS
+from jbclog.session.rates import IDENTITY_READS, WATCHED_SETTINGS
+from jbclog.session.run.alarms import bears_out
 from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.identity import is_this_identity
+from jbclog.session.run.omega_states import differs_from_last
+from jbclog.session.run.watch import arrives
 from jbclog.session.scheduler import ScheduledRead
 
-Fill = Callable[[SampleRow, Value], None]
-
-MOTOR = ("off", "forward", "backward")
 NOT_COUNTING = "not_counting"
 NO_MAXIMUM = "no_maximum"
 NO_DIGIT = "no_digit"
-
-_STATUS, _COOLING, _DESOLDERING, _MOTOR = (COLUMN[name] for name in STATUS_COLUMNS)
-_HIGH, _LOW, _FEEDING = COLUMN["alarm_high"], COLUMN["alarm_low"], COLUMN["feeding"]
-
-
-def _status(family: Family) -> Fill:
-    """Return the filler of ``0MDES``: motor, desoldering, tens, status (docs/reference/protocol.md,
-    Status word).
-    """
-    names, has_motor = family.status.names, family.has_feeder
-
-    def fill(row: SampleRow, word: Value) -> None:
-        assert isinstance(word, tuple)
-        row[_STATUS] = names[word[4]]
-        row[_COOLING] = word[3] == 1
-        row[_DESOLDERING] = word[2] == 1
-        if has_motor:
-            row[_MOTOR] = MOTOR[word[1]]
-
-    return fill
-
-
-def _alarm_flags(row: SampleRow, word: Value) -> None:
-    """Fill the flags: units high, tens low (manual 002, R-TAx)."""
-    assert isinstance(word, tuple)
-    row[_HIGH] = word[4] == 1
-    row[_LOW] = word[3] == 1
-
-
-def _feeding(row: SampleRow, mode: Value) -> None:
-    row[_FEEDING] = mode == FeederState.RUNNING
-
-
-def _flags(*columns: str) -> Fill:
-    """Return the filler of OMEGA's states: each answer sets one column or more."""
-    places = [(COLUMN[column], TRUE_ANSWERS[column]) for column in columns]
-
-    def fill(row: SampleRow, value: Value) -> None:
-        for place, yes in places:
-            row[place] = value in yes
-
-    return fill
-
-
-def _plain(column: str) -> Fill:
-    place = COLUMN[column]
-
-    def fill(row: SampleRow, value: Value) -> None:
-        row[place] = value
-
-    return fill
-
-
-def _share(column: str, command: Command, context: SessionContext) -> Fill:
-    """Return the filler of a share of the station's maximum; the raw number is a row of `settings`
-    (B-33).
-    """
-    place = COLUMN[column]
-
-    def fill(row: SampleRow, value: Value) -> None:
-        whole = whole_of(command, context)
-        row[place] = (
-            permille_of(value, whole) if isinstance(value, int) and whole is not None else None
-        )
-
-    return fill
-
-
-SPECIAL: dict[str, Fill] = {
-    "alarm_high": _alarm_flags,
-    "feeding": _feeding,
-    **{signal.name: _flags(*signal.columns) for signal in OMEGA_SIGNALS},
-}
-
-
-def fill_of(reading: ScheduledRead, context: SessionContext) -> Fill:
-    """Return how the answer to a reading fills its columns."""
-    signal = reading.name
-    if signal == "status":
-        return _status(context.family)
-    if reading.command.share_of is not None:
-        return _share(signal, reading.command, context)
-    return SPECIAL.get(signal) or _plain(signal)
 
 
 def whole_of(command: Command, context: SessionContext) -> int | None:
@@ -332,3 +251,64 @@ class SecondLook:
 
     def _shown(self, given: Sequence[Value]) -> str:
         return " and ".join(map(self.reading.command.shown, given))
+
+
+def _differs_from_held(name: str) -> Doubt:
+    return lambda context, port, value: port.held.get(name, value) != value
+
+
+def _differs_from_said(name: str) -> Doubt:
+    return lambda context, port, value: not is_this_identity(context, name, value)
+
+
+def _differs_from_counted(name: str) -> Doubt:
+    return lambda context, port, value: port.counted.get(name) != value
+
+
+def _leaps(name: str) -> Doubt:
+    """Return a check for a temperature too far from the last one, or without one to compare
+    with.
+    """
+
+    def doubt(context: SessionContext, port: PortState, value: Value) -> bool:
+        before = port.temperatures_c.get(name)
+        return (
+            before is None
+            or not isinstance(value, int)
+            or abs(value - before) > context.family.jump_c
+        )
+
+    return doubt
+
+
+_jumps = _leaps("temperature_c")
+
+
+def _decides(context: SessionContext, port: PortState, value: Value) -> bool:
+    """Whether a tip temperature leaps, makes alarms begin to count, or would confirm one."""
+    if _jumps(context, port, value) or not isinstance(value, int):
+        return True
+    return arrives(context, port, value) or bears_out(context, port, value)
+
+
+DOUBTS: dict[str, Doubt] = {
+    "temperature_c": _decides,
+    **{name: _leaps(name) for name in ("external_c", "transistor_c", "transformer_c")},
+    "status": lambda context, port, value: port.status != value,
+    "tool": lambda context, port, value: port.tool != value,
+    "port_error": lambda context, port, value: (port.error or 0) != value,
+    "station_error": lambda context, port, value: context.held.get("station_error", 0) != value,
+    "set_c": lambda context, port, value: port.held.get(context.set_name, value) != value,
+    "solder_shortage": differs_from_last("solder_shortage"),
+    "preparing": differs_from_last("preparing"),
+    "set_flow_permille": _differs_from_held("selected_air_flow"),
+    **{name: _differs_from_held(name) for name in WATCHED_SETTINGS},
+    **{name: _differs_from_said(name) for name in IDENTITY_READS},
+}
+
+
+def doubt_of(reading: ScheduledRead) -> Doubt | None:
+    """Return which answers to `reading` need a second one; None where none does."""
+    if reading.counter is not None:
+        return _differs_from_counted(reading.counter.name)
+    return DOUBTS.get(reading.name)

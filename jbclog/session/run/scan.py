@@ -19,34 +19,30 @@ from jbclog.core.errors import (
     StationSilent,
 )
 from jbclog.core.io_requests import IoResult, Steps
-from jbclog.core.quantities import Value
+from jbclog.core.quantities import Value, permille_of
 from jbclog.core.rows import COLUMN, SAMPLE_COLUMNS, SampleRow, Severity, quality_of, reasons_text
 from jbclog.protocol.client.interface import PreparedRead
-from jbclog.protocol.commands.family import NEEDS_A_TOOL
-from jbclog.session.rates import IDENTITY_READS, WATCHED_SETTINGS
-from jbclog.session.run.alarms import AlarmWatch, bears_out
+from jbclog.protocol.commands.command import Command
+from jbclog.protocol.commands.family import NEEDS_A_TOOL, Family
+from jbclog.protocol.commands.feeder import FeederState
+from jbclog.protocol.commands.omega import OMEGA_SIGNALS, TRUE_ANSWERS
+from jbclog.protocol.commands.signals import STATUS_COLUMNS
+from jbclog.session.run.alarms import AlarmWatch
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.countdown import note_zero_countdown
 from jbclog.session.run.counters import counter_row
-from jbclog.session.run.identity import (
-    expect_identity,
-    expect_same,
-    expect_still_same,
-    is_this_identity,
-)
-from jbclog.session.run.omega_states import differs_from_last
+from jbclog.session.run.identity import expect_identity, expect_same, expect_still_same
 from jbclog.session.run.readings import (
     NO_DIGIT,
-    Doubt,
-    Fill,
     SecondLook,
-    fill_of,
+    doubt_of,
     may_be_unusable,
     possible_of,
     unusable,
     void,
+    whole_of,
 )
-from jbclog.session.run.watch import OBSERVERS, Observe, arrives, is_no_tool, would_change
+from jbclog.session.run.watch import OBSERVERS, Observe, is_no_tool, would_change
 from jbclog.session.scheduler import ScheduledRead
 
 WIDTH = len(SAMPLE_COLUMNS)
@@ -59,60 +55,92 @@ _TIME, _TICK, _STATION, _PORT = (COLUMN[name] for name in ("time", "tick", "stat
 _LATE, _SCAN, _QUALITY, _REASONS = (
     COLUMN[name] for name in ("late_us", "scan_us", "quality", "reasons")
 )
+_STATUS, _COOLING, _DESOLDERING, _MOTOR = (COLUMN[name] for name in STATUS_COLUMNS)
+_HIGH, _LOW, _FEEDING = COLUMN["alarm_high"], COLUMN["alarm_low"], COLUMN["feeding"]
+MOTOR = ("off", "forward", "backward")
+
+Fill = Callable[[SampleRow, Value], None]
+"""Writes what an answer says into its columns of a row."""
 
 
-def _differs_from_held(name: str) -> Doubt:
-    return lambda context, port, value: port.held.get(name, value) != value
-
-
-def _differs_from_said(name: str) -> Doubt:
-    return lambda context, port, value: not is_this_identity(context, name, value)
-
-
-def _differs_from_counted(name: str) -> Doubt:
-    return lambda context, port, value: port.counted.get(name) != value
-
-
-def _leaps(name: str) -> Doubt:
-    """Return a check for a temperature too far from the last one, or without one to compare
-    with.
+def _status(family: Family) -> Fill:
+    """Return the filler of ``0MDES``: motor, desoldering, tens, status (docs/reference/protocol.md,
+    Status word).
     """
+    names, has_motor = family.status.names, family.has_feeder
 
-    def doubt(context: SessionContext, port: PortState, value: Value) -> bool:
-        before = port.temperatures_c.get(name)
-        return (
-            before is None
-            or not isinstance(value, int)
-            or abs(value - before) > context.family.jump_c
+    def fill(row: SampleRow, word: Value) -> None:
+        assert isinstance(word, tuple)
+        row[_STATUS] = names[word[4]]
+        row[_COOLING] = word[3] == 1
+        row[_DESOLDERING] = word[2] == 1
+        if has_motor:
+            row[_MOTOR] = MOTOR[word[1]]
+
+    return fill
+
+
+def _alarm_flags(row: SampleRow, word: Value) -> None:
+    """Fill the flags: units high, tens low (manual 002, R-TAx)."""
+    assert isinstance(word, tuple)
+    row[_HIGH] = word[4] == 1
+    row[_LOW] = word[3] == 1
+
+
+def _feeding(row: SampleRow, mode: Value) -> None:
+    row[_FEEDING] = mode == FeederState.RUNNING
+
+
+def _flags(*columns: str) -> Fill:
+    """Return the filler of OMEGA's states: each answer sets one column or more."""
+    places = [(COLUMN[column], TRUE_ANSWERS[column]) for column in columns]
+
+    def fill(row: SampleRow, value: Value) -> None:
+        for place, yes in places:
+            row[place] = value in yes
+
+    return fill
+
+
+def _plain(column: str) -> Fill:
+    place = COLUMN[column]
+
+    def fill(row: SampleRow, value: Value) -> None:
+        row[place] = value
+
+    return fill
+
+
+def _share(column: str, command: Command, context: SessionContext) -> Fill:
+    """Return the filler of a share of the station's maximum; the raw number is a row of `settings`
+    (B-33).
+    """
+    place = COLUMN[column]
+
+    def fill(row: SampleRow, value: Value) -> None:
+        whole = whole_of(command, context)
+        row[place] = (
+            permille_of(value, whole) if isinstance(value, int) and whole is not None else None
         )
 
-    return doubt
+    return fill
 
 
-_jumps = _leaps("temperature_c")
-
-
-def _decides(context: SessionContext, port: PortState, value: Value) -> bool:
-    """Whether a tip temperature leaps, makes alarms begin to count, or would confirm one."""
-    if _jumps(context, port, value) or not isinstance(value, int):
-        return True
-    return arrives(context, port, value) or bears_out(context, port, value)
-
-
-DOUBTS: dict[str, Doubt] = {
-    "temperature_c": _decides,
-    **{name: _leaps(name) for name in ("external_c", "transistor_c", "transformer_c")},
-    "status": lambda context, port, value: port.status != value,
-    "tool": lambda context, port, value: port.tool != value,
-    "port_error": lambda context, port, value: (port.error or 0) != value,
-    "station_error": lambda context, port, value: context.held.get("station_error", 0) != value,
-    "set_c": lambda context, port, value: port.held.get(context.set_name, value) != value,
-    "solder_shortage": differs_from_last("solder_shortage"),
-    "preparing": differs_from_last("preparing"),
-    "set_flow_permille": _differs_from_held("selected_air_flow"),
-    **{name: _differs_from_held(name) for name in WATCHED_SETTINGS},
-    **{name: _differs_from_said(name) for name in IDENTITY_READS},
+SPECIAL: dict[str, Fill] = {
+    "alarm_high": _alarm_flags,
+    "feeding": _feeding,
+    **{signal.name: _flags(*signal.columns) for signal in OMEGA_SIGNALS},
 }
+
+
+def fill_of(reading: ScheduledRead, context: SessionContext) -> Fill:
+    """Return how the answer to a reading fills its columns."""
+    signal = reading.name
+    if signal == "status":
+        return _status(context.family)
+    if reading.command.share_of is not None:
+        return _share(signal, reading.command, context)
+    return SPECIAL.get(signal) or _plain(signal)
 
 
 @dataclass(slots=True)
@@ -141,12 +169,8 @@ class SignalRead:
         fill = fill_of(reading, context) if reading.columns else None
         place = COLUMN[reading.columns[0]] if reading.columns else None
         name, port = reading.name, context.ports[reading.port]
-        doubt = (
-            DOUBTS.get(name)
-            if reading.counter is None
-            else _differs_from_counted(reading.counter.name)
-        )
-        look = SecondLook(reading, port, question, doubt, possible_of(context, reading))
+        possible = possible_of(context, reading)
+        look = SecondLook(reading, port, question, doubt_of(reading), possible)
         is_doubtful = may_be_unusable(reading, context.family)
         return cls(
             reading,
