@@ -1,56 +1,60 @@
-"""The stations of a report and their ports: readings, temperatures, power, and their figures."""
+"""The stations of a report and their ports: rows, facts and figures.
+
+The rows of several ports come from one pass over the samples. A week at 10 Hz takes 19 bytes a row:
+its trace is made of some 33 000 rows at a time and joined. A port without a grid, of hot air, or
+that reports states alone is taken as a whole.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from math import inf
+from typing import Final
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 
 from jbclog.analysis.figures.canvas import svg_text
-from jbclog.analysis.figures.curves import Readings, Span, blocks
+from jbclog.analysis.figures.curves import EXACT_IN_16, quantile
 from jbclog.analysis.figures.from_samples import (
-    BOTH,
-    CLOGGED,
-    CONTROL,
-    FLOW,
-    OUT_OF_RANGE,
-    PREPARING,
-    SHORTAGE,
-    SOLDER,
-    SUCTION,
-    TEMPERATURE,
+    GrowingColumn,
+    JoinedTrace,
+    columns_of,
+    has_air,
+    has_only_states,
+    trace,
 )
 from jbclog.analysis.figures.marks import Happening, limits_of, marks_of
 from jbclog.analysis.figures.port import Scale, draw, scale_of
 from jbclog.analysis.figures.style import NARROW, WIDE, Format
-from jbclog.analysis.figures.trace import Air, Limit, MarkKind, Trace
+from jbclog.analysis.figures.trace import Grid, MarkKind, Trace
+from jbclog.analysis.joints.port_reader import at_once
+from jbclog.analysis.port_split import by_port, gathered
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_joints import spans_of
 from jbclog.analysis.verdict import PortMeasure
-from jbclog.analysis.verdict.clock_steps import steps_of
-from jbclog.core.clock import utc_of, utc_text
+from jbclog.analysis.verdict.clock_steps import Step, steps_of
 from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.core.text import clean
 from jbclog.record.manifest import Ledger
+from jbclog.record.parts import ROWS_A_GROUP
+from jbclog.record.schema import SCHEMAS
 from jbclog.report.captions import caption, closer, closer_caption, description
-from jbclog.report.facts import (
-    AirFacts,
-    FigureFacts,
-    PortFacts,
-    PowerFacts,
-    RecordedFacts,
-    StatesFacts,
-    StationReport,
-    TipFacts,
-)
+from jbclog.report.facts import FigureFacts, PortFacts, StationReport
 from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.overview import Overview
-from jbclog.report.port_samples import PortSamples, samples_of_stations
+from jbclog.report.port_facts import (
+    air_facts,
+    coldness,
+    last_known,
+    power_facts,
+    recorded_facts,
+    states_facts,
+    tip_facts,
+)
 from jbclog.report.repeated import (
     PortRows,
     due_readings,
@@ -61,9 +65,12 @@ from jbclog.report.repeated import (
 )
 from jbclog.report.zoom import zoom_of
 
-NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # docs/reference/configuration.md
-MOST_GAPS = 50
-ENERGIES = ("energy_permille_s", "energy_recorded_permille_s", "energy_j")
+NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")  # docs/reference/configuration.md
+GROUPS_KEPT: Final = 32  # of row groups, until what they took is given back
+MOST_ROWS: Final = 8_000_000  # of several stations at once in memory, some 19 bytes each
+TEXTS: Final = ("quality", "reasons", "status")
+COUNTED: Final = {kind: pd.ArrowDtype(kind) for kind in (pa.int32(), pa.int64())}
+READINGS: Final = ("temperature_c", "power_permille", "set_c")
 
 
 @dataclass(slots=True)
@@ -115,22 +122,25 @@ def port_facts(
         joints=spans_of(context.joints.of_port(facts.name, port)),
     )
     measure = context.measures.get((facts.name, port))
-    recorded = _recorded(
+    recorded = recorded_facts(
         rows.rows, late_us, drawn, measure, due_readings(context.ledger, facts, port)
     )
-    seen = PortRows(rows.rows, _last(drawn.temperature), rows.last_status)
+    seen = PortRows(rows.rows, last_known(drawn.temperature), rows.last_status)
     pa.default_memory_pool().release_unused()
     if seen.number and context.has_overview:
         context.overview.add(
-            clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent, _cold(drawn, measure)
+            clean(f"{facts.name} · {port}"),
+            drawn,
+            recorded.coverage_percent,
+            coldness(drawn, measure),
         )
     has_tip = not drawn.states and drawn.air is None
     found = PortFacts(
         recorded=recorded,
-        tip=_tip(drawn, measure),
-        power=_power(drawn, context.joints.metrics_of(facts.name, port)),
-        states=_states_facts(drawn.states) if drawn.states else None,
-        air=None if drawn.air is None else _air_facts(drawn.air),
+        tip=tip_facts(drawn, measure),
+        power=power_facts(drawn, context.joints.metrics_of(facts.name, port)),
+        states=states_facts(drawn.states) if drawn.states else None,
+        air=None if drawn.air is None else air_facts(drawn.air),
         alarms=sum(mark.kind is MarkKind.ALARM for mark in drawn.marks),
         doubtful_alarms=sum(mark.kind is MarkKind.UNCONFIRMED for mark in drawn.marks),
         figures=(
@@ -146,116 +156,6 @@ def port_facts(
     if has_tip:
         found.joints = joint_facts(context.joints, facts.name, port, file, crowded=context.crowded)
     return found
-
-
-def _cold(drawn: Trace, measure: PortMeasure | None) -> str | None:
-    """Return in a word or two how a tool with a setpoint never reached it."""
-    if (
-        measure is None
-        or measure.heat.arrived_s is not None
-        or not np.any(~np.isnan(drawn.setting))
-    ):
-        return None
-    return "not reached" if measure.heat.stretches else "not at work"
-
-
-def _states_facts(lanes: Mapping[str, list[Span]]) -> StatesFacts:
-    """Return for how many seconds each unwanted state held; None where it was never read."""
-    return StatesFacts(
-        shortage_s=_held_s(lanes[SOLDER], SHORTAGE, BOTH),
-        clogged_s=_held_s(lanes[SOLDER], CLOGGED, BOTH),
-        preparing_s=_held_s(lanes[CONTROL], PREPARING),
-        out_of_range_s=_held_s(lanes[TEMPERATURE], OUT_OF_RANGE),
-    )
-
-
-def _held_s(spans: list[Span], *words: str) -> float | None:
-    return float(np.sum([span.seconds for span in spans if span.word in words])) if spans else None
-
-
-def _air_facts(air: Air) -> AirFacts:
-    """Return the figures of hot air."""
-    known, flow = air.external[~np.isnan(air.external)], air.lanes.get(FLOW, [])
-    return AirFacts(
-        flow_permille=float(flow[-1].word.removesuffix(" ‰")) if flow else None,
-        external_least_c=float(known.min()) if len(known) else None,
-        external_greatest_c=float(known.max()) if len(known) else None,
-        suctions=len(air.lanes.get(SUCTION, [])),
-    )
-
-
-def _recorded(
-    rows: int, late_us: float | None, drawn: Trace, measure: PortMeasure | None, due: int
-) -> RecordedFacts:
-    readings = 0 if measure is None else measure.readings
-    return RecordedFacts(
-        rows=rows,
-        due=due,
-        readings=readings,
-        coverage_percent=100 * readings / due if due else None,
-        longest_gap_s=None if measure is None else measure.gap_s,
-        late_p99_ms=None if late_us is None else late_us / 1000,
-        gaps=[_gap(gap, drawn.grid.t0_utc_us) for gap in drawn.longest_gaps[:MOST_GAPS]],
-    )
-
-
-def _gap(gap: Span, t0_utc_us: int) -> dict[str, object]:
-    start = utc_text(utc_of(t0_utc_us + round(gap.start * 1e6)))
-    return {"from": start, "seconds": round(gap.seconds, 6), "why": gap.word}
-
-
-def _tip(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
-    bounds = None if measure is None else measure.idle.bounds
-    return TipFacts(
-        set_c=_last(drawn.setting),
-        alarm_high_c=_limit(drawn.limits, "high"),
-        alarm_low_c=_limit(drawn.limits, "low"),
-        least_c=_extreme(drawn.temperature, np.min),
-        greatest_c=_extreme(drawn.temperature, np.max),
-        idle_error_c=None if measure is None else measure.idle.mean_c,
-        idle_sd_c=None if measure is None else measure.idle.sd_c,
-        idle_error_bound=None if bounds is None else bounds[0],
-        idle_sd_bound=None if bounds is None else bounds[1],
-    )
-
-
-def _power(drawn: Trace, metrics: Mapping[str, Mapping[str, object]]) -> PowerFacts:
-    """Return the power figures; energies are those of the metrics."""
-    whole, recorded, joules = (metrics.get(name, {}).get("value") for name in ENERGIES)
-    why = metrics.get(ENERGIES[0], {}).get("why")
-    highest = _extreme(drawn.power, np.max)
-    return PowerFacts(
-        highest,
-        _float(whole),
-        _float(recorded),
-        _float(joules),
-        None if not isinstance(joules, float) else joules / 3600,
-        None if why is None or highest is None else str(why),
-    )
-
-
-def _float(value: object) -> float | None:
-    return value if isinstance(value, float) else None
-
-
-def _extreme(values: Readings, which: Callable[[Readings], np.floating[Any]]) -> float | None:
-    """Return the least or greatest of the values that are known, without a copy of all."""
-    parts = (values[rows] for rows in blocks(len(values)))
-    found = [float(which(known)) for part in parts if len(known := part[~np.isnan(part)])]
-    return float(which(np.array(found, dtype=np.float64))) if found else None
-
-
-def _last(values: Readings) -> float | None:
-    """Return the last value that is known."""
-    for rows in reversed([*blocks(len(values))]):
-        known = np.flatnonzero(~np.isnan(values[rows]))
-        if len(known):
-            return float(values[rows][known[-1]])
-    return None
-
-
-def _limit(limits: Sequence[Limit], side: str) -> float | None:
-    return next((_last(np.array(limit.celsius)) for limit in limits if limit.side == side), None)
 
 
 def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[FigureFacts]:
@@ -287,3 +187,134 @@ def _figure(file: str, text: str, alt: str, drawn: Trace, crowded: bool) -> Figu
 
 def _svg(drawn: Trace, form: Format, scale: Scale) -> str:
     return svg_text(draw(drawn, form, scale))
+
+
+# -- rows ------------------------------------------------------------------------------------------
+
+
+def samples_of_stations(
+    run: Run, steps: tuple[Step, ...]
+) -> Iterator[tuple[StationFacts, dict[int, PortSamples]]]:
+    """Yield the rows of each port of each station, from one pass over the samples for as many
+    stations as fit into memory.
+    """
+    for stations in at_once(run.manifest.stations, _rows, MOST_ROWS):
+        found = _by_port(run, stations, steps)
+        for facts in stations:
+            yield facts, found.pop(facts.name)
+
+
+def _by_port(
+    run: Run, stations: Sequence[StationFacts], steps: tuple[Step, ...]
+) -> dict[str, dict[int, PortSamples]]:
+    """Return the rows of each port."""
+    t0_utc_us = run.manifest.t0_utc_us
+    grids = {facts.name: Grid(t0_utc_us, facts.period_s, steps) for facts in stations}
+    found = {
+        facts.name: {port: PortSamples(facts, grids[facts.name]) for port in facts.ports}
+        for facts in stations
+    }
+    by_name = {facts.name: facts for facts in stations}
+    ports = sum(len(facts.ports) for facts in run.manifest.stations)
+    every = [*dict.fromkeys(name for facts in stations for name in columns_of(facts))]
+    read = run.groups("samples", ["station", "port", "late_us", *every], coded=True)
+    for number, group in enumerate(gathered(read, ports), 1):
+        if not number % GROUPS_KEPT:
+            pa.default_memory_pool().release_unused()
+        for (name, port), rows in by_port(group):
+            if name not in found:
+                continue
+            if port not in found[name]:
+                found[name][port] = PortSamples(by_name[name], grids[name])
+            found[name][port].add(rows)
+    return found
+
+
+def _rows(facts: StationFacts) -> float:
+    """Return the number of rows, infinite where it is not known."""
+    if facts.first_tick is None or facts.last_tick is None:
+        return inf
+    return (facts.last_tick - facts.first_tick + 1) * len(facts.ports)
+
+
+class PortSamples:
+    """The rows of a port: how many, how late, the last status, and their trace."""
+
+    def __init__(self, facts: StationFacts, grid: Grid) -> None:
+        self._grid = grid
+        self._of_states = has_only_states(facts)
+        self._of_air = has_air(facts)
+        self._columns = columns_of(facts)
+        is_plain = bool(grid.period_s) and not self._of_states and not self._of_air
+        self._at_once = ROWS_A_GROUP if is_plain else None
+        self._held: list[pa.Table] = []
+        self._held_rows = 0
+        self._joined = JoinedTrace()
+        self._late_us = GrowingColumn()
+        self.rows = 0
+        self.last_status: str | None = None
+
+    def add(self, rows: pa.Table) -> None:
+        """Add the next rows, oldest first."""
+        self._late_us.add(_short(rows["late_us"].drop_null()).to_numpy())
+        self._held.append(_narrow(rows.select(self._columns)))
+        self._held_rows += len(rows)
+        self.rows += len(rows)
+        if self._at_once is not None and self._held_rows >= self._at_once:
+            self._joined.add(self._trace_held())
+
+    def trace(self) -> Trace:
+        """Return the trace of all rows; they are given up."""
+        if self._at_once is None or not self.rows:
+            return self._trace_held()
+        if self._held:
+            self._joined.add(self._trace_held())
+        return self._joined.trace()
+
+    def late_us(self, share: float) -> float | None:
+        """Return a quantile of how late the rows were; that is given up."""
+        late_us, self._late_us = self._late_us.array(), GrowingColumn()
+        return quantile(late_us, share) if len(late_us) else None
+
+    def _trace_held(self) -> Trace:
+        none = _narrow(SCHEMAS["samples"].empty_table().select(self._columns))
+        pieces = [none, *self._held]
+        rows = pa.concat_tables(pieces, promote_options="permissive").unify_dictionaries()
+        self._held.clear()
+        self._held_rows = 0
+        columns = {
+            name: rows[name].to_pandas(types_mapper=COUNTED.get) for name in rows.column_names
+        }
+        columns |= {name: _exact_in_16(columns[name]) for name in READINGS if name in columns}
+        frame = pd.DataFrame(columns, copy=False)
+        last = frame["status"].last_valid_index()
+        self.last_status = self.last_status if last is None else str(frame["status"][last])
+        return trace(frame, self._grid, of_states=self._of_states, of_air=self._of_air)
+
+
+def _narrow(rows: pa.Table) -> pa.Table:
+    """Return rows with dictionaries for texts, 32 bits for counts, and readings (whole numbers of
+    at most six digits) as floats.
+    """
+    narrow = {name: rows[name].dictionary_encode() for name in TEXTS if name in rows.column_names}
+    narrow |= {
+        name: rows[name].cast(pa.float32(), safe=False)
+        for name in READINGS
+        if name in rows.column_names
+    }
+    narrow["tick"] = _short(rows["tick"])
+    return pa.table({name: narrow.get(name, rows[name]) for name in rows.column_names})
+
+
+def _short(counts: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Return counts in 32 bits if they fit."""
+    try:
+        return counts.cast(pa.int32())
+    except pa.ArrowInvalid:
+        return counts
+
+
+def _exact_in_16(readings: pd.Series[float]) -> pd.Series[float]:
+    """Return readings in 16 bits if these hold them exactly."""
+    values = readings.to_numpy()
+    return readings if (np.abs(values) > EXACT_IN_16).any() else readings.astype(np.float16)

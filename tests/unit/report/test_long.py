@@ -16,21 +16,16 @@ import pytest
 
 from jbclog.analysis.figures import curves
 from jbclog.analysis.figures import port as port_figure
-from jbclog.analysis.figures.from_samples import has_air, trace
+from jbclog.analysis.figures.from_samples import GrowingColumn, JoinedTrace, has_air, trace
 from jbclog.analysis.figures.trace import Grid, Trace
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_tables import RunTables, select
 from jbclog.analysis.verdict import idle, judged_signals
 from jbclog.analysis.verdict.idle import Block, Flags, Floats
-from jbclog.report import gather, port_samples, ports
+from jbclog.report import gather, ports
 from jbclog.report.facts import FigureFacts
 from jbclog.report.joints import joints_of
-from jbclog.report.port_samples import (
-    GrowingColumn,
-    JoinedTrace,
-    PortSamples,
-    samples_of_stations,
-)
+from jbclog.report.ports import PortSamples, samples_of_stations
 from jbclog.report.write import as_document, figures_of, report_files
 from support.records import small_run
 from support.records.sealed_run import lose, samples, seal, station, table
@@ -60,7 +55,7 @@ def test_a_report_is_the_same_however_its_rows_are_read(
     run = open_run(made(tmp_path))
     joints = joints_of(run)
     whole = gather.gather(run, joints)
-    monkeypatch.setattr(port_samples, "MOST_ROWS", 0)  # a pass for each station
+    monkeypatch.setattr(ports, "MOST_ROWS", 0)  # a pass for each station
     monkeypatch.setattr(curves, "BLOCK_ROWS", 7)
     monkeypatch.setattr(RunTables, "groups", in_small_groups)
     pieces = gather.gather(run, joints)
@@ -118,7 +113,7 @@ def test_a_trace_made_in_pieces_is_that_of_the_whole_table(
     made: Callable[[Path], Path], at_once: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = open_run(made(tmp_path))
-    monkeypatch.setattr(port_samples, "ROWS_A_GROUP", at_once)
+    monkeypatch.setattr(ports, "ROWS_A_GROUP", at_once)
     monkeypatch.setattr(RunTables, "groups", in_small_groups)
     for facts, of_station in samples_of_stations(run, ()):
         t0_utc_us = round((run.manifest.t0_utc or 0.0) * 1e6)
@@ -191,7 +186,7 @@ def test_the_rows_of_a_port_are_small_and_freed_before_the_next_is_drawn(
 ) -> None:
     run = open_run(small(tmp_path))
     alive: list[weakref.ref[PortSamples]] = []
-    by_port, figures = port_samples._by_port, ports._figures
+    by_port, figures = ports._by_port, ports._figures
 
     def noted(*given: Any) -> dict[str, dict[int, PortSamples]]:
         found = by_port(*given)
@@ -207,7 +202,7 @@ def test_the_rows_of_a_port_are_small_and_freed_before_the_next_is_drawn(
         return figures(file, place, one, context)
 
     left = list[int]()
-    monkeypatch.setattr(port_samples, "_by_port", noted)
+    monkeypatch.setattr(ports, "_by_port", noted)
     monkeypatch.setattr(ports, "_figures", drawn)
     gather.gather(run, joints_of(run))
     assert left == [*range(len(alive), 0, -1)]

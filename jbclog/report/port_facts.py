@@ -1,0 +1,141 @@
+"""The facts of a port: its readings, temperatures, power and states, from its trace."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from jbclog.analysis.figures.curves import Readings, Span, blocks
+from jbclog.analysis.figures.from_samples import (
+    BOTH,
+    CLOGGED,
+    CONTROL,
+    FLOW,
+    OUT_OF_RANGE,
+    PREPARING,
+    SHORTAGE,
+    SOLDER,
+    SUCTION,
+    TEMPERATURE,
+)
+from jbclog.analysis.figures.trace import Air, Limit, Trace
+from jbclog.analysis.verdict import PortMeasure
+from jbclog.core.clock import utc_of, utc_text
+from jbclog.report.facts import AirFacts, PowerFacts, RecordedFacts, StatesFacts, TipFacts
+
+MOST_GAPS: Final = 50
+ENERGIES: Final = ("energy_permille_s", "energy_recorded_permille_s", "energy_j")
+
+
+def coldness(drawn: Trace, measure: PortMeasure | None) -> str | None:
+    """Return in a word or two how a tool with a setpoint never reached it."""
+    if (
+        measure is None
+        or measure.heat.arrived_s is not None
+        or not np.any(~np.isnan(drawn.setting))
+    ):
+        return None
+    return "not reached" if measure.heat.stretches else "not at work"
+
+
+def states_facts(lanes: Mapping[str, list[Span]]) -> StatesFacts:
+    """Return for how many seconds each unwanted state held; None where it was never read."""
+    return StatesFacts(
+        shortage_s=_held_s(lanes[SOLDER], SHORTAGE, BOTH),
+        clogged_s=_held_s(lanes[SOLDER], CLOGGED, BOTH),
+        preparing_s=_held_s(lanes[CONTROL], PREPARING),
+        out_of_range_s=_held_s(lanes[TEMPERATURE], OUT_OF_RANGE),
+    )
+
+
+def _held_s(spans: list[Span], *words: str) -> float | None:
+    return float(np.sum([span.seconds for span in spans if span.word in words])) if spans else None
+
+
+def air_facts(air: Air) -> AirFacts:
+    """Return the figures of hot air."""
+    known, flow = air.external[~np.isnan(air.external)], air.lanes.get(FLOW, [])
+    return AirFacts(
+        flow_permille=float(flow[-1].word.removesuffix(" ‰")) if flow else None,
+        external_least_c=float(known.min()) if len(known) else None,
+        external_greatest_c=float(known.max()) if len(known) else None,
+        suctions=len(air.lanes.get(SUCTION, [])),
+    )
+
+
+def recorded_facts(
+    rows: int, late_us: float | None, drawn: Trace, measure: PortMeasure | None, due: int
+) -> RecordedFacts:
+    readings = 0 if measure is None else measure.readings
+    return RecordedFacts(
+        rows=rows,
+        due=due,
+        readings=readings,
+        coverage_percent=100 * readings / due if due else None,
+        longest_gap_s=None if measure is None else measure.gap_s,
+        late_p99_ms=None if late_us is None else late_us / 1000,
+        gaps=[_gap(gap, drawn.grid.t0_utc_us) for gap in drawn.longest_gaps[:MOST_GAPS]],
+    )
+
+
+def _gap(gap: Span, t0_utc_us: int) -> dict[str, object]:
+    start = utc_text(utc_of(t0_utc_us + round(gap.start * 1e6)))
+    return {"from": start, "seconds": round(gap.seconds, 6), "why": gap.word}
+
+
+def tip_facts(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
+    bounds = None if measure is None else measure.idle.bounds
+    return TipFacts(
+        set_c=last_known(drawn.setting),
+        alarm_high_c=_limit(drawn.limits, "high"),
+        alarm_low_c=_limit(drawn.limits, "low"),
+        least_c=_extreme(drawn.temperature, np.min),
+        greatest_c=_extreme(drawn.temperature, np.max),
+        idle_error_c=None if measure is None else measure.idle.mean_c,
+        idle_sd_c=None if measure is None else measure.idle.sd_c,
+        idle_error_bound=None if bounds is None else bounds[0],
+        idle_sd_bound=None if bounds is None else bounds[1],
+    )
+
+
+def power_facts(drawn: Trace, metrics: Mapping[str, Mapping[str, object]]) -> PowerFacts:
+    """Return the power figures; energies are those of the metrics."""
+    whole, recorded, joules = (metrics.get(name, {}).get("value") for name in ENERGIES)
+    why = metrics.get(ENERGIES[0], {}).get("why")
+    highest = _extreme(drawn.power, np.max)
+    return PowerFacts(
+        highest,
+        _float(whole),
+        _float(recorded),
+        _float(joules),
+        None if not isinstance(joules, float) else joules / 3600,
+        None if why is None or highest is None else str(why),
+    )
+
+
+def _float(value: object) -> float | None:
+    return value if isinstance(value, float) else None
+
+
+def _extreme(values: Readings, which: Callable[[Readings], np.floating[Any]]) -> float | None:
+    """Return the least or greatest of the values that are known, without a copy of all."""
+    parts = (values[rows] for rows in blocks(len(values)))
+    found = [float(which(known)) for part in parts if len(known := part[~np.isnan(part)])]
+    return float(which(np.array(found, dtype=np.float64))) if found else None
+
+
+def last_known(values: Readings) -> float | None:
+    """Return the last value that is known."""
+    for rows in reversed([*blocks(len(values))]):
+        known = np.flatnonzero(~np.isnan(values[rows]))
+        if len(known):
+            return float(values[rows][known[-1]])
+    return None
+
+
+def _limit(limits: Sequence[Limit], side: str) -> float | None:
+    return next(
+        (last_known(np.array(limit.celsius)) for limit in limits if limit.side == side), None
+    )
