@@ -45,6 +45,7 @@ LIMITS: Final[Sequence[tuple[int, Limits]]] = (
     (2, lambda values: (0.0, values[0] * (max(values[3], 0.0) + SENSOR_LAG_S))),
 )
 REFERENCE_NOISE: Final = 20.0
+REST_WIDTH: Final = float(REFERENCE_NOISE * np.sqrt(2 * np.pi))
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +66,24 @@ class Rows:
 
     def take(self, rows: NDArray[np.int64] | Flags) -> Rows:
         return Rows(self.power[rows], self.terms[rows], self.is_rest[rows], self.term_noise)
+
+
+@dataclass(frozen=True, slots=True)
+class _Densities:
+    """The density of each row: as rest, times the share of rest, and altogether."""
+
+    of_rest: Floats
+    both: Floats
+
+    @property
+    def rest(self) -> Floats:
+        """The probability of each row to be rest."""
+        return np.asarray(self.of_rest / self.both, dtype=np.float64)
+
+    @property
+    def likelihood(self) -> float:
+        """The mean log-likelihood of the rows."""
+        return float(np.log(self.both).mean())
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +121,7 @@ def _sampled(rows: Rows) -> Rows:
 def _starts(rows: Rows) -> list[Floats]:
     """Return the most likely points of the grid that are not neighbours."""
     every = [np.array([capacity, loss, 0.0, 0.0]) for capacity in CAPACITIES for loss in LOSSES]
-    every.sort(key=lambda values: -_likelihood(rows, values, 0.4, 2.0)[1])
+    every.sort(key=lambda values: -_densities(rows, values, 0.4, 2.0).likelihood)
     chosen: list[Floats] = []
     for values in every:
         if len(chosen) < STARTS and all(_is_apart(values, one) for one in chosen):
@@ -116,8 +135,8 @@ def _is_apart(one: Floats, other: Floats) -> bool:
     return bool(abs(np.log(one[0] / other[0])) > 0.25 or abs(np.log(one[1] / other[1])) > 0.4)
 
 
-def _likelihood(rows: Rows, values: Floats, share: float, wider: float) -> tuple[Floats, float]:
-    """Return the probability of each row to be rest, and the mean log-likelihood of the rows.
+def _densities(rows: Rows, values: Floats, share: float, wider: float) -> _Densities:
+    """Return the densities of the rows with these parameters, of which `share` is rest.
 
     The density of rest has the same height for all values; otherwise a capacity of zero, which
     leaves no noise, would be the most likely.
@@ -128,22 +147,26 @@ def _likelihood(rows: Rows, values: Floats, share: float, wider: float) -> tuple
         * NOISE_MARGIN
         * float(np.hypot(np.sqrt(values @ rows.term_noise @ values), POWER_NOISE_PERMILLE))
     )
-    rest = np.exp(-0.5 * np.square(left / noise)) / (REFERENCE_NOISE * np.sqrt(2 * np.pi))
-    contact = np.where(left > 0, 1 / FLAT_PERMILLE, 1 / BACKWARD_PERMILLE)
-    of_rest = np.where(rows.is_rest, 1 - DOUBT, share) * rest
-    both = of_rest + np.where(rows.is_rest, DOUBT / 5000.0, (1 - share) * contact)
-    return of_rest / both, float(np.log(both).mean())
+    rest = np.exp(-0.5 * np.square(left / noise)) / REST_WIDTH
+    known, open_share = np.flatnonzero(rows.is_rest), 1 - share
+    of_rest = share * rest
+    of_rest[known] = (1 - DOUBT) * rest[known]
+    of_contact = np.where(
+        left > 0, open_share * (1 / FLAT_PERMILLE), open_share * (1 / BACKWARD_PERMILLE)
+    )
+    of_contact[known] = DOUBT / 5000.0
+    return _Densities(of_rest, of_rest + of_contact)
 
 
 def _maximise(rows: Rows, state: _State, rounds: int, wider: float) -> _State:
     """Run so many rounds of expectation maximisation and return the state."""
     values, share = state.values, state.share
-    open_rows = ~rows.is_rest
+    open_rows = np.flatnonzero(~rows.is_rest)
     for _ in range(rounds):
-        weight, _ = _likelihood(rows, values, share, wider)
+        weight = _densities(rows, values, share, wider).rest
         values = weighted_fit(rows.terms, rows.power, weight, STIFF, rows.warming_noise)
-        share = min(max(float(weight[open_rows].mean()) if open_rows.any() else 0.9, 0.1), 0.98)
-    return _State(values, share, _likelihood(rows, values, share, wider)[1])
+        share = min(max(float(weight[open_rows].mean()) if len(open_rows) else 0.9, 0.1), 0.98)
+    return _State(values, share, _densities(rows, values, share, wider).likelihood)
 
 
 def weighted_fit(

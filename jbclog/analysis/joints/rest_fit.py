@@ -74,12 +74,16 @@ def fit_rest(
     capacity = values[0]
     usual = np.array([1 / USUAL_CAPACITY, USUAL_LOSS / capacity, 0.0, SECOND_S])
     fitted = np.array([1.0, values[1], values[3], values[2]]) / capacity
-    weight = np.ones(len(temperature))
+    pieces, weight = _Pieces.of(piece), np.ones(len(temperature))
+    total = pieces.total(weight)
     for _ in range(REWEIGHTED):
-        residuals = _centred(temperature - terms @ fitted, piece, weight)
-        weight = _weights(residuals, piece, known_rest, noise_c)
-        centred_terms = _centred(terms, piece, weight)
-        centred_temperature = _centred(temperature, piece, weight)
+        residuals = pieces.centred(temperature - terms @ fitted, weight, total)
+        weight = _weights(residuals, pieces, known_rest, noise_c)
+        total = pieces.total(weight)
+        centred_terms = np.stack(
+            [pieces.centred(column, weight, total) for column in terms.T], axis=1
+        )
+        centred_temperature = pieces.centred(temperature, weight, total)
         weighted = centred_terms * weight[:, None]
         stiffness = _stiffness(capacity, fitted[0], noise_c)
         fitted = bounded_solution(
@@ -118,28 +122,52 @@ def _stiffness(capacity: float, inverse: float, noise_c: float) -> Floats:
     return np.diag(np.square(noise_c / spread) * [ALIKE_ROWS, 1.0, 1.0, 1.0])
 
 
-def _weights(
-    residuals: Floats, piece: NDArray[np.int64], known_rest: Flags, noise_c: float
-) -> Floats:
+@dataclass(frozen=True, slots=True)
+class _Pieces:
+    """Pieces of rest: the number of the piece of each row, the place of the row in it, counted from
+    its middle, and of each piece the root of the squares of these places.
+    """
+
+    number: NDArray[np.int64]
+    row: Floats
+    width: Floats
+
+    @classmethod
+    def of(cls, number: NDArray[np.int64]) -> _Pieces:
+        count = np.bincount(number)
+        row = (
+            np.arange(len(number))
+            - np.concatenate(([0], np.cumsum(count)[:-1]))[number]
+            - 0.5 * (count[number] - 1)
+        )
+        return cls(number, row, np.sqrt(np.bincount(number, np.square(row))))
+
+    def total(self, values: Floats) -> Floats:
+        """Return the sum of the values in each piece."""
+        return np.asarray(np.bincount(self.number, values), dtype=np.float64)
+
+    def centred(self, values: Floats, weight: Floats, total: Floats) -> Floats:
+        """Return the values less their weighted mean in each piece; `total` is that of the
+        weights.
+        """
+        return np.asarray(
+            values - (self.total(weight * values) / total)[self.number], dtype=np.float64
+        )
+
+
+def _weights(residuals: Floats, pieces: _Pieces, known_rest: Flags, noise_c: float) -> Floats:
     """Return the weight of each row: less beyond the noise, and less in a piece in which heat
     leaves, which is contact not found.
 
     A piece in which heat comes back keeps its full weight: it does not exist, so the fit must not
     need it.
     """
-    count = np.bincount(piece)
-    row = (
-        np.arange(len(residuals))
-        - np.concatenate(([0], np.cumsum(count)[:-1]))[piece]
-        - 0.5 * (count[piece] - 1)
-    )
-    slopes = np.bincount(piece, row * residuals) / (
-        noise_c * np.sqrt(np.bincount(piece, np.square(row)))
-    )
+    slopes = pieces.total(pieces.row * residuals) / (noise_c * pieces.width)
     leaves = np.maximum(-slopes - LEAVES_NOISES, 0.0) / LEAVES_NOISES
     closeness = 1 / (1 + np.square(residuals / (3 * noise_c)))
     return np.asarray(
-        np.where(known_rest, 1.0, closeness / (1 + np.square(leaves))[piece]), dtype=np.float64
+        np.where(known_rest, 1.0, closeness / (1 + np.square(leaves))[pieces.number]),
+        dtype=np.float64,
     )
 
 
@@ -193,16 +221,6 @@ def _rest_pieces(
         np.unique(place[enough], return_inverse=True)[1],
         known[rest][enough],
     )
-
-
-def _centred(values: Floats, piece: NDArray[np.int64], weight: Floats) -> Floats:
-    """Return the values less their weighted mean in each piece."""
-    total = np.bincount(piece, weight)
-    if values.ndim == 1:
-        return np.asarray(
-            values - (np.bincount(piece, weight * values) / total)[piece], dtype=np.float64
-        )
-    return np.stack([_centred(column, piece, weight) for column in values.T], axis=1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import correlate1d, gaussian_filter1d
 
-from jbclog.analysis.joints.thermal import _extended, _weighted, smooth
+from jbclog.analysis.joints.thermal import _extended, _weighted, rate, smooth
 
 RANDOM = np.random.default_rng(20261125)
 
@@ -28,3 +28,10 @@ def test_weighting_is_that_of_scipy(count: int, sides: str) -> None:
     weights += {"alike": 1, "opposite": -1, "different": 0}[sides] * weights[::-1]
     expected = correlate1d(values, weights)[count // 2 : len(values) - count // 2]
     assert np.array_equal(_weighted(values, weights), expected)
+
+
+@pytest.mark.parametrize("rows", [0, 1, 2, 3, 60])
+def test_a_rate_of_change_is_that_of_numpy(rows: int) -> None:
+    flow = RANDOM.normal(0, 100, rows)
+    expected = np.gradient(flow) / 0.1 if rows > 1 else np.zeros(rows)
+    assert np.array_equal(rate(flow, 0.1), expected)
