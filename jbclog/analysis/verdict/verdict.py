@@ -110,8 +110,7 @@ def _all_rules(
         if one.reached_within_c is not None
     }
     measures = measuring(evidence.folder, {facts.name: facts for facts in judged}, within, by)
-    events = read_events(evidence.folder)
-    outcomes = read_outcomes(evidence.folder, counts_lacking=evidence.counts_lacking)
+    events, settings = read_events(evidence.folder), _Settings.of(evidence, limits)
     yield record_rule(evidence)
     yield from goal_rules(evidence)
     yield from (_no_facts(name) for name in limits if name not in {facts.name for facts in judged})
@@ -122,7 +121,7 @@ def _all_rules(
             limits[facts.name],
             evidence,
             own,
-            outcomes.get(facts.name, Outcomes()),
+            settings,
             measures,
             by,
         )
@@ -132,15 +131,35 @@ def _all_rules(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Settings:
+    """What the table of settings shows of all stations, which is read for all of them together."""
+
+    outcomes: Mapping[str, Outcomes]
+    ordered: set[tuple[str, int]]
+    adjustments: Mapping[tuple[str, int], float]
+
+    @classmethod
+    def of(cls, evidence: Evidence, limits: Mapping[str, Acceptance]) -> _Settings:
+        folder = evidence.folder
+        verified = any(one.verification_days is not None for one in limits.values())
+        return cls(
+            read_outcomes(folder, counts_lacking=evidence.counts_lacking),
+            read_ordered(folder),
+            read_adjustments(folder) if verified else {},
+        )
+
+
 def _station(
     facts: StationFacts,
     acceptance: Acceptance,
     evidence: Evidence,
     events: Sequence[Event],
-    outcomes: Outcomes,
+    settings: _Settings,
     measures: Measures,
     by: int,
 ) -> Iterator[Rule]:
+    outcomes = settings.outcomes.get(facts.name, Outcomes())
     yield from station_rules(facts, acceptance, evidence, events, outcomes)
     if facts.outcome == "left_out":
         return
@@ -157,18 +176,18 @@ def _station(
             Result.MISSING,
             "No port was recorded with a tool.",
         )
-    ordered = read_ordered(evidence.folder)
     for port in ports:
-        seen = measures.get((facts.name, port))
+        place = facts.name, port
+        seen = measures.get(place)
         yield from port_rules(
             facts, port, acceptance, evidence.port_ledger(facts.name, port), seen, by
         )
         if by > 1:
             yield from heat_rules(
-                facts, port, acceptance, evidence, seen, is_ordered=(facts.name, port) in ordered
+                facts, port, acceptance, evidence, seen, is_ordered=place in settings.ordered
             )
         if acceptance.verification_days is not None and reports(facts, TEMPERATURE):
-            adjusted = read_adjustments(evidence.folder).get((facts.name, port))
+            adjusted = settings.adjustments.get(place)
             yield verification_rule(facts, port, acceptance.verification_days, evidence, adjusted)
         yield from joint_rules(facts, port, acceptance, evidence)
     if no_limit_applies(facts, acceptance):

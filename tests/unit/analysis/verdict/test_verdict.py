@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from jbclog.analysis.verdict import Result, Rule, Verdict, judge
+from jbclog.analysis.verdict import Result, Rule, Verdict, evidence, judge
 from jbclog.analysis.verdict.verdict import verdict_of
 from jbclog.config.recipe_sections import Acceptance
 
@@ -313,6 +314,26 @@ def test_only_what_is_asked_is_judged(case: Any, tip: Callable[..., Any]) -> Non
     judgement = judge(case.evidence(), {"a": Acceptance(alarms_max=0)})
     assert judgement.verdict == "ACCEPT"
     assert {one.name for one in judgement.rules} == {"record", "station", "settings", "alarms"}
+
+
+def test_the_settings_are_read_for_all_stations_together(
+    case: Any, tip: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once each for outcomes, orders and adjustments, however many stations and ports."""
+    read, rows = list[str](), evidence._rows
+
+    def noted(table: Path, columns: list[str]) -> Iterator[dict[str, object]]:
+        read.append(table.name)
+        return rows(table, columns)
+
+    monkeypatch.setattr(evidence, "_rows", noted)
+    limits = Acceptance(idle_error_c=15, verification_days=30)
+    for name in "abc":
+        case.station(name, tip(), tip())
+        case.setting(name, "confirmed")
+    judgement = judge(case.evidence(), dict.fromkeys("abc", limits))
+    assert sum(one.name == "verification" for one in judgement.rules) == 6
+    assert read.count("settings") == 3
 
 
 def test_the_recorder_can_judge_without_pandas_and_matplotlib() -> None:
