@@ -138,6 +138,10 @@ class IdleError:
     total: float = 0.0
     squares: float = 0.0
     cells: Cells = field(init=False)
+    # the latest bounds, and of how many readings they are
+    _bounds: tuple[int, Bounds | str] | None = field(
+        default=None, init=False, repr=False, compare=False
+    )
 
     def __post_init__(self) -> None:
         self.cells = Cells() if self.rules >= BOUNDS_HOLD else Cells(BATCH_CELL_S)
@@ -176,7 +180,9 @@ class IdleError:
         mean, spread = self.mean_c, self.sd_c
         if mean is None or spread is None:
             return NOT_IDLE
-        return bounds_of_cells(self.cells, self.seconds, mean, spread)
+        if self._bounds is None or self._bounds[0] != self.rows:  # a report needs them twice
+            self._bounds = self.rows, bounds_of_cells(self.cells, self.seconds, mean, spread)
+        return self._bounds[1]
 
     @property
     def bounds(self) -> tuple[Bound, Bound] | None:
