@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import pandas as pd
 import pyarrow as pa
@@ -17,6 +18,9 @@ from jbclog.analysis.run_metrics import joints_of
 from jbclog.analysis.run_tables import RunTables
 from jbclog.core.errors import UsageError
 from jbclog.record.schema import TEXT
+
+OF_SPANS: Final = ("start_s", "end_s", "recovered")
+"""The columns that `spans_of` takes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,23 +110,23 @@ def _joint(run: RunTables, unit: str | None, row: dict[str, object]) -> RunJoint
     return RunJoint(run=run, unit=unit, **{**row, **times})  # type: ignore[arg-type]  # the table's columns are the fields
 
 
-def joints_of_port(joints: pa.Table, station: str, port: int) -> pa.Table:
-    """Return the joints of one port."""
-    return joints.filter(
-        pc.and_(pc.equal(joints["station"], station), pc.equal(joints["port"], port))
-    )
+def joints_of_port(
+    joints: pa.Table, station: str, port: int, columns: Sequence[str] | None = None
+) -> pa.Table:
+    """Return the joints of one port, or these columns of them: a copy."""
+    own = pc.and_(pc.equal(joints["station"], station), pc.equal(joints["port"], port))
+    return (joints if columns is None else joints.select([*columns])).filter(own)
 
 
 def spans_of(joints: pa.Table) -> list[Span]:
     """Return the joints of one port in seconds of the run, each with the word for whether the tip
     was back before the next.
     """
-    names = ("start_s", "end_s", "recovered")
     return [
         Span(
             start,
             end,
             JointEnd.BACK if back else JointEnd.CUT_OFF if back is None else JointEnd.LATE,
         )
-        for start, end, back in zip(*(joints[name].to_pylist() for name in names), strict=True)
+        for start, end, back in zip(*(joints[name].to_pylist() for name in OF_SPANS), strict=True)
     ]

@@ -14,7 +14,7 @@ from jbclog.analysis.figures.marks import happenings, limits_of, marks_of
 from jbclog.analysis.figures.port import draw_at, height_pt
 from jbclog.analysis.figures.style import INK, WIDE, Look
 from jbclog.analysis.figures.trace import Grid, Trace
-from jbclog.analysis.run_joints import joints_of_port, spans_of
+from jbclog.analysis.run_joints import OF_SPANS, joints_of_port, spans_of
 from jbclog.analysis.run_metrics import joints_of
 from jbclog.analysis.run_tables import RunTables
 from jbclog.core.errors import UsageError
@@ -70,6 +70,6 @@ def _traces(run: RunTables, station: str | None, port: int | None) -> list[tuple
             one = trace(rows, grid, of_states=of_states, of_air=of_air)
             limits = limits_of(settings, facts.name, own, t0_utc_us)
             marks = marks_of(events, facts.name, own)
-            spans = spans_of(joints_of_port(joints, facts.name, own))
+            spans = spans_of(joints_of_port(joints, facts.name, own, OF_SPANS))
             found.append((facts.name, own, replace(one, limits=limits, marks=marks, joints=spans)))
     return found

@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from jbclog.analysis.figures.curves import blocks, extreme
 from jbclog.analysis.figures.style import WIDE
 from jbclog.analysis.figures.ticks import duration_text
 from jbclog.analysis.figures.trace import JointEnd, MarkKind, Trace
@@ -45,10 +46,13 @@ def _moment(trace: Trace) -> tuple[float, str]:
 
 
 def _hottest(trace: Trace) -> float | None:
-    """Return when the tip was hottest; None where it was never read."""
-    if np.isnan(trace.temperature).all():
-        return None
-    return float(trace.seconds[int(np.nanargmax(trace.temperature))])
+    """Return when the tip was hottest for the first time; None where it was never read."""
+    greatest = extreme(trace.temperature, np.max)
+    for rows in blocks(0 if greatest is None else len(trace.temperature)):
+        places = np.flatnonzero(trace.temperature[rows] == greatest)
+        if len(places):
+            return float(trace.seconds[rows][places[0]])
+    return None
 
 
 def caption(trace: Trace) -> str:
@@ -99,8 +103,8 @@ def description(place: str, trace: Trace) -> str:
             f"{place}: its states over {duration_text(trace.end - trace.start)}, {len(trace.gaps)}"
             " gaps."
         )
-    known = trace.temperature[~np.isnan(trace.temperature)]
-    seen = f"from {known.min():g} to {known.max():g} °C" if len(known) else "never read"
+    least, greatest = extreme(trace.temperature, np.min), extreme(trace.temperature, np.max)
+    seen = "never read" if least is None else f"from {least:g} to {greatest:g} °C"
     alarms = sum(mark.kind is MarkKind.ALARM for mark in trace.marks)
     length = duration_text(trace.end - trace.start)
     what = "tip" if trace.air is None else "air"

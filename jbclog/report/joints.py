@@ -55,6 +55,7 @@ METRICS: Final[tuple[str, ...]] = (
     ),
 )
 OF_JOINTS: Final = "joints"
+OF_CHART: Final = ("recovery_s", "deficit_c", "had_s", "recovered")
 AT_WORK: Final = "power_mean_permille"  # without it the tool never worked and made no joints
 
 Recovery = tuple[float | None, float | None, bool | None]
@@ -77,9 +78,9 @@ class Joints:
     # the metrics of each port by their names
     by_port: Mapping[tuple[object, object], dict[str, Row]]
 
-    def of_port(self, station: str, port: int) -> pa.Table:
-        """Return the joints of one port."""
-        return joints_of_port(self.table, station, port)
+    def of_port(self, station: str, port: int, columns: Sequence[str]) -> pa.Table:
+        """Return these columns of the joints of one port."""
+        return joints_of_port(self.table, station, port, columns)
 
     def metrics_of(self, station: str, port: int) -> dict[str, Row]:
         """Return the metrics of one port by their names."""
@@ -120,9 +121,10 @@ def joint_facts(
     """Return the figures of one port and its chart, whose file begins with `file`; None for what
     makes no joints.
     """
-    metrics, joints = found.metrics_of(station, port), found.of_port(station, port)
+    metrics = found.metrics_of(station, port)
     if OF_JOINTS not in metrics or not metrics[AT_WORK]["n"]:
         return None
+    joints = found.of_port(station, port, OF_CHART)
     recovery, deficits, had = (
         _floats(joints[name]) for name in ("recovery_s", "deficit_c", "had_s")
     )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.figures.curves import Readings, Span, blocks
+from jbclog.analysis.figures.curves import Readings, Span, blocks, extreme
 from jbclog.analysis.figures.from_samples import (
     BOTH,
     CLOGGED,
@@ -91,8 +91,8 @@ def tip_facts(drawn: Trace, measure: PortMeasure | None) -> TipFacts:
         set_c=last_known(drawn.setting),
         alarm_high_c=_limit(drawn.limits, "high"),
         alarm_low_c=_limit(drawn.limits, "low"),
-        least_c=_extreme(drawn.temperature, np.min),
-        greatest_c=_extreme(drawn.temperature, np.max),
+        least_c=extreme(drawn.temperature, np.min),
+        greatest_c=extreme(drawn.temperature, np.max),
         idle_error_c=None if measure is None else measure.idle.mean_c,
         idle_sd_c=None if measure is None else measure.idle.sd_c,
         idle_error_bound=None if bounds is None else bounds[0],
@@ -104,7 +104,7 @@ def power_facts(drawn: Trace, metrics: Mapping[str, Mapping[str, object]]) -> Po
     """Return the power figures; energies are those of the metrics."""
     whole, recorded, joules = (metrics.get(name, {}).get("value") for name in ENERGIES)
     why = metrics.get(ENERGIES[0], {}).get("why")
-    highest = _extreme(drawn.power, np.max)
+    highest = extreme(drawn.power, np.max)
     return PowerFacts(
         highest,
         _float(whole),
@@ -117,13 +117,6 @@ def power_facts(drawn: Trace, metrics: Mapping[str, Mapping[str, object]]) -> Po
 
 def _float(value: object) -> float | None:
     return value if isinstance(value, float) else None
-
-
-def _extreme(values: Readings, which: Callable[[Readings], np.floating[Any]]) -> float | None:
-    """Return the least or greatest of the values that are known, without a copy of all."""
-    parts = (values[rows] for rows in blocks(len(values)))
-    found = [float(which(known)) for part in parts if len(known := part[~np.isnan(part)])]
-    return float(which(np.array(found, dtype=np.float64))) if found else None
 
 
 def last_known(values: Readings) -> float | None:

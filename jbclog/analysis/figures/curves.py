@@ -6,7 +6,7 @@ divided into stretches of equal time; the curve keeps the minimum, the maximum a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any, Final, NamedTuple, cast
@@ -87,6 +87,15 @@ def blocks(rows: int, most: int | None = None) -> Iterator[slice]:
     """Yield slices of so many rows, so that what is computed of them takes little memory."""
     size = most or BLOCK_ROWS
     return (slice(first, min(first + size, rows)) for first in range(0, rows, size))
+
+
+def extreme(values: Readings, which: Callable[[Readings], np.floating[Any]]) -> float | None:
+    """Return the least or greatest of the values that are known, without a copy of all; `which` is
+    `np.min` or `np.max`.
+    """
+    parts = (values[rows] for rows in blocks(len(values)))
+    found = [float(which(known)) for part in parts if len(known := part[~np.isnan(part)])]
+    return float(which(np.array(found, dtype=np.float64))) if found else None
 
 
 class Stretches:

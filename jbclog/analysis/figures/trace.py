@@ -123,7 +123,8 @@ class Trace:
 
     def between(self, start: float, end: float) -> Trace:
         """Return the part from `start` to `end`."""
-        rows = (self.seconds >= start) & (self.seconds <= end)
+        rows = self.seconds >= start
+        rows &= self.seconds <= end
         return replace(
             self,
             seconds=self.seconds[rows],

@@ -23,7 +23,7 @@ from jbclog.analysis.run_tables import RunTables, select
 from jbclog.analysis.verdict import idle, judged_signals
 from jbclog.analysis.verdict.idle import Block, Flags, Floats
 from jbclog.report import gather, ports
-from jbclog.report.facts import FigureFacts
+from jbclog.report.facts import FigureFacts, JointFacts
 from jbclog.report.joints import joints_of
 from jbclog.report.ports import PortSamples, samples_of_stations
 from jbclog.report.write import as_document, figures_of, report_files
@@ -134,6 +134,18 @@ def test_a_trace_made_in_pieces_is_that_of_the_whole_table(
             assert [*found.reasons] == [*expected.reasons]
 
 
+@pytest.mark.parametrize(("latest", "size"), [(65_535, 2), (65_536, 4), (3_000_000_000, 8)])
+def test_how_late_rows_were_takes_as_few_bytes_as_hold_it(
+    latest: int, size: int, tmp_path: Path
+) -> None:
+    columns = samples(100)
+    columns["late_us"][50] = latest
+    run = open_run(seal(tmp_path, [station(rows=100)], table(columns)))
+    ((_, of_station),) = samples_of_stations(run, ())
+    assert of_station[1]._late_us.array().dtype.itemsize == size
+    assert of_station[1].late_us(1.0) == latest
+
+
 def test_spans_and_gaps_that_continue_in_the_next_piece_are_one(tmp_path: Path) -> None:
     columns = samples(600)
     lose(columns, slice(95, 160))
@@ -181,12 +193,13 @@ def test_readings_take_two_bytes_where_these_hold_them(
     assert found.temperature[50] == celsius
 
 
-def test_the_rows_of_a_port_are_small_and_freed_before_the_next_is_drawn(
+def test_the_rows_of_a_port_are_small_and_freed_before_its_joints_are_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = open_run(small(tmp_path))
     alive: list[weakref.ref[PortSamples]] = []
-    by_port, figures = ports._by_port, ports._figures
+    traced: list[weakref.ref[Floats]] = []
+    by_port, figures, chart = ports._by_port, ports._figures, ports.joint_facts
 
     def noted(*given: Any) -> dict[str, dict[int, PortSamples]]:
         found = by_port(*given)
@@ -195,14 +208,21 @@ def test_the_rows_of_a_port_are_small_and_freed_before_the_next_is_drawn(
         )
         return found
 
+    def charted(*given: Any, **more: Any) -> JointFacts | None:
+        left_for_chart.append(sum(one() is not None for one in [*alive, *traced]))
+        return chart(*given, **more)
+
     def drawn(file: str, place: str, one: Trace, context: ports.Context) -> list[FigureFacts]:
         columns = (one.seconds, one.temperature, one.power, one.setting, one.reasons.codes)
         assert sum(column.nbytes for column in columns) <= 15 * len(one.seconds)
         left.append(sum(one() is not None for one in alive))
+        traced.append(weakref.ref(one.seconds))
         return figures(file, place, one, context)
 
-    left = list[int]()
+    left, left_for_chart = list[int](), list[int]()
     monkeypatch.setattr(ports, "_by_port", noted)
     monkeypatch.setattr(ports, "_figures", drawn)
+    monkeypatch.setattr(ports, "joint_facts", charted)
     gather.gather(run, joints_of(run))
-    assert left == [*range(len(alive), 0, -1)]
+    assert len(alive) > 1
+    assert left == left_for_chart == [*range(len(alive) - 1, -1, -1)]
