@@ -36,7 +36,7 @@ from jbclog.analysis.figures.curves import (
     envelope,
     lone,
     merged,
-    quantile,
+    quantile_of_readings,
     widened,
 )
 from jbclog.analysis.figures.lanes import LANE_PT, Lane, draw_lanes, lanes_of, least_seen_s
@@ -205,10 +205,9 @@ def _knee(
     parts = [part for part in read if len(part)]
     if not parts:
         return None
-    known = np.concatenate(parts)
     floor = min(
         float(_known(part).min())
-        for part in (np.array([quantile(known, RARE)]), *lines)
+        for part in (np.array([quantile_of_readings(parts, RARE)]), *lines)
         if len(_known(part))
     )
     knee = 10 * np.floor((floor - 5) / 10)

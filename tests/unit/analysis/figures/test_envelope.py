@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jbclog.analysis.figures import curves
-from jbclog.analysis.figures.curves import envelope, lone
+from jbclog.analysis.figures.curves import envelope, lone, quantile_of_readings
 
 EIGHT_HOURS = 288_000
 
@@ -93,3 +93,17 @@ def test_a_curve_is_the_same_in_blocks(
         np.testing.assert_array_equal(getattr(pieces, name), getattr(whole, name))
     there = ~np.isnan(values)
     assert np.nanmax(whole.high) == values[there].max()
+
+
+@pytest.mark.parametrize("kind", ["f2", "f4", "f8"])
+@pytest.mark.parametrize("rows", [1, 2, 5, 1000])
+def test_a_quantile_of_readings_is_that_of_numpy(
+    kind: str, rows: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(curves, "BLOCK_ROWS", 300)
+    celsius = np.round(np.random.default_rng(rows).normal(0, 700, rows)).clip(-2048, 2048)
+    parts = [part.astype(kind) for part in np.split(celsius, [rows // 3]) if len(part)]
+    before = [part.copy() for part in parts]
+    for share in (0.0, 0.02, 0.5, 0.999, 1.0):
+        assert quantile_of_readings(parts, share) == np.quantile(celsius, share)
+    assert all(map(np.array_equal, parts, before))
