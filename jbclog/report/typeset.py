@@ -32,6 +32,7 @@ LACKING_MEANS: Final = (
 )
 # combining marks behind a letter; the typesetter takes 2 GB for a thousand, 20 GB for four thousand
 MARKS: Final = 16
+UNUSUAL: Final = re.compile(r"[^\n -~]")  # the fonts have all letters but these
 FULL_UNICODE: Final = (3, 10)  # platform and encoding of a font's table of 32-bit characters
 
 
@@ -56,7 +57,7 @@ def drawable(text: str) -> str:
     """
     if text.isascii() and text.isprintable():
         return text
-    used = frozenset(text)
+    used = frozenset(UNUSUAL.findall(text))
     lacking = dict.fromkeys(map(ord, used - _letters()), LACKING)
     # the drawing of a figure is long: to translate looks up each of its letters
     shown = text.translate(lacking) if lacking else text

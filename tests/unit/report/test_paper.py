@@ -312,6 +312,7 @@ def test_every_letter_that_is_kept_can_be_set(tmp_path: Path) -> None:
             known.append({chr(code) for code in font.getBestCmap()})
     letters = {letter for letter in known[0] & known[1] if clean(letter) == letter}
     assert len(letters) > 5000
+    assert {*map(chr, range(0x20, 0x7F))} <= letters  # what is not looked up
     assert drawable(" ".join(letters)) == " ".join(letters)
     assert {
         letter

@@ -13,6 +13,7 @@ from html.parser import HTMLParser
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote, unquote
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from jbclog.record.chains import short_head
 from jbclog.record.check import check
 from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, write_manifest
 from jbclog.report.agreement import compare_report
-from jbclog.report.page import SCRIPTS
+from jbclog.report.page import PLAIN_IN_ADDRESS, SCRIPTS, data_uri
 from jbclog.report.verdict import without_urls
 from jbclog.report.write import write_report
 from support import once
@@ -213,6 +214,15 @@ def test_limits_that_were_changed_are_found_though_the_verdict_comes_out_the_sam
         assert f"{file}: was changed: its SHA-256 is not the manifest's" in verify_report(recorded)
         file.write_bytes(before)
     assert verify_report(recorded) == []
+
+
+def test_a_drawing_is_escaped_as_letter_by_letter() -> None:
+    svg = '<svg a="1">\n  <text>100 % &amp;\u2212350 °C #7 \\ ` {} 王</text>\n</svg>'
+    plain = " ".join(svg.split())
+    escaped = "".join(quote(letter, safe=PLAIN_IN_ADDRESS) for letter in plain)
+    assert data_uri(svg) == f"data:image/svg+xml,{escaped}"
+    assert unquote(escaped) == plain
+    assert not {*'<>"#&`\\'} & {*escaped}
 
 
 def test_the_page_needs_nothing_but_itself(shown: tuple[Page, dict[str, Any]]) -> None:
