@@ -27,8 +27,8 @@
     ├── StartRefused                exit 3: the station, the recipe or the rate does not fit
     ├── WriteForbidden              a write that the run does not allow; it was not sent
     ├── RecordError                 exit 4: the record is, or would become, incomplete
-    │   └── StoreError              a plant's store cannot be read or written, whichever run it is
-    about └── Unsafe                      exit 5: a tool is not in its safe state
+    │   └── StoreError              a plant's store cannot be read or written
+    └── Unsafe                      exit 5: a tool is not in its safe state
 
 Alarms and faults *of a station* are rows in `events`, not errors.
 """

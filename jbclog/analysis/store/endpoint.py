@@ -1,53 +1,69 @@
-"""Whether the S3 server that the environment names reacts at all: the library has far longer limits
-of its own for each request.
+"""Whether the S3 server of a store answers at all: the library waits half a minute for each answer,
+and follows a list for as long as the server says that it goes on.
+
+It waits in native code, which nothing interrupts. So a process of its own asks first, for a list
+that is empty, and is ended by its alarm.
 """
 
 from __future__ import annotations
 
+import json
 import os
-import socket
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import Final
-from urllib.parse import urlsplit
 
 from jbclog.core.errors import StoreError
 from jbclog.core.foreign.files import ANSWERS_S
+from jbclog.core.text import clean, shortened
 
 ENDPOINT: Final = "AWS_ENDPOINT_URL"
-PROXIES: Final = ("http_proxy", "https_proxy", "all_proxy")
-PORTS: Final = {"http": 80, "https": 443}
+KEY: Final = "AWS_ACCESS_KEY_ID"
+CREDENTIALS: Final = (
+    f"; credentials come from the environment: {KEY}, AWS_SECRET_ACCESS_KEY, AWS_REGION, and"
+    f" {ENDPOINT} for a server that is not Amazon's"
+)
+NOTHING: Final = "_nothing"  # no table has this name
+MOST_SAID: Final = 100
+ASK: Final = """
+import json, signal, sys
+from deltalake import DeltaTable
+signal.signal(signal.SIGALRM, signal.SIG_DFL)
+signal.setitimer(signal.ITIMER_REAL, float(sys.argv[1]))
+DeltaTable.is_deltatable(sys.argv[2], json.loads(sys.argv[3]))
+"""
 
 
-def expect_reaction(store: str) -> None:
-    """Raise `StoreError` where the server of `store` does not react within `ANSWERS_S`.
-
-    Any reaction counts, also that of a server which expects TLS; the library reports each other
-    mistake. Through a proxy, and at Amazon's own addresses, nothing is asked.
+def expect_list(store: str, options: Mapping[str, str]) -> None:
+    """Raise `StoreError` where the server of `store` does not list an empty folder within
+    `ANSWERS_S`. Whatever else it answers is the library's to judge.
     """
-    if any(os.environ.get(name) or os.environ.get(name.upper()) for name in PROXIES):
-        return
-    try:
-        url = urlsplit(os.environ.get(ENDPOINT, ""))
-        host, port = url.hostname, url.port or PORTS.get(url.scheme)
-    except ValueError:
-        return
-    try:
-        if host is not None and port is not None:
-            _ask(host, port)
-    except TimeoutError:
-        raise StoreError(
-            f"{store}: {host} port {port} ({ENDPOINT}) does not answer within {ANSWERS_S:g} s"
-        ) from None
+    _ask(store, json.dumps({**options}), os.environ.get(ENDPOINT, ""))
 
 
 @lru_cache
-def _ask(host: str, port: int) -> None:
-    """Ask once: one that has reacted may be slow later. Raises TimeoutError."""
-    try:
-        with socket.create_connection((host, port), ANSWERS_S) as opened:
-            opened.sendall(f"HEAD / HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
-            opened.recv(1)
-    except TimeoutError:
-        raise
-    except (OSError, ValueError):
-        return
+def _ask(store: str, options: str, endpoint: str) -> None:
+    """Ask once: one that has answered may be slow later."""
+    folder = f"{store.rstrip('/')}/{NOTHING}"
+    ended = subprocess.run(
+        [sys.executable, "-P", "-c", ASK, str(ANSWERS_S), folder, options],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+        check=False,
+    )
+    if ended.returncode == -signal.SIGALRM:
+        raise StoreError(
+            f"{store}: its server{_named(endpoint)} does not answer within {ANSWERS_S:g} s"
+            f"{'' if os.environ.get(KEY) else CREDENTIALS}"
+        )
+
+
+def _named(endpoint: str) -> str:
+    """Return host and port; before them an address may have a password."""
+    host = endpoint.partition("//")[2].partition("/")[0].rpartition("@")[2]
+    return f" {shortened(clean(host), MOST_SAID)} ({ENDPOINT})" if host else ""

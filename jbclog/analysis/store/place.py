@@ -2,8 +2,7 @@
 are opened. Arrow is loaded where a store is opened: finding runs in folders needs none.
 
 Everything goes through the `deltalake` library, which takes credentials from the environment. Its
-errors can repeat what a server
-answers: they become one line, without any secret.
+errors can repeat what a server answers: they become one line, without any secret.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote
 
 from jbclog.analysis.store.checkpoints import expect_bounded
-from jbclog.analysis.store.endpoint import expect_reaction
+from jbclog.analysis.store.endpoint import CREDENTIALS, expect_list
 from jbclog.core.errors import StoreError, UsageError
 from jbclog.core.foreign.files import (
     Kind,
@@ -46,10 +45,6 @@ is an error, not a wait.
 UNSAFE: Final = "AWS_S3_ALLOW_UNSAFE_RENAME"
 SECRETS: Final = ("AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN", "AWS_ACCESS_KEY_ID")
 NOT_INSTALLED: Final = "{}: `pip install 'jbclog[plant]'` installs what a store needs"
-CREDENTIALS: Final = (
-    "; credentials come from the environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION,"
-    " and AWS_ENDPOINT_URL for a server that is not Amazon's"
-)
 REFUSED: Final = re.compile(
     r"169\.254\.|InvalidAccessKeyId|SignatureDoesNotMatch|AccessDenied|ExpiredToken|InvalidToken"
     r"|403 "
@@ -102,6 +97,11 @@ class Place:
 
     def __str__(self) -> str:
         return self.url
+
+    def expect_answer(self) -> None:
+        """Raise `StoreError` if its server does not answer. A folder has none."""
+        with explained(self.url):
+            pass
 
     def of(self, name: str) -> str:
         """Return the place of a table or a file of the store."""
@@ -263,15 +263,15 @@ def expect_library() -> None:
 
 @contextmanager
 def explained(url: str) -> Iterator[None]:
-    """Turn the errors of the library into a `StoreError` of one line; a server that does not react
+    """Turn the errors of the library into a `StoreError` of one line; a server that does not answer
     is one as well.
     """
     from deltalake.exceptions import DeltaError
     from pyarrow import ArrowException
 
-    if S3.match(url):
-        expect_reaction(url)
     try:
+        if S3.match(url):
+            expect_list(url, OPTIONS)
         yield
     except (DeltaError, OSError, ArrowException, ValueError) as error:
         text = one_line(error)

@@ -49,7 +49,9 @@ def expect_safe(place: Place) -> None:
     where nothing can be written.
     """
     name = f"{PROBE}{secrets.token_hex(4)}"
-    if not place.is_remote:
+    if place.is_remote:
+        place.expect_answer()  # here, where there is nothing to remove yet
+    else:
         _make(place)
         _expect_exclusive_names(Path(place.url), name)
     try:
