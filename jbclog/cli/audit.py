@@ -210,6 +210,7 @@ def _audited(
         audited.trouble,
         fail_on,
         next(iter(received), None),
+        audited.notices,
     )
 
 

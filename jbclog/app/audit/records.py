@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from pyarrow import ArrowException
 
+from jbclog.app.audit.open_copies import was_open
 from jbclog.app.audit.questions import SurveyTarget, is_parameter, parameter_name
 from jbclog.config.tasks_file import Task
 from jbclog.core.clock import utc_ms
@@ -40,7 +41,16 @@ from jbclog.maintenance.verification import (
 from jbclog.protocol.commands.command import Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.record.conclude import known_stations
-from jbclog.record.find_runs import Filter, Found, Unreadable, copies_texts, find, once
+from jbclog.record.find_runs import (
+    MOST_COPIES,
+    Copy,
+    Filter,
+    Found,
+    Unreadable,
+    copies_texts,
+    find,
+    once,
+)
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import read_manifest
 from jbclog.record.store_reader import StoreReader
@@ -70,7 +80,7 @@ Events = Mapping[str, int]
 @dataclass(slots=True)
 class PastRuns:
     """The errors of each station in the runs of a folder up to `until`. `trouble` lists what cannot
-    be read.
+    be read, `notices` what is in order.
     """
 
     until: str = ""
@@ -79,6 +89,7 @@ class PastRuns:
     folders: set[Path] = field(default_factory=set)
     is_read: bool = True
     trouble: list[str] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
 
     def with_errors(self, seen: Observation) -> Observation:
         """Return the observation with the errors in these runs, plus those of its own run if that
@@ -126,9 +137,7 @@ def past_runs(folder: Path, since: Mapping[Place, str], audit: str) -> PastRuns:
 
 
 def _runs(folder: Path, since: Mapping[Place, str], past: PastRuns) -> list[Found]:
-    """Return the runs with one of these stations that had not ended before, each once; a copy with
-    another manifest is a trouble.
-    """
+    """Return the runs with one of these stations that had not ended before, each once."""
     if not since:
         return []
     begin = min(map(datetime.fromisoformat, since.values()))
@@ -140,11 +149,22 @@ def _runs(folder: Path, since: Mapping[Place, str], past: PastRuns) -> list[Foun
             found.append(run)
     counted, copies = once(found)
     past.folders.update(Path(os.path.realpath(one.folder)) for one in copies)
-    past.trouble += copies_texts([one for one in copies if not one.is_same])
+    _say_others([one for one in copies if not one.is_same], past)
     past.trouble += [f"{one.folder}: {one.why}" for one in unreadable[:SHOWN]]
     if len(unreadable) > SHOWN:
         past.trouble.append(f"{folder}: {len(unreadable) - SHOWN} other runs cannot be read")
     return counted
+
+
+def _say_others(copies: list[Copy], past: PastRuns) -> None:
+    """A copy with another manifest is a trouble, unless it was made while the run was open."""
+    early = [one for one in copies[:MOST_COPIES] if was_open(one)]
+    past.notices += [
+        f"{one.folder} is a copy of {one.counted.name}, made while that run was open; it does not"
+        " count. Move it out of the folder of runs"
+        for one in early
+    ]
+    past.trouble += copies_texts([one for one in copies if one not in early])
 
 
 def _count(found: Found, past: PastRuns) -> None:

@@ -41,7 +41,7 @@ class Audited:
 
     `kept` are those added to the ledger, `unkept` those that could not be; `book` is the ledger
     with them. `verified` has the verifications beside the runs. `trouble` lists the problems with
-    all of these.
+    all of these, `notices` what is worth knowing and in order.
     """
 
     time: str
@@ -51,6 +51,7 @@ class Audited:
     unkept: list[Observation] = field(default_factory=list)
     verified: list[Fact] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
+    notices: list[str] = field(default_factory=list)
 
 
 def audit_lines(
@@ -158,6 +159,7 @@ def _past(runs: Path | None, wanted: Sequence[SurveyTarget], audited: Audited) -
     }
     past = past_runs(runs, since, audited.time)
     audited.trouble += [*wrong, *past.trouble]
+    audited.notices += past.notices
     return past
 
 

@@ -11,7 +11,7 @@ from math import inf
 
 import pytest
 
-from jbclog.cli.audit_end import lines
+from jbclog.cli.audit_end import End, lines
 from jbclog.maintenance.counter_totals.observed import Count, Standing
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import State
@@ -86,6 +86,26 @@ def test_doubt_and_drift_are_found_where_they_are() -> None:
 )
 def test_what_is_not_named_does_not_count(named: tuple[Finding, ...], code: int) -> None:
     assert exit_code(fleets.trouble(), named) == code
+
+
+@pytest.mark.parametrize(("trouble", "code"), [([], 0), (["a run cannot be read"], 4)])
+def test_a_notice_is_printed_and_changes_no_exit_code(
+    trouble: list[str], code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    end = End(fleets.fleet(FINE), trouble, USUAL, notices=["a copy does not count"])
+    assert end.code == code
+    end.show(as_json=False)
+    assert capsys.readouterr().err.splitlines() == [
+        *(f"error: {text}" for text in trouble),
+        "note: a copy does not count",
+    ]
+    end.show(as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    assert (told["trouble"], told["notices"], told["exit_code"]) == (
+        trouble,
+        ["a copy does not count"],
+        code,
+    )
 
 
 # -- CSV -------------------------------------------------------------------------------------------
