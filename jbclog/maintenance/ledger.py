@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Final, TypeVar
+from typing import Annotated, Final, TypeVar, overload
 
 import msgspec
 
@@ -35,6 +36,7 @@ from jbclog.core.locks import try_lock
 from jbclog.maintenance.counter_totals.observed import (
     Count,
     Entry,
+    Errors,
     Fact,
     Observation,
     Standing,
@@ -93,13 +95,13 @@ def unit_of(counter: str) -> str:
 
 def written(entry: Entry) -> bytes:
     """Format an entry with its own hash, without the line's end."""
-    plain = msgspec.to_builtins(entry, str_keys=True)
+    plain = msgspec.to_builtins(entry, str_keys=True, enc_hook=list)  # of `Counts`
     return line_of(
         {**plain, **_tables_of(entry.counts)} if isinstance(entry, Observation) else plain
     )
 
 
-def _tables_of(counts: tuple[Count, ...]) -> dict[str, object]:
+def _tables_of(counts: Sequence[Count]) -> dict[str, object]:
     tables: dict[str, dict[str, dict[str, object]]] = {"counts": {}, "moving": {}, "unread": {}}
     for one in counts:
         name, value = _cell(one)
@@ -145,6 +147,91 @@ def _observation(body: bytes) -> Observation:
     return Observation(
         **{name: getattr(look, name) for name in _SHARED}, counts=tuple(tables.each())
     )
+
+
+# -- looks in memory -------------------------------------------------------------------------------
+# A ledger has hundreds of thousands of looks. What one repeats of the look before is kept once, and
+# its counters as bare numbers.
+
+Name = tuple[int, str]
+"""Port and counter."""
+OF_A_STATION: Final = ("line", "station", "url", "why", "source", "identity", "tools", "parameters")
+
+
+class Counts(Sequence[Count]):
+    """The counts of a look: the values of those with these names, then the others."""
+
+    __slots__ = ("_names", "_others", "_values")
+
+    def __init__(
+        self, names: tuple[Name, ...], values: array[float], others: tuple[Count, ...]
+    ) -> None:
+        self._names, self._values, self._others = names, values, others
+
+    def __len__(self) -> int:
+        return len(self._names) + len(self._others)
+
+    def __iter__(self) -> Iterator[Count]:
+        for (port, counter), value in zip(self._names, self._values, strict=True):
+            yield Count(port, counter, unit_of(counter), value)
+        yield from self._others
+
+    @overload
+    def __getitem__(self, place: int) -> Count: ...
+    @overload
+    def __getitem__(self, place: slice) -> tuple[Count, ...]: ...
+    def __getitem__(self, place: int | slice) -> Count | tuple[Count, ...]:
+        return tuple(self)[place]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Counts | tuple) and tuple(self) == tuple(other)
+
+    def __hash__(self) -> int:
+        return hash(tuple(self))
+
+    def __repr__(self) -> str:
+        return repr(tuple(self))
+
+
+class _Reader:
+    """Parses the lines of one ledger in their order."""
+
+    def __init__(self) -> None:
+        self._names: dict[tuple[Name, ...], tuple[Name, ...]] = {}
+        self._of_station: dict[tuple[str, str], Observation] = {}
+        self._before: Observation | None = None
+
+    def __call__(self, line: bytes) -> Entry | None:
+        entry = read_line(line)
+        if isinstance(entry, Observation):
+            self._keep(entry)
+        return entry
+
+    def _keep(self, look: Observation) -> None:
+        earlier = self._of_station.get((look.line, look.station))
+        if earlier is not None:
+            _share(look, earlier, OF_A_STATION)
+            _share(look.errors, earlier.errors, ("station", "ports", "events"))
+        if self._before is not None:
+            _share(look, self._before, ("audit",))
+            _share(look.errors, self._before.errors, ("until",))
+        object.__setattr__(look, "counts", self._counts(look.counts))
+        self._of_station[look.line, look.station] = self._before = look
+
+    def _counts(self, counts: Sequence[Count]) -> Counts:
+        read = [one for one in counts if one.standing is Standing.OK]
+        names = tuple((one.port, one.counter) for one in read)
+        values = array("d", (one.value for one in read if one.value is not None))
+        others = tuple(one for one in counts if one.standing is not Standing.OK)
+        return Counts(self._names.setdefault(names, names), values, others)
+
+
+def _share(one: Observation | Errors, other: Observation | Errors, names: Iterable[str]) -> None:
+    """Let `one`, which nobody has yet, have the values of `other` where they are equal."""
+    for name in names:
+        value = getattr(other, name)
+        if getattr(one, name) == value:
+            object.__setattr__(one, name, value)
 
 
 # -- ledger ----------------------------------------------------------------------------------------
@@ -228,7 +315,7 @@ def read_book(path: Path) -> Book:
             found: LineChain[Entry] = chain_of(
                 each_line(file),
                 FIRST,
-                read_line,
+                _Reader(),
                 what="line of a ledger",
                 of_first="a ledger's beginning",
                 most_wrong=MOST_WRONG,

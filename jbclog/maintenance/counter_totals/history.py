@@ -37,9 +37,8 @@ class History:
     def elapsed(self) -> Elapsed:
         return Elapsed(self.times)
 
-    @cached_property
     def readings(self) -> dict[Key, list[Reading]]:
-        """The readings of every counter, oldest first."""
+        """Return the readings of every counter, oldest first."""
         found: dict[Key, list[Reading]] = {}
         for look, seen in enumerate(self.looks):
             for count in seen.counts:

@@ -6,7 +6,7 @@ line is added.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final, Literal
@@ -156,7 +156,7 @@ class StationLook:
 class Observation(StationLook):
     """One look at one station, with its counters."""
 
-    counts: tuple[Count, ...] = ()
+    counts: Sequence[Count] = ()
 
 
 @dataclass(frozen=True, slots=True)

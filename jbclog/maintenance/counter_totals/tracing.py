@@ -57,14 +57,15 @@ class Traces:
 
 def traces_of(history: History) -> Traces:
     """Return the trace of every counter."""
-    first = _Pass(history, {}, {})
+    readings = history.readings()
+    first = _Pass(history, readings, {}, {})
     first.run()
     is_unsure = any(one.rule in UNSURE for judged in first.judged for one in judged)
     if not is_unsure and not first.late:
         return first.traces
     judged = [*first.judged, *first.plain()]
     paces, ratios = (_paces(judged), ratios_of(judged)) if is_unsure else ({}, {})
-    second = _Pass(history, paces, ratios, first.late)
+    second = _Pass(history, readings, paces, ratios, first.late)
     second.run()
     return second.traces
 
@@ -96,17 +97,17 @@ class _Pass:
     def __init__(
         self,
         history: History,
+        readings: Mapping[Key, Sequence[Reading]],
         paces: Mapping[Key, float],
         ratios: Ratios,
         doubted: Collection[int] = (),
     ) -> None:
-        self.history, self.paces, self.ratios = history, paces, ratios
+        self.history, self.readings = history, readings
+        self.paces, self.ratios = paces, ratios
         self.traces = Traces(history)
         self.judged: list[list[Judged]] = []
-        self._counters = {key: self._counter(key, found) for key, found in history.readings.items()}
-        self._left_out = {
-            key: misread(found, self._maker(key)) for key, found in history.readings.items()
-        }
+        self._counters = {key: self._counter(key, found) for key, found in readings.items()}
+        self._left_out = {key: misread(found, self._maker(key)) for key, found in readings.items()}
         self._doubted = {*doubted, *_doubted_looks(self._left_out.values())}
         self.late: set[int] = set()
         self._odd = self._doubted.union(*self._left_out.values())
@@ -127,7 +128,7 @@ class _Pass:
 
     def run(self) -> None:
         """Trace all looks."""
-        for key, found in self.history.readings.items():
+        for key, found in self.readings.items():
             for reading in found:
                 self._by_look[reading.look][key] = reading
         for look, readings in enumerate(self._by_look):

@@ -77,6 +77,49 @@ def test_what_is_put_in_comes_out(path: Path) -> None:
     assert ([one.seq for one in kept], book.wrong, book.is_sound) == ([1, 2, 3], [], True)
 
 
+def test_counts_that_were_read_are_those_that_were_written(path: Path) -> None:
+    (kept,) = add(path, [SEEN])
+    (found,) = read_book(path).observations
+    counts = found.counts
+    assert type(counts) is not tuple
+    assert (counts == COUNTS, counts in [COUNTS], counts == COUNTS[1:]) == (True, True, False)
+    assert (len(counts), counts[0], counts[-1], counts[1:3]) == (
+        4,
+        COUNTS[0],
+        COUNTS[3],
+        COUNTS[1:3],
+    )
+    assert (hash(counts), repr(counts)) == (hash(COUNTS), repr(COUNTS))
+    assert written(found) == written(kept)
+
+
+def test_what_a_look_repeats_is_kept_once(path: Path) -> None:
+    """Hundreds of thousands of looks are in memory at once; the objects of one take 3 kB and more.
+    The second station is asked between two looks at the first.
+    """
+    names = [
+        (port, f"{name}_h") for port in (1, 2) for name in ("plugged", "work", "idle", "sleep")
+    ]
+    looks = [
+        replace(
+            SEEN,
+            audit=f"2026-11-21T05:{number // 60:02}:{number % 60:02}+00:00",
+            station=station,
+            counts=tuple(Count(*key, "h", 412.0 + number) for key in names),
+            parameters={f"1.setting_{place}": str(place) for place in range(20)},
+        )
+        for number in range(500)
+        for station in ("dde-1", "dde-2")
+    ]
+    kept = add(path, looks)
+    tracemalloc.start()
+    book = read_book(path)
+    taken = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert taken / len(looks) < 1200
+    assert book.entries == kept
+
+
 def test_no_field_of_it_is_lost() -> None:
     """What is read field by field has all the fields that there are, each with something in it."""
     assert SEEN.identity is not None
