@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.core.errors import RecordError, unexpected_error_text
+from jbclog.core.foreign.files import DEEPEST, is_plain_folder
 from jbclog.core.rows import SIGNAL_COLUMNS, TABLES, quality_of
 from jbclog.core.text import count_text, shortened
 from jbclog.record import capture, chains, sealed_files
@@ -36,6 +37,7 @@ from jbclog.record.manifest import (
 from jbclog.record.parts import part_paths, read_through, row_groups
 from jbclog.record.units import units_of
 
+NOT_LISTED: Final = "is not in the manifest"
 MOST_OF_A_KIND: Final = 100  # findings
 LONGEST: Final = 2000  # characters of one that repeats what the tables hold
 # a crash at the start, or a report, leaves them so
@@ -123,9 +125,7 @@ def _files(folder: Path, manifest: Manifest) -> Iterator[Finding]:
     for path, times in listed.items():
         if times > 1:
             yield Finding(NAME, f"files: lists {path} {times} times")
-    for file in _there(folder):
-        if file not in listed:
-            yield Finding(file, "is not in the manifest")
+    yield from _unlisted(folder, listed)
     for left in live_files(folder):
         yield Finding(left.name, "is left from before sealing; `jbclog recover` removes it")
 
@@ -145,35 +145,29 @@ def _one_file(folder: Path, listed: SealedFile) -> Iterator[Finding]:
         yield Finding(listed.path, sealed_files.CHANGED)
 
 
-def _there(folder: Path, below: str = "") -> Iterator[str]:
-    """Yield the names of files and folders that the manifest should list."""
+def _unlisted(folder: Path, listed: Container[str], below: str = "") -> Iterator[Finding]:
+    """Yield the files and folders that the manifest should list and does not, and folders of which
+    nobody can say.
+    """
+    try:
+        inside = sorted(folder.iterdir())
+    except OSError as error:
+        yield Finding(below or ".", f"cannot be listed: {error.strerror or error}")
+        return
+    if not inside and below.removesuffix("/") not in MAY_BE_EMPTY:
+        yield Finding(below, NOT_LISTED)
     live = [] if below else live_files(folder)
-    for path in _inside(folder):
+    for path in inside:
         name = f"{below}{path.name}"
         if path in live:
             continue
-        if not path.is_dir() or path.is_symlink():
-            if not is_later(name):
-                yield name
-        elif _is_empty(path) and name not in MAY_BE_EMPTY:
-            yield f"{name}/"
+        if not is_plain_folder(path):
+            if not is_later(name) and name not in listed:
+                yield Finding(name, NOT_LISTED)
+        elif name.count("/") == DEEPEST:
+            yield Finding(f"{name}/", NOT_LISTED)
         else:
-            yield from _there(path, f"{name}/")
-
-
-def _inside(folder: Path) -> list[Path]:
-    try:
-        return sorted(folder.iterdir())
-    except PermissionError:
-        return []  # the files listed below it are reported as unreadable
-
-
-def _is_empty(folder: Path) -> bool:
-    """Whether the folder is empty; False where it cannot be read."""
-    try:
-        return not any(folder.iterdir())
-    except PermissionError:
-        return False
+            yield from _unlisted(path, listed, f"{name}/")
 
 
 def _unreadable(folder: Path, manifest: Manifest) -> Iterator[Finding]:

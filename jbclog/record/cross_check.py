@@ -17,13 +17,13 @@ from typing import Any, Final, cast
 
 from jbclog.core.durable_files import lines_in, sha256
 from jbclog.core.errors import RecordError, unexpected_error_text
-from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
+from jbclog.core.foreign.files import Kind, is_plain_folder, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import read_json
 from jbclog.record import conclude, guard_actions, report_repeats
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT, Annotations, read
 from jbclog.record.chains import broken_links, is_head, short_head
-from jbclog.record.conclude import CACHES, is_of_report
+from jbclog.record.conclude import CACHES, MADE, is_of_report
 from jbclog.record.manifest import NAME, Manifest, has_digest, manifest_sha256
 
 AGAIN: Final = "make the report again"
@@ -188,9 +188,20 @@ def _report(folder: Path) -> dict[str, Any] | None:
 
 def _of_report(folder: Path) -> list[str]:
     """Return the names of the report's files in the folder, without `report.json`."""
-    there = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
-    names = (path.relative_to(folder).as_posix() for path in there)
+    names = (
+        f"{below}{path.name}"
+        for below in ("", *(name for name, _ in MADE if is_plain_folder(folder / name)))
+        for path in _inside(folder / below)
+        if not is_plain_folder(path)
+    )
     return sorted(name for name in names if is_of_report(name) and name != REPORT)
+
+
+def _inside(folder: Path) -> list[Path]:
+    try:
+        return list(folder.iterdir())
+    except OSError:
+        return []  # `check` says so
 
 
 def _unlike(

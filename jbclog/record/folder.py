@@ -12,7 +12,7 @@ from typing import Final
 
 from jbclog.core.durable_files import sync_folder, write_whole
 from jbclog.core.errors import Problems, RecordError
-from jbclog.core.foreign.files import NotReadable, expect_answer
+from jbclog.core.foreign.files import NotReadable, entries_below, expect_answer
 from jbclog.core.foreign.toml_reader import parse, read_text
 from jbclog.core.rows import StationFacts
 
@@ -124,6 +124,11 @@ def expect_no_links(folder: Path) -> None:
     """Raise RecordError if the folder contains a link: no recorder makes one, and writing through
     it would change other files.
     """
-    for path in sorted(folder.rglob("*")):
-        if path.is_symlink():
-            raise RecordError(f"{path} is a link; a run's folder holds none. Nothing was changed")
+    try:
+        links = sorted(entry.path for entry in entries_below(folder) if entry.is_symlink())
+    except OSError as error:
+        raise RecordError(
+            f"{folder} cannot be read: {error.strerror or error}. Nothing was changed"
+        ) from error
+    if links:
+        raise RecordError(f"{links[0]} is a link; a run's folder holds none. Nothing was changed")

@@ -7,7 +7,6 @@ files changes.
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from typing import Final
 from jbclog.app.publish.folder import Skipped, publish_all
 from jbclog.app.publish.publisher import Outcome, Publisher
 from jbclog.core.errors import StoreError
+from jbclog.core.foreign.files import entries_below
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.manifest import NAME as MANIFEST
 
@@ -109,12 +109,14 @@ def _state(folder: Path) -> State:
 
 
 def _all_files(folder: Path) -> State:
-    """Return what changes when somebody mends a run that was refused."""
-    return tuple(
-        (root, name, _facts(Path(root, name)))
-        for root, _, names in os.walk(folder)
-        for name in sorted(names)
-    )
+    """Return what changes when somebody mends a run that was refused; empty where nobody can
+    say.
+    """
+    try:
+        paths = sorted(entry.path for entry in entries_below(folder) if not entry.is_dir())
+    except OSError:
+        return ()
+    return tuple((path, _facts(Path(path))) for path in paths)
 
 
 def _facts(file: Path) -> State:

@@ -297,6 +297,29 @@ def plain_files(folder: Path) -> Iterator[Path]:
                     raise NotReadable(f"{entry.path}: is {what}, not a file")
 
 
+DEEPEST: Final = 4
+"""The maximum number of folders in one another below a run's folder; a recorder makes one."""
+
+
+def entries_below(folder: Path) -> Iterator[os.DirEntry[str]]:
+    """Yield all that is below a run's folder and may be read; follows no link. Raises OSError,
+    `NotReadable` for more folders in one another than `DEEPEST`.
+    """
+    folders = [(os.fspath(folder), 0)]
+    while folders:
+        here, depth = folders.pop()
+        with (
+            suppress(PermissionError, FileNotFoundError, NotADirectoryError),
+            os.scandir(here) as entries,
+        ):
+            for entry in entries:
+                yield entry
+                if entry.is_dir(follow_symlinks=False):
+                    if depth == DEEPEST:
+                        raise NotReadable("it has more folders in one another than any run")
+                    folders.append((entry.path, depth + 1))
+
+
 def is_plain_folder(path: Path) -> bool:
     """Whether `path` itself is a folder, not a link to one. False where it cannot be examined."""
     try:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
@@ -19,6 +20,7 @@ from jbclog.record.annotations import append
 from jbclog.record.check import check
 from jbclog.record.conclude import files_of
 from jbclog.record.manifest import Manifest, manifest_sha256, read_manifest, write_manifest
+from support.faults.deep_folder import deep_folder
 from support.faults.forged_parts import FORGED
 from support.records import few_rows
 from support.records.few_rows import rewritten, with_cell
@@ -79,6 +81,28 @@ def test_an_empty_folder_that_nobody_knows_and_a_lease_that_nobody_closed_are_to
     assert lease == "lease.json: names dde-1 as possibly hot; the manifest does not"
     (run / "lease.json").write_text("")
     assert texts(run)[0] == "lease.json: names no station whose tools may be hot"
+
+
+def test_folders_in_one_another_are_one_finding(run: Path) -> None:
+    """More than a program can call itself, as an archive can hold them."""
+    with deep_folder(run):
+        assert texts(run) == ["d/d/d/d/d/: is not in the manifest"]
+
+
+def test_a_folder_that_may_not_be_listed_is_told(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may hold anything."""
+    (run / "closed").mkdir()
+    iterdir = Path.iterdir
+
+    def allowed(path: Path) -> Iterator[Path]:
+        if path.name == "closed":
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return iterdir(path)
+
+    monkeypatch.setattr(Path, "iterdir", allowed)
+    assert texts(run) == ["closed/: cannot be listed: Permission denied"]
 
 
 @pytest.mark.parametrize("place", [4, 2000, -5, -200])

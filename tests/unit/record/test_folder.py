@@ -13,7 +13,8 @@ import pytest
 
 from jbclog.core import durable_files
 from jbclog.core.errors import RecordError
-from jbclog.record.folder import RUN_NAME, create_run, keep_text
+from jbclog.record.folder import RUN_NAME, create_run, expect_no_links, keep_text
+from support.faults.deep_folder import deep_folder
 
 NOBODY = 65534
 START = 1_795_224_600.25  # 2026-11-21T01:30:00.25Z
@@ -39,6 +40,27 @@ def test_a_hostile_line_name_makes_no_folder(tmp_path: Path, name: str) -> None:
     with pytest.raises(RecordError):
         create_run(tmp_path, name, START)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_link_is_found_wherever_it_is(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    (run / "samples" / "more").mkdir(parents=True)
+    (run / "samples" / "part").write_text("")
+    expect_no_links(run)
+    expect_no_links(tmp_path / "not there")
+    for place in ("samples/more/link", "samples/another", "a link"):
+        (run / place).symlink_to(tmp_path)
+        with pytest.raises(RecordError) as refused:
+            expect_no_links(run)
+        assert str(refused.value) == (
+            f"{run / place} is a link; a run's folder holds none. Nothing was changed"
+        )
+        (run / place).unlink()
+
+
+def test_folders_in_one_another_are_no_run(tmp_path: Path) -> None:
+    with deep_folder(tmp_path), pytest.raises(RecordError, match="more folders in one another"):
+        expect_no_links(tmp_path)
 
 
 def test_a_file_in_the_way(tmp_path: Path) -> None:
