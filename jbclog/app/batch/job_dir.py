@@ -16,10 +16,10 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Final, Literal
+from typing import BinaryIO, Final, Literal
 
 from jbclog.app.batch.store import ADD_EVENT, BatchStore
-from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.files import Kind, open_to_write, read_foreign
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import is_locked
 from jbclog.core.rows import EventRow, Severity
@@ -95,15 +95,17 @@ class JobDir:
         """Make the folder, write what to do, and return its lock, taken. Raises OSError."""
         self.folder.mkdir(parents=True, exist_ok=True)
         self._set(spec=spec)
-        descriptor = os.open(
-            self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644
-        )
+        descriptor = open_to_write(self.folder / LOCK, Kind.LOCK)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             os.close(descriptor)
             raise
         return descriptor
+
+    def notes(self) -> BinaryIO:
+        """Open the file for the output of the process. Raises OSError."""
+        return os.fdopen(open_to_write(self.folder / NOTES, Kind.JOB, appends=True), "ab")
 
     def is_running(self) -> bool:
         """Return whether the job's process is alive."""

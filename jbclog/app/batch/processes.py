@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from jbclog.app.batch.child import SPEC
-from jbclog.app.batch.job_dir import NOTES, JobDir, unread_serial
+from jbclog.app.batch.job_dir import JobDir, unread_serial
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.state import State
 from jbclog.app.batch.store import BatchStore
@@ -99,7 +99,7 @@ class SystemProcesses:
         job_dir = self.job_dir(name, attempt)
         descriptor = job_dir.make(SPEC.dump_json(tagged(self._spec(name), job_dir)))
         try:
-            with (job_dir.folder / NOTES).open("ab") as notes:
+            with job_dir.notes() as notes:
                 # -P: a user's file in the current folder must not be imported as a module
                 command = [
                     sys.executable,

@@ -13,7 +13,7 @@ from typing import Final
 
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.foreign.files import Kind, open_foreign
+from jbclog.core.foreign.files import Kind, open_foreign, open_to_write
 from jbclog.core.foreign.json_reader import read_json
 
 LOCK: Final = "lock"
@@ -31,9 +31,7 @@ def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
         if not home.is_dir():
             home.mkdir(parents=True)
             sync_folder(home.absolute().parent)
-        descriptor = os.open(
-            home / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644
-        )
+        descriptor = open_to_write(home / LOCK, Kind.LOCK)
     except OSError as error:
         raise RecordError(
             f"{home} cannot be created or locked: {error.strerror or error}; nothing was started"

@@ -230,6 +230,22 @@ def open_foreign(path: Path, kind: Kind, *, links: bool = False) -> BufferedRead
         raise
 
 
+def open_to_write(path: Path, kind: Kind, *, appends: bool = False) -> int:
+    """Open the regular file at `path`, made if missing, and return its descriptor. Raises OSError
+    as `expect_regular` does: in a folder of others' even a file of our own may be a pipe or a link.
+    """
+    how = os.O_WRONLY | os.O_APPEND if appends else os.O_RDWR
+    flags = how | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+    descriptor = os.open(path, flags, 0o644)
+    try:
+        expect_opened(descriptor, kind)
+        os.set_blocking(descriptor, True)  # a child may inherit it
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
 def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
     """Read the regular file at `path`. Raises OSError as `expect_regular` does, also where it grows
     beyond its limit.
