@@ -12,10 +12,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
@@ -170,18 +170,42 @@ def _locked(folder: Path, end: float) -> int:
 # folder; the lease in the run's folder decides.
 
 
-def registered_runs() -> list[Path]:
+class Registered(NamedTuple):
+    """The folders of runs with open leases: `there`; and `away`, each with the reason, those on a
+    network mount that hangs.
+    """
+
+    there: list[Path]
+    away: list[tuple[Path, str]]
+
+
+def registered_runs() -> Registered:
     """Return the folders of runs with open leases; links to removed folders are deleted."""
-    registry = _registry()
-    found = []
+    registry, found = _registry(), Registered([], [])
+    why_away: dict[Path, str | None] = {}  # by folder of runs: each takes seconds
     with suppress(OSError):
         for link in sorted(registry.iterdir()) if registry is not None else []:
             target = link.readlink() if link.is_symlink() else None
-            if target is not None and target.is_dir():
-                found.append(target)
-            elif target is not None:
+            if target is None:
+                continue
+            if target.parent not in why_away:
+                why_away[target.parent] = _why_away(target.parent)
+            why = why_away[target.parent]
+            if why is not None:
+                found.away.append((target, why))
+            elif target.is_dir():
+                found.there.append(target)
+            else:
                 link.unlink(missing_ok=True)
     return found
+
+
+def _why_away(folder: Path) -> str | None:
+    try:
+        expect_answer(folder)
+    except RecordError as error:
+        return str(error)
+    return None
 
 
 def _registry() -> Path | None:

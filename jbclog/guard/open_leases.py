@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -36,23 +36,31 @@ def settle(out: Path, urls: Collection[str], is_recording: IsRecording) -> list[
     """Make safe what this user's runs, and those below `out`, left hot on the ports `urls`; skip
     runs in progress.
     """
+    registered = lease.registered_runs()
+    folders = _with_lease(out, registered.there)
     settled = [
         done
-        for folder in unclosed(out, urls)
+        for folder in _holding(folders, urls)
         if (done := _settle(folder, urls, is_recording)) is not None
     ]
     return [
         *settled,
-        *(_not_known(folder, why) for folder, why in _unreadable(out) if not is_recording(folder)),
+        *(_not_known(folder, why) for folder, why in _unreadable(folders, is_recording)),
+        *(_away(folder, why) for folder, why in registered.away),
     ]
 
 
-def _unreadable(out: Path) -> Iterator[tuple[Path, str]]:
+def _unreadable(folders: Iterable[Path], is_recording: IsRecording) -> Iterator[tuple[Path, str]]:
     """Yield folders whose lease cannot be read, and why."""
-    for folder in _with_lease(out):
+    for folder in folders:
         why = lease.why_unreadable(folder)
-        if why:
+        if why and not is_recording(folder):
             yield folder, why
+
+
+def _away(folder: Path, why: str) -> LeftOver:
+    text = f"{why}: whether run {folder.name} left tools hot is not known."
+    return LeftOver(False, f"{text} Make them safe with `jbclog safe`.")
 
 
 def _not_known(folder: Path, why: str) -> LeftOver:
@@ -62,19 +70,25 @@ def _not_known(folder: Path, why: str) -> LeftOver:
 
 
 def unclosed(out: Path | None, urls: Collection[str]) -> Iterator[Path]:
-    """Yield the folders with a lease on any of these ports: below `out`, and registered ones."""
-    for folder in _with_lease(out):
+    """Yield the folders with a lease on any of these ports: below `out`, and registered ones that
+    can be reached.
+    """
+    return _holding(_with_lease(out, lease.registered_runs().there), urls)
+
+
+def _holding(folders: Iterable[Path], urls: Collection[str]) -> Iterator[Path]:
+    for folder in folders:
         if any(_is_wanted(station, urls) for station in lease.read_leases(folder)):
             yield folder
 
 
-def _with_lease(out: Path | None) -> list[Path]:
+def _with_lease(out: Path | None, registered: Iterable[Path]) -> list[Path]:
     below = (
         [Path(os.path.realpath(path.parent)) for path in out.glob(f"*/{lease.NAME}")]
         if out is not None and out.is_dir()
         else []
     )
-    return sorted({*below, *lease.registered_runs()})
+    return sorted({*below, *registered})
 
 
 def _is_wanted(station: StationLease, urls: Collection[str]) -> bool:

@@ -136,7 +136,7 @@ def test_safe_closes_what_was_left_and_tells_it(line: ServedLine, left_hot: Path
     assert line.at_work() == 0
     assert f"run {left_hot} {LEFT_HOT_NOTED}" in done.stderr
     assert not (left_hot / LEASE).exists()
-    assert registered_runs() == []
+    assert registered_runs() == ([], [])
     assert annotated(left_hot) == [
         ("jbclog safe", "guard.left_over"),
         ("jbclog safe", "safety.safe_state"),

@@ -383,7 +383,7 @@ def test_what_another_out_left_is_found_and_one_that_cannot_be_written_down_stay
     (run / DIARY).rmdir()
     assert len(settle(tmp_path / "another out", {line.url("dde-2")}, lambda folder: False)) == 1
     assert not (run / LEASE).exists()
-    assert registered_runs() == []
+    assert registered_runs() == ([], [])
 
 
 def test_of_many_that_come_at_once_one_makes_safe_what_was_left(

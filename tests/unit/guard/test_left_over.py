@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.guard import open_leases
+from jbclog.core.foreign import files
+from jbclog.guard import lease, open_leases
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease, guard_lock, read_leases, write_leases
 from jbclog.guard.open_leases import LeftOver, Seen, close, settle
@@ -136,6 +137,44 @@ def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(
     assert settled == [LeftOver(False, settled[0].text)]
     assert "Run run left tools hot, and they could not be made safe: " in settled[0].text
     assert "Read-only file system" in settled[0].text
+
+
+@pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
+def test_a_lease_on_a_network_mount_that_hangs_is_told_and_stops_no_start(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each folder of runs is asked once; what of it is not known does not hide the others."""
+    mount = tmp_path / "server"
+    for name in ("a", "b"):
+        (mount / name).mkdir(parents=True)
+        write_leases(mount / name, [LEASE])
+    (tmp_path / "mountinfo").write_text(f"37 36 0:45 / {mount} rw - nfs4 server:/runs rw\n")
+    monkeypatch.setattr(files, "MOUNTS", tmp_path / "mountinfo")
+    monkeypatch.setattr(files, "LOOK", "import time; time.sleep(60)")
+    monkeypatch.setattr(files, "ANSWERS_S", 0.3)
+    asked, ask = [], lease.expect_answer
+
+    def counted(folder: Path) -> None:
+        asked.append(folder)
+        ask(folder)
+
+    monkeypatch.setattr(lease, "expect_answer", counted)
+    monkeypatch.setattr(open_leases, "_settle", lambda folder, *_: LeftOver(True, folder.name))
+    why = f"{mount} does not answer within 0.3 s: its network mount hangs"
+    assert settle(run.parent, [URL], nobody) == [
+        LeftOver(True, "run"),
+        *(
+            LeftOver(
+                False,
+                f"{why}: whether run {name} left tools hot is not known. Make them safe with"
+                " `jbclog safe`.",
+            )
+            for name in ("a", "b")
+        ),
+    ]
+    assert sorted(asked) == [run.parent, mount]
 
 
 def test_a_guard_that_stays_is_not_waited_for_without_end(

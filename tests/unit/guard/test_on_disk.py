@@ -178,13 +178,13 @@ def test_open_leases_are_found_wherever_their_runs_lie(
         folder.mkdir(parents=True)
         write_leases(folder, [lease("a")])
         write_leases(folder, [lease("a"), lease("b")])
-    assert sorted(registered_runs()) == folders
+    assert sorted(registered_runs().there) == folders
     # whom it shows is nobody else's business
     assert (tmp_path / "state" / "jbclog" / "open-leases").stat().st_mode & 0o077 == 0
     write_leases(folders[0], [])
-    assert registered_runs() == folders[1:]
+    assert registered_runs() == (folders[1:], [])
     shutil.rmtree(folders[1])
-    assert registered_runs() == []
+    assert registered_runs() == ([], [])
     assert list((tmp_path / "state" / "jbclog" / "open-leases").iterdir()) == []
 
 
@@ -197,7 +197,7 @@ def test_without_a_place_for_that_a_lease_is_kept_all_the_same(
     monkeypatch.setenv("HOME", str(tmp_path / "file"))
     write_leases(tmp_path, [lease("a")])
     assert [one.name for one in read_leases(tmp_path)] == ["a"]
-    assert registered_runs() == []
+    assert registered_runs() == ([], [])
     write_leases(tmp_path, [])
 
 
