@@ -16,6 +16,7 @@ from pathlib import Path
 from jbclog.analysis.verdict import RULES
 from jbclog.core.durable_files import line_of, sha256
 from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import is_name
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import short_head
 from jbclog.record.manifest import manifest_sha256, read_manifest
@@ -77,6 +78,11 @@ def identity_of(folder: Path) -> Identity:
         raise RecordError(
             f"{folder} is not sealed: it is being recorded, or it crashed; then run `jbclog"
             " recover`"
+        )
+    if not is_name(manifest.run):
+        raise RecordError(
+            f"{folder}: its manifest names the run {manifest.run!r:.100}, as no run is named;"
+            " nothing was published"
         )
     said = read_annotations(folder)
     if said.wrong:

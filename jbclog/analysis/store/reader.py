@@ -24,9 +24,19 @@ from jbclog.analysis.store.data_files import FILES, DataFiles
 from jbclog.analysis.store.identity import Identity
 from jbclog.analysis.store.place import Place, expect_library, explained, one_line
 from jbclog.analysis.store.rows import kept_files, rows_in_order, span_of
-from jbclog.analysis.store.schema import DATA, OWN, PARTITIONS, PROPERTY, RECORD, RUNS, SCHEMA
+from jbclog.analysis.store.schema import (
+    DATA,
+    OWN,
+    PARTITIONS,
+    PROPERTY,
+    RECORD,
+    RUNS,
+    SCHEMA,
+    schema_of,
+)
 from jbclog.core.clock import utc_text
 from jbclog.core.errors import RecordError, StoreError
+from jbclog.core.foreign.files import NotReadable, is_name
 from jbclog.core.foreign.values import expect_values
 from jbclog.record.find_runs import ALL, SEALED, Filter, Found
 
@@ -177,6 +187,7 @@ class Store:
             self.bounded(RUNS, runs.get_fragments(filter=condition))
             columns = [name for name in runs.schema.names if name != FILES]
             rows = runs.to_table(columns=columns, filter=condition)
+            expect_columns(rows)
             expect_values(rows, f"{RUNS}: ")
             return list(rows.to_pylist())
 
@@ -232,6 +243,11 @@ class Store:
         )
 
     def _published(self, row: Mapping[str, Any]) -> Published:
+        if not is_name(row["run"]):  # its files are written to a folder of that name
+            raise StoreError(
+                f"{self.place}: {RUNS} has a run {row['run']!r:.100}, which no run is named; no"
+                " publisher wrote it so. Publish the runs into a new store"
+            )
         facts: dict[str, Any] = {name: row[name] for name in SHOWN}
         facts |= {
             name: tuple(row[name] or ())
@@ -262,6 +278,17 @@ class Store:
             row["month"],
             rows,
         )
+
+
+def expect_columns(rows: pa.Table) -> None:
+    """Raise `NotReadable` where rows of `runs` lack a column, or a value that each has."""
+    for field in schema_of(RUNS):
+        if field.name == FILES:
+            continue
+        if field.name not in rows.column_names:
+            raise NotReadable(f"{RUNS} has no column {field.name}")
+        if not field.nullable and rows[field.name].null_count:
+            raise NotReadable(f"{RUNS} has rows without {field.name}")
 
 
 def opened(place: Place, name: str) -> DeltaTable:

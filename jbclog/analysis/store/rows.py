@@ -158,7 +158,11 @@ def kept_files(fragment: ds.Fragment, run: str, version: int) -> Iterator[tuple[
                 if taken > FILES_BYTES:
                     most = FILES_BYTES // MIB
                     raise NotReadable(f"{run}: its files have more than {most} MiB")
-                yield from ((file["path"], file["data"]) for file in piece.to_pylist() if file)
+                yield from (
+                    (file["path"], file["data"])
+                    for file in piece.to_pylist()
+                    if file and None not in file.values()
+                )
 
 
 def _like(field: pa.Field, there: pa.Schema) -> pa.Field:

@@ -11,7 +11,7 @@ import tempfile
 import weakref
 from collections.abc import Iterator
 from hashlib import sha256
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -22,6 +22,7 @@ from jbclog.analysis.store.reader import Published, Store
 from jbclog.analysis.store.schema import OWN
 from jbclog.analysis.verdict import RULES
 from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import is_name
 from jbclog.record.manifest import NAME as MANIFEST
 
 
@@ -62,15 +63,22 @@ class StoredRun(Run):
                 raise RecordError(
                     f"{self.place}: its manifest was changed: its SHA-256 is not the one in `runs`"
                 )
-            if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
-                raise RecordError(
-                    f"{self.place}: has a file {name!r}, which lies outside of the run's folder"
-                )
-            path = self.folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
+            self._write(name, data)
         if not (self.folder / MANIFEST).is_file():
             raise RecordError(f"{self.place}: its manifest is not in the store")
+
+    def _write(self, name: str, data: bytes) -> None:
+        parts = name.split("/")
+        if len(parts) > 2 or not all(map(is_name, parts)):
+            raise RecordError(f"{self.place}: has a file {name!r:.100}, which no run has")
+        path = self.folder / name
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
+        except OSError as error:
+            raise RecordError(
+                f"{self.place}: its file {name!r:.100} cannot be written: {error.strerror or error}"
+            ) from error
 
 
 def _condition(selection: Selection) -> pc.Expression | None:

@@ -197,6 +197,7 @@ def remove(place: Place, name: str, publication: str) -> None:
     """Remove the rows of a publication from a table; its files stay until `store vacuum`. Raises
     `StoreError`.
     """
+    quoted = publication.replace("'", "''")  # a name in a store may be anybody's
     for _ in range(TRIES):
         table, done = opened(place, name), properties(removed=publication)
         with explained(place.url):  # files that it is written in are read and written anew
@@ -208,7 +209,7 @@ def remove(place: Place, name: str, publication: str) -> None:
         if committed(
             place,
             lambda table=table, done=done: table.delete(
-                f"publication = '{publication}'", commit_properties=done
+                f"publication = '{quoted}'", commit_properties=done
             ),  # type: ignore[misc]
         ):
             return

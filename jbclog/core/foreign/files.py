@@ -336,6 +336,15 @@ def entries_below(folder: Path) -> Iterator[os.DirEntry[str]]:
                     folders.append((entry.path, depth + 1))
 
 
+LONGEST_NAME: Final = 255
+
+
+def is_name(text: str) -> bool:
+    """Whether a foreign text can be the name of a file or a folder in another one."""
+    is_plain = text not in ("", ".", "..") and "/" not in text and "\0" not in text
+    return is_plain and len(text.encode(errors="replace")) <= LONGEST_NAME
+
+
 def is_plain_folder(path: Path) -> bool:
     """Whether `path` itself is a folder, not a link to one. False where it cannot be examined."""
     try:

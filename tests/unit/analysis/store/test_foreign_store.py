@@ -12,14 +12,17 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow as pa
 import pytest
+from deltalake import DeltaTable
 
 from jbclog.analysis.opening import open_run
 from jbclog.analysis.store.place import Place, place_of
-from jbclog.analysis.store.reader import Store
+from jbclog.analysis.store.reader import Store, expect_columns
 from jbclog.app.publish.publisher import Publisher
 from jbclog.app.publish.upkeep import check, compact, vacuum
 from jbclog.core.errors import RecordError, StoreError
+from jbclog.core.foreign.files import NotReadable
 
 LONG_AGO_S = 1_000_000_000
 HINT = "runs/_delta_log/_last_checkpoint"
@@ -171,6 +174,25 @@ def test_a_run_without_its_manifest_is_refused(store: Path, run: Path) -> None:
         path.write_text("\n".join(map(json.dumps, lines)), encoding="utf-8")
     with pytest.raises(RecordError, match="manifest is not in the store"):
         open_run(store / run.name)
+
+
+@pytest.mark.parametrize("name", ["run", "version", "manifest_sha256", "operator", "tags"])
+def test_rows_that_lack_a_column_or_a_value_are_refused(store: Path, name: str) -> None:
+    rows = DeltaTable(store / "runs").to_pyarrow_table()
+    expect_columns(rows)
+    with pytest.raises(NotReadable, match=f"^runs has no column {name}$"):
+        expect_columns(rows.drop_columns([name]))
+    field = rows.schema.field(name)
+    empty = rows.set_column(
+        rows.schema.get_field_index(name),
+        field.with_nullable(True),
+        pa.nulls(len(rows), field.type),
+    )
+    if field.nullable:
+        expect_columns(empty)
+    else:
+        with pytest.raises(NotReadable, match=f"^runs has rows without {name}$"):
+            expect_columns(empty)
 
 
 @pytest.mark.parametrize("between", ["\n", "", " \t"])

@@ -203,6 +203,15 @@ def test_a_run_that_is_not_sealed_is_refused(own: Path, publishing: Publisher) -
     assert [str(one) for one in publish_all(publishing, own)] == [f"{own}: {NOT_SEALED}"]
 
 
+@pytest.mark.parametrize("name", ["..", "", "a/b", "/tmp/x"])
+def test_a_run_that_is_named_as_no_folder_is_refused(
+    own: Path, publishing: Publisher, name: str
+) -> None:
+    write_manifest(own, replace(read_manifest(own), run=name))
+    with pytest.raises(RecordError, match="as no run is named; nothing was published"):
+        publishing.publish(own)
+
+
 def test_what_fails_half_way_is_removed_again(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

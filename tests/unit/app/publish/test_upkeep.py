@@ -31,7 +31,7 @@ from jbclog.app.publish.commits import create_tables, fence
 from jbclog.app.publish.lease import Lease, live
 from jbclog.app.publish.publisher import Publisher, Result
 from jbclog.app.publish.upkeep import check, compact, vacuum
-from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.errors import RecordError, StoreError, UsageError
 from jbclog.record import annotations
 from support.invoked import invoked
 from support.records.many_runs import many_runs
@@ -166,6 +166,14 @@ def test_leftovers_count_for_nobody_and_are_removed(
     assert len(found.leftovers) == len(found.removed) == 1
     assert check(place, AT_ONCE).leftovers == []
     assert len(jbclog.open_runs(place.url)[0].samples()) == before
+
+
+def test_a_name_with_a_quote_removes_no_other_rows(place: Place) -> None:
+    """It would end the text in the condition of what is deleted."""
+    leave(place, "x' OR run <> '")
+    assert len(check(place, AT_ONCE).removed) == 1
+    found = check(place, AT_ONCE)
+    assert (found.findings, found.leftovers) == ([], [])
 
 
 def test_beside_a_publisher_nothing_is_removed(place: Place) -> None:
@@ -445,17 +453,46 @@ def test_an_older_publisher_adds_to_a_store_with_a_column_more(
     )
 
 
-@pytest.mark.parametrize("line", ["line 4 = \"tin\" & 'lead'", "Łódź/1:%", "..", None])
-def test_a_run_of_an_odd_line_is_looked_up(
-    place: Place, runs: list[Path], line: str | None
-) -> None:
+def add_run(place: Place, like: Path, **changed: str | None) -> None:
+    """A row in `runs`, like that of another run but for these values."""
     table = DeltaTable(place.of(RUNS))
-    row = table.to_pyarrow_table(filters=[("run", "=", runs[0].name)])
-    for name, value in (("run", "an odd one"), ("line", line)):
+    row = table.to_pyarrow_table(filters=[("run", "=", like.name)])
+    for name, value in changed.items():
         row = row.set_column(
             row.schema.get_field_index(name), row.schema.field(name), pa.array([value], pa.utf8())
         )
     write_deltalake(table, row, mode="append")
+
+
+@pytest.mark.parametrize("name", ["..", ".", "", "a/b", "/tmp/x", "a\0b", "x" * 300])
+def test_a_run_that_is_named_as_no_folder_is_refused(
+    place: Place, runs: list[Path], name: str
+) -> None:
+    """Its files would be written elsewhere."""
+    add_run(place, runs[0], run=name)
+    for reads in (lambda: len(jbclog.open_runs(place.url)), lambda: check(place, AT_ONCE)):
+        with pytest.raises(StoreError, match="which no run is named"):
+            reads()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../x", "/tmp/x", "", "a/b/c", "recipes/..", "a\0b", "x" * 300, "manifest.json/x", "recipes/"],
+)
+def test_a_kept_file_that_no_run_has_is_refused(
+    place: Place, runs: list[Path], monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    real = Store.files_of
+    monkeypatch.setattr(Store, "files_of", lambda self, one: [*real(self, one), (name, b"x")])
+    with pytest.raises(RecordError, match=r"which no run has|cannot be written"):
+        jbclog.open_run(f"{place}/{runs[0].name}")
+
+
+@pytest.mark.parametrize("line", ["line 4 = \"tin\" & 'lead'", "Łódź/1:%", "..", None])
+def test_a_run_of_an_odd_line_is_looked_up(
+    place: Place, runs: list[Path], line: str | None
+) -> None:
+    add_run(place, runs[0], run="an odd one", line=line)
     for _ in range(2):
         found = Store(place).newest("an odd one")
         assert found is not None
