@@ -42,6 +42,7 @@ from jbclog.protocol.commands.command import Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.record.conclude import known_stations
 from jbclog.record.find_runs import (
+    CRASHED,
     MOST_COPIES,
     Copy,
     Filter,
@@ -176,7 +177,9 @@ def _count(found: Found, past: PastRuns) -> None:
         counted = {
             place: error_events(run, place[1], past.since[place], past.until)
             for place in places
-            if place in past.since and _is_within(found, past.since[place], past.until)
+            if place in past.since
+            and _is_within(found, past.since[place], past.until)
+            and (found.state != CRASHED or _has_rows(run, place[1], past.since[place]))
         }
     except (JbclogError, OSError, ValueError) as error:
         past.trouble.append(f"{found.folder}: its errors cannot be read: {error}")
@@ -194,6 +197,15 @@ def _is_within(found: Found, since: str, until: str) -> bool:
         found.ended
     ) < datetime.fromisoformat(since)
     return began and not ended
+
+
+def _has_rows(run: Run, station: str, since: str) -> bool:
+    """Whether a record that has no end, because the recorder died, goes on after `since`."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return any(
+            True for table in ("events", "samples") for _ in run.stream(table, station, start=since)
+        )
 
 
 def error_events(run: Run, station: str, since: str | None, until: str) -> Events:

@@ -59,6 +59,12 @@ class Recorded:
             self.store.event(EventRow(time, kind, severity, "it happened", station, 1))
         self.store.commit_now()
 
+    def crash(self) -> None:
+        """It ends, and nobody seals it."""
+        self.store.close()
+        self.store.release()
+        GO_ON.remove(self)
+
     def end(self, hours: float) -> None:
         """It ends, and is sealed."""
         self.store.close()
@@ -244,6 +250,22 @@ def test_a_run_over_several_audits_counts_part_by_part(ledger: Ledger) -> None:
     one.end(50)
     assert ledger.audit(72) == {"port.error": 1}
     assert ledger.audit(96) is None
+
+
+def test_a_run_that_crashed_before_is_no_record_of_what_came_then(ledger: Ledger) -> None:
+    """Nobody recovered it, so it has no end: it is no witness of a day without errors."""
+    one = run(ledger.out, -30)
+    one.say((-29, "port.error"))
+    one.crash()
+    assert ledger.audit(0) is None
+
+
+def test_a_run_that_crashed_counts_as_far_as_it_goes(ledger: Ledger) -> None:
+    one = run(ledger.out, -30)
+    one.say((-29, "port.error"), (-20, "port.error"))
+    one.crash()
+    assert ledger.audit(0) == {"port.error": 1}
+    assert ledger.audit(24) is None
 
 
 def test_runs_of_other_lines_and_of_before_are_none_of_it(ledger: Ledger) -> None:
