@@ -1,5 +1,5 @@
 """A file that may be anybody's is opened in one place (`jbclog/core/foreign`): a bare read anywhere
-else is found here.
+else is found here, and a write into what may stand there: a pipe, or a link to another file.
 
 Ruff's banned-api knows names of modules and not methods such as `Path.read_bytes`, so this looks at
 the syntax tree itself.
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ast
 import functools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -95,6 +95,22 @@ ALLOWED = {
 }
 """File and call -> why it is no read of a foreign file."""
 
+WRITES = {"write_bytes", "write_text", "touch"}
+WRITTEN = {
+    "analysis/store/run.py:write_bytes": "a folder of its own; `is_name` looks at the names",
+    "app/export/csv_files.py:write_text": "a folder that it has just made",
+    "app/publish/safe_place.py:write_bytes": "a name drawn at random",
+    "app/run/metrics_cache.py:write_bytes": "the kernel's own, below /proc",
+    "cli/demo.py:write_text": "a folder that it has just made",
+    "cli/scan.py:write_text": "a file that the user names",
+    "cli/streams.py:open": "the three streams by their numbers",
+    "cli/trend.py:write_text": "a file that the user names",
+    "record/store.py:write_bytes": "the folder that its recorder has just made",
+    "sim/serve.py:open": "a file that the user names",
+    "sim/setup.py:write_text": "looked at by `_expect_place` before",
+}
+"""File and call -> why nobody else can have put something there."""
+
 
 def bare_reads(path: Path) -> Iterator[tuple[int, str]]:
     """Line and name of each place in a file that reads from what may be anybody's."""
@@ -157,19 +173,34 @@ def _is_mode(argument: ast.expr) -> bool:
     )
 
 
-def _writes(call: ast.Call) -> bool:
+def _writes(call: ast.Call, how: str = "wxa") -> bool:
     place = 1 if ast.unparse(call.func) == "open" else 0
     mode = call.args[place] if len(call.args) > place else None
     return (
         isinstance(mode, ast.Constant)
         and isinstance(mode.value, str)
-        and set(mode.value) & set("wxa") != set()
+        and set(mode.value) & set(how) != set()
     )
 
 
+def bare_writes(path: Path) -> Iterator[tuple[int, str]]:
+    """Line and name of each place in a file that writes to a name which may be taken. Mode ``x``
+    makes a new file.
+    """
+    for node in ast.walk(parsed(path)):
+        if isinstance(node, ast.Attribute) and node.attr in WRITES:
+            yield node.lineno, node.attr
+        elif isinstance(node, ast.Call):
+            before, _, last = ast.unparse(node.func).rpartition(".")
+            if _is_open(node, before, last) and _writes(node, "wa"):
+                yield node.lineno, "open"
+
+
 @functools.cache
-def found_below(package: Path) -> dict[str, str]:
-    """``FILE:CALL`` of each read outside of the one room, and where it stands."""
+def found_below(
+    package: Path, bare: Callable[[Path], Iterator[tuple[int, str]]] = bare_reads
+) -> dict[str, str]:
+    """``FILE:CALL`` of each read or write outside of the one room, and where it stands."""
     files = (
         path
         for path in sorted(package.rglob("*.py"))
@@ -180,7 +211,7 @@ def found_below(package: Path) -> dict[str, str]:
             f"{path.relative_to(package).as_posix()}:{line}"
         )
         for path in files
-        for line, name in bare_reads(path)
+        for line, name in bare(path)
     }
 
 
@@ -191,9 +222,38 @@ def test_nothing_is_read_but_through_the_one_room() -> None:
     )
 
 
+def test_nothing_is_written_to_what_may_stand_there() -> None:
+    found = found_below(PACKAGE, bare_writes)
+    assert {place for call, place in found.items() if call not in WRITTEN} == set(), (
+        "use open_to_write, or write_whole of jbclog.core.durable_files"
+    )
+
+
 def test_every_exception_is_still_one() -> None:
-    found = found_below(PACKAGE)
-    assert {call for call in ALLOWED if call not in found} == set()
+    for allowed, bare in ((ALLOWED, bare_reads), (WRITTEN, bare_writes)):
+        found = found_below(PACKAGE, bare)
+        assert {call for call in allowed if call not in found} == set()
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("(folder / NAME).open('ab')", "open"),
+        ("path.open('w', encoding='ascii')", "open"),
+        ("open(path, 'w')", "open"),
+        ("path.write_text('')", "write_text"),
+        ("[*map(Path.touch, paths)]", "touch"),
+        ("path.open('xb')", None),
+        ("path.open('rb')", None),
+        ("os.fdopen(open_to_write(path, kind), 'ab')", None),
+    ],
+)
+def test_a_bare_write_is_found(tmp_path: Path, text: str, name: str | None) -> None:
+    path = tmp_path / "record" / "made_up.py"
+    path.parent.mkdir()
+    path.write_text(f"x = {text}\n", encoding="utf-8")
+    found = list(found_below(tmp_path, bare_writes))
+    assert found == ([f"record/made_up.py:{name}"] if name else [])
 
 
 @pytest.mark.parametrize(
