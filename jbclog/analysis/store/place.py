@@ -201,15 +201,22 @@ class Place:
             if one.type == pf.FileType.File
         ]
 
-    def remove(self, folder: str) -> None:
-        """Remove a folder of the store, if it is there. Raises `StoreError`."""
+    def remove(self, name: str) -> None:
+        """Remove a folder of the store, or a file directly in it, if it is there. Raises
+        `StoreError`.
+        """
         import pyarrow.fs as pf
 
-        self.expect_plain(folder)
+        path = Path(self.of(name))
+        if not self.is_remote and "/" not in name and not is_plain_folder(path):
+            with explained(self.url):
+                path.unlink(missing_ok=True)
+            return
+        self.expect_plain(name)
         with explained(self.url):
             files = self.files()
-            if files.get_file_info(pf.FileSelector(folder, allow_not_found=True)):
-                files.delete_dir(folder)
+            if files.get_file_info(pf.FileSelector(name, allow_not_found=True)):
+                files.delete_dir(name)
 
 
 def place_of(given: str | os.PathLike[str]) -> Place:

@@ -168,6 +168,16 @@ def test_leftovers_count_for_nobody_and_are_removed(
     assert len(jbclog.open_runs(place.url)[0].samples()) == before
 
 
+@pytest.mark.parametrize("name", ["_probe-12ab34cd.a", "_probe-12ab34cd/0/_delta_log/x.json"])
+def test_what_a_killed_trial_of_the_place_left_is_removed(place: Place, name: str) -> None:
+    path = Path(place.of(name))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(b"1")
+    found = check(place, AT_ONCE)
+    assert (found.findings, found.removed) == ([], [name.partition("/")[0]])
+    assert [*Path(place.url).glob("_probe*")] == []
+
+
 def test_a_name_with_a_quote_removes_no_other_rows(place: Place) -> None:
     """It would end the text in the condition of what is deleted."""
     leave(place, "x' OR run <> '")
