@@ -68,14 +68,26 @@ class QueueFollower:
     def _running(self) -> list[BatchQueue]:
         try:
             homes = sorted(self._home.glob(f"*{SUFFIX}"))
-            return [queue_of(home) for home in homes if is_locked(home / LOCK)]
         except OSError as error:
-            return [BatchQueue(NOT_READABLE.format(self._home.name, error.strerror or error))]
+            name = clean(self._home.name)
+            return [BatchQueue(NOT_READABLE.format(name, error.strerror or error))]
+        return [queue for home in homes if (queue := _running_queue(home)) is not None]
+
+
+def _running_queue(home: Path) -> BatchQueue | None:
+    try:
+        return queue_of(home) if is_locked(home / LOCK) else None
+    except OSError as error:
+        return BatchQueue(NOT_READABLE.format(f"batch {_name(home)}", error.strerror or error))
+
+
+def _name(home: Path) -> str:
+    return clean(home.name.removesuffix(SUFFIX))
 
 
 def queue_of(home: Path) -> BatchQueue:
     """Return the queue of the newest batch of a jobs file whose batches are in `home`."""
-    name = clean(home.name.removesuffix(SUFFIX))
+    name = _name(home)
     folders = sorted(
         (one for one in home.glob("*Z*") if one.is_dir() and not one.is_symlink()),
         key=lambda one: one.name,

@@ -47,6 +47,14 @@ def test_output_of_a_job_is_appended_to_its_file_only(
     assert not (job.folder / "elsewhere").exists()
 
 
+def test_a_job_whose_lock_is_no_file_does_not_run(tmp_path: Path) -> None:
+    job = JobDir(tmp_path / "jobs" / "night-1")
+    job.folder.mkdir(parents=True)
+    assert not job.is_running()
+    os.mkfifo(job.folder / LOCK)
+    assert not job.is_running()
+
+
 def test_a_lock_that_is_no_file_starts_nothing(
     tmp_path: Path, kind: tuple[Callable[[Path], None], str]
 ) -> None:

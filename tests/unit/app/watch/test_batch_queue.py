@@ -72,6 +72,15 @@ def test_a_batch_that_nobody_carries_out_is_not_shown(journal: Journal, tmp_path
     assert QueueFollower(tmp_path / "none").poll() == ()
 
 
+def test_a_batch_whose_lock_is_no_file_hides_no_other(journal: Journal, tmp_path: Path) -> None:
+    (tmp_path / "bad.batch").mkdir()
+    os.mkfifo(tmp_path / "bad.batch" / LOCK)
+    assert [queue.text for queue in QueueFollower(tmp_path).poll()] == [
+        "batch bad: its queue cannot be read now: is a pipe, not a file",
+        "batch night: 1 of 3 jobs have ended",
+    ]
+
+
 def test_a_batch_that_was_stopped_says_so(journal: Journal, tmp_path: Path) -> None:
     journal.note(Entry("", EntryKind.SIGNAL, "Ctrl-C"))
     assert (
