@@ -146,8 +146,8 @@ def _one_file(folder: Path, listed: SealedFile) -> Iterator[Finding]:
 
 
 def _unlisted(folder: Path, listed: Container[str], below: str = "") -> Iterator[Finding]:
-    """Yield the files and folders that the manifest should list and does not, and folders of which
-    nobody can say.
+    """Yield the files and folders that the manifest should list and does not, and folders that
+    cannot be listed.
     """
     try:
         inside = sorted(folder.iterdir())

@@ -1,5 +1,5 @@
 """Whether the S3 server of a store answers at all: the library waits half a minute for each answer,
-and follows a list for as long as the server says that it goes on.
+and follows a list for as long as the server says that it continues.
 
 It waits in native code, which nothing interrupts. So a process of its own asks first, for a list
 that is empty, and is ended by its alarm.

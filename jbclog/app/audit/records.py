@@ -200,7 +200,7 @@ def _is_within(found: Found, since: str, until: str) -> bool:
 
 
 def _has_rows(run: Run, station: str, since: str) -> bool:
-    """Whether a record that has no end, because the recorder died, goes on after `since`."""
+    """Whether a record that has no end, because the recorder died, continues after `since`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return any(

@@ -109,9 +109,7 @@ def _state(folder: Path) -> State:
 
 
 def _all_files(folder: Path) -> State:
-    """Return what changes when somebody mends a run that was refused; empty where nobody can
-    say.
-    """
+    """Return what changes when somebody mends a run that was refused; empty if not known."""
     try:
         paths = sorted(entry.path for entry in entries_below(folder) if not entry.is_dir())
     except OSError:
