@@ -170,27 +170,27 @@ def _locked(folder: Path, end: float) -> int:
 # folder; the lease in the run's folder decides.
 
 
-class Registered(NamedTuple):
+class Leases(NamedTuple):
     """The folders of runs with open leases: `there`; and `away`, each with the reason, those on a
-    network mount that hangs.
+    network mount that hangs, which may have one.
     """
 
     there: list[Path]
     away: list[tuple[Path, str]]
 
 
-def registered_runs() -> Registered:
+def registered_runs() -> Leases:
     """Return the folders of runs with open leases; links to removed folders are deleted."""
-    registry, found = _registry(), Registered([], [])
-    why_away: dict[Path, str | None] = {}  # by folder of runs: each takes seconds
+    registry, found = _registry(), Leases([], [])
+    asked: dict[Path, str | None] = {}  # by folder of runs: each takes seconds
     with suppress(OSError):
         for link in sorted(registry.iterdir()) if registry is not None else []:
             target = link.readlink() if link.is_symlink() else None
             if target is None:
                 continue
-            if target.parent not in why_away:
-                why_away[target.parent] = _why_away(target.parent)
-            why = why_away[target.parent]
+            if target.parent not in asked:
+                asked[target.parent] = why_away(target.parent)
+            why = asked[target.parent]
             if why is not None:
                 found.away.append((target, why))
             elif target.is_dir():
@@ -200,7 +200,25 @@ def registered_runs() -> Registered:
     return found
 
 
-def _why_away(folder: Path) -> str | None:
+def runs_below(out: Path) -> Leases:
+    """Return the folders of runs directly below `out` with open leases. A link may be one to a
+    run's folder elsewhere.
+    """
+    found, folders = Leases([], []), list[Path]()
+    with suppress(OSError):
+        folders = sorted(out.iterdir())
+    for folder in folders:
+        with suppress(OSError):
+            why = why_away(folder) if folder.is_symlink() else None
+            if why is not None:
+                found.away.append((folder, why))
+            elif (folder / NAME).exists():
+                found.there.append(Path(os.path.realpath(folder)))
+    return found
+
+
+def why_away(folder: Path) -> str | None:
+    """Return a sentence where the folder's network mount hangs."""
     try:
         expect_answer(folder)
     except RecordError as error:

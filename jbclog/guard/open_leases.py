@@ -4,7 +4,6 @@ settles them first.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
@@ -15,7 +14,7 @@ from typing import Final, NamedTuple
 from jbclog.core.errors import RecordError
 from jbclog.guard import lease
 from jbclog.guard.action_log import ActionLog
-from jbclog.guard.lease import StationLease, guard_lock
+from jbclog.guard.lease import Leases, StationLease, guard_lock
 from jbclog.guard.takeover import CRITICAL, ERROR, INFO, TakeOver
 
 PATIENCE_S: Final = 6.0  # a guard at work ends within it
@@ -36,17 +35,16 @@ def settle(out: Path, urls: Collection[str], is_recording: IsRecording) -> list[
     """Make safe what this user's runs, and those below `out`, left hot on the ports `urls`; skip
     runs in progress.
     """
-    registered = lease.registered_runs()
-    folders = _with_lease(out, registered.there)
+    found = _with_lease(out)
     settled = [
         done
-        for folder in _holding(folders, urls)
+        for folder in _holding(found.there, urls)
         if (done := _settle(folder, urls, is_recording)) is not None
     ]
     return [
         *settled,
-        *(_not_known(folder, why) for folder, why in _unreadable(folders, is_recording)),
-        *(_away(folder, why) for folder, why in registered.away),
+        *(_not_known(folder, why) for folder, why in _unreadable(found.there, is_recording)),
+        *(_away(folder, why) for folder, why in found.away),
     ]
 
 
@@ -73,7 +71,7 @@ def unclosed(out: Path | None, urls: Collection[str]) -> Iterator[Path]:
     """Yield the folders with a lease on any of these ports: below `out`, and registered ones that
     can be reached.
     """
-    return _holding(_with_lease(out, lease.registered_runs().there), urls)
+    return _holding(_with_lease(out).there, urls)
 
 
 def _holding(folders: Iterable[Path], urls: Collection[str]) -> Iterator[Path]:
@@ -82,13 +80,12 @@ def _holding(folders: Iterable[Path], urls: Collection[str]) -> Iterator[Path]:
             yield folder
 
 
-def _with_lease(out: Path | None, registered: Iterable[Path]) -> list[Path]:
-    below = (
-        [Path(os.path.realpath(path.parent)) for path in out.glob(f"*/{lease.NAME}")]
-        if out is not None and out.is_dir()
-        else []
+def _with_lease(out: Path | None) -> Leases:
+    below = Leases([], []) if out is None else lease.runs_below(out)
+    registered = lease.registered_runs()
+    return Leases(
+        sorted({*below.there, *registered.there}), sorted({*below.away, *registered.away})
     )
-    return sorted({*below, *registered})
 
 
 def _is_wanted(station: StationLease, urls: Collection[str]) -> bool:

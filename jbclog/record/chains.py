@@ -169,7 +169,7 @@ def _runs_of(out: Path, line: str) -> Iterator[Path]:
     name = re.compile(rf"\d{{8}}T\d{{6}}Z-{re.escape(line)}-[{LETTERS}]{{4}}")
     with suppress(OSError):  # creating a run reports whether the folder is usable
         for path in out.iterdir():
-            if name.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
+            if name.fullmatch(path.name) and not path.is_symlink() and path.is_dir():
                 yield path
 
 

@@ -139,21 +139,38 @@ def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(
     assert "Read-only file system" in settled[0].text
 
 
-@pytest.mark.filterwarnings(
-    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
-)
-def test_a_lease_on_a_network_mount_that_hangs_is_told_and_stops_no_start(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each folder of runs is asked once; what of it is not known does not hide the others."""
+@pytest.fixture
+def mount(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A network mount that hangs; of the runs that are there only `run` is made safe."""
     mount = tmp_path / "server"
-    for name in ("a", "b"):
-        (mount / name).mkdir(parents=True)
-        write_leases(mount / name, [LEASE])
+    mount.mkdir()
     (tmp_path / "mountinfo").write_text(f"37 36 0:45 / {mount} rw - nfs4 server:/runs rw\n")
     monkeypatch.setattr(files, "MOUNTS", tmp_path / "mountinfo")
     monkeypatch.setattr(files, "LOOK", "import time; time.sleep(60)")
     monkeypatch.setattr(files, "ANSWERS_S", 0.3)
+    monkeypatch.setattr(open_leases, "_settle", lambda folder, *_: LeftOver(True, folder.name))
+    return mount
+
+
+def not_known(away: Path, name: str) -> LeftOver:
+    why = f"{away} does not answer within 0.3 s: its network mount hangs"
+    return LeftOver(
+        False,
+        f"{why}: whether run {name} left tools hot is not known. Make them safe with `jbclog"
+        " safe`.",
+    )
+
+
+@pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
+def test_a_lease_on_a_network_mount_that_hangs_is_told_and_stops_no_start(
+    run: Path, mount: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each folder of runs is asked once; what of it is not known does not hide the others."""
+    for name in ("a", "b"):
+        (mount / name).mkdir()
+        write_leases(mount / name, [LEASE])
     asked, ask = [], lease.expect_answer
 
     def counted(folder: Path) -> None:
@@ -161,20 +178,31 @@ def test_a_lease_on_a_network_mount_that_hangs_is_told_and_stops_no_start(
         ask(folder)
 
     monkeypatch.setattr(lease, "expect_answer", counted)
-    monkeypatch.setattr(open_leases, "_settle", lambda folder, *_: LeftOver(True, folder.name))
-    why = f"{mount} does not answer within 0.3 s: its network mount hangs"
     assert settle(run.parent, [URL], nobody) == [
         LeftOver(True, "run"),
-        *(
-            LeftOver(
-                False,
-                f"{why}: whether run {name} left tools hot is not known. Make them safe with"
-                " `jbclog safe`.",
-            )
-            for name in ("a", "b")
-        ),
+        not_known(mount, "a"),
+        not_known(mount, "b"),
     ]
     assert sorted(asked) == [run.parent, mount]
+
+
+@pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
+def test_so_is_a_link_among_the_runs_that_leads_to_one(run: Path, mount: Path) -> None:
+    link = run.parent / "linked"
+    link.symlink_to(mount / "a")
+    assert settle(run.parent, [URL], nobody) == [LeftOver(True, "run"), not_known(link, "linked")]
+
+
+def test_leases_below_a_folder_are_found_also_behind_a_link(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    assert lease.runs_below(tmp_path / "out" / "not there") == ([], [])
+    assert lease.runs_below(tmp_path / "out") == ([], [])
+    (tmp_path / "out" / "verifications.jsonl").touch()
+    (tmp_path / "out" / "gone").symlink_to("nowhere")
+    (tmp_path / "out" / "linked").symlink_to(run)
+    assert lease.runs_below(tmp_path / "out") == ([run], [])
 
 
 def test_a_guard_that_stays_is_not_waited_for_without_end(
