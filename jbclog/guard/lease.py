@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
+from jbclog.core.foreign.files import Kind, expect_answer, read_foreign, why_link_hangs
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
@@ -189,7 +189,7 @@ def registered_runs() -> Leases:
             if target is None:
                 continue
             if target.parent not in asked:
-                asked[target.parent] = why_away(target.parent)
+                asked[target.parent] = _why_away(target.parent)
             why = asked[target.parent]
             if why is not None:
                 found.away.append((target, why))
@@ -209,7 +209,7 @@ def runs_below(out: Path) -> Leases:
         folders = sorted(out.iterdir())
     for folder in folders:
         with suppress(OSError):
-            why = why_away(folder) if folder.is_symlink() else None
+            why = why_link_hangs(folder)
             if why is not None:
                 found.away.append((folder, why))
             elif (folder / NAME).exists():
@@ -217,8 +217,7 @@ def runs_below(out: Path) -> Leases:
     return found
 
 
-def why_away(folder: Path) -> str | None:
-    """Return a sentence where the folder's network mount hangs."""
+def _why_away(folder: Path) -> str | None:
     try:
         expect_answer(folder)
     except RecordError as error:

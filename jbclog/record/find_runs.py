@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
+from jbclog.core.foreign.files import Kind, expect_answer, read_foreign, why_link_hangs
 from jbclog.core.foreign.json_reader import decoder, expect_period, expect_time
 from jbclog.core.locks import is_held
 from jbclog.core.rows import SCHEMA_VERSION
@@ -305,6 +305,9 @@ def copies_texts(copies: Sequence[Copy]) -> list[str]:
 
 def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
     """Read a run's manifest; None if its bytes show that it does not match."""
+    hangs = why_link_hangs(folder)
+    if hangs is not None:
+        return Unreadable(folder, hangs)
     path = folder / NAME
     try:
         data = read_foreign(path, Kind.MANIFEST)
@@ -386,8 +389,12 @@ def runs_in(folder: Path) -> list[Path]:
 
 
 def _is_run(home: Path, name: str) -> bool:
-    """Whether it is a run's folder, by its name or, if renamed, by its content."""
-    return bool(RUN_NAME.fullmatch(name)) or (home / name / NAME).exists()
+    """Whether it is a run's folder, by its name or, if renamed, by its content; or if nobody can
+    look.
+    """
+    if RUN_NAME.fullmatch(name) or why_link_hangs(home / name) is not None:
+        return True
+    return (home / name / NAME).exists()
 
 
 def _fits(sought: str, texts: Iterable[str | None]) -> bool:

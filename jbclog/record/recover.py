@@ -19,7 +19,7 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.core.errors import Problems, RecordError, Unsafe
-from jbclog.core.foreign.files import expect_answer
+from jbclog.core.foreign.files import expect_answer, why_link_hangs
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import TABLES, StationFacts
 from jbclog.core.text import count_text
@@ -140,6 +140,8 @@ class Recovery:
 
 def is_run(folder: Path) -> bool:
     """Whether `folder` is a run's folder, also one that a crash left empty."""
+    if why_link_hangs(folder) is not None:
+        return True  # perhaps; `recover` says so
     return folder.is_dir() and (
         bool(RUN_NAME.fullmatch(folder.name)) or (folder / NAME).exists() or bool(segments(folder))
     )
@@ -165,6 +167,9 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     Raises `RecordError` where the run is being written, is of a newer jbclog, or the disk fails.
     The record is then unchanged.
     """
+    hangs = why_link_hangs(folder)
+    if hangs is not None:
+        raise RecordError(f"{folder}: {hangs}; nothing was changed")
     if not is_run(folder):
         raise RecordError(f"{folder} is not a run")
     expect_no_links(folder)

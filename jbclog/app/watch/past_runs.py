@@ -11,7 +11,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Final
 
-from jbclog.core.foreign.files import Kind, open_foreign
+from jbclog.core.foreign.files import Kind, open_foreign, why_link_hangs
 from jbclog.core.locks import NAME as LOCK
 from jbclog.core.text import clean, json_line, shortened
 from jbclog.live.follower import is_run
@@ -23,6 +23,7 @@ MOST: Final = 100  # the newest ones
 MOST_TEXT: Final = 300  # characters of what a manifest says, as in the table of `jbclog runs`
 KEPT_S: Final = 1.0
 REPORT: Final = "report.html"
+NOT_READABLE: Final = "not readable"
 
 
 class RunList:
@@ -53,10 +54,13 @@ def past_runs(path: Path) -> list[dict[str, object]]:
     names = sorted(
         (one.name for one in home.iterdir() if RUN_NAME.fullmatch(one.name)), reverse=True
     )[:MOST]
-    return [
-        {"name": name, "text": _text(home / name), "report": (home / name / REPORT).is_file()}
-        for name in names
-    ]
+    return [_run(home / name) for name in names]
+
+
+def _run(run: Path) -> dict[str, object]:
+    if why_link_hangs(run) is not None:
+        return {"name": run.name, "text": NOT_READABLE, "report": False}
+    return {"name": run.name, "text": _text(run), "report": (run / REPORT).is_file()}
 
 
 def open_report(path: Path, name: str) -> BufferedReader:
@@ -73,7 +77,7 @@ def _text(run: Path) -> str:
     try:
         manifest = (run / MANIFEST).lstat()
     except OSError:
-        return "not readable"
+        return NOT_READABLE
     return _manifest_text(run, manifest.st_ino, manifest.st_mtime_ns, manifest.st_size)
 
 
@@ -82,7 +86,7 @@ def _manifest_text(run: Path, *_: int) -> str:
     """Return what the manifest says, which is read again once the file is another one."""
     found = summary_of(run)
     if not isinstance(found, Found):
-        return "not readable"
+        return NOT_READABLE
     facts = [
         found.shown_state,
         found.verdict,

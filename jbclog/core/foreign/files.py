@@ -14,9 +14,11 @@ import re
 import stat
 import subprocess
 import sys
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from enum import StrEnum
+from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
 from types import MappingProxyType
@@ -39,8 +41,30 @@ MOST_LINKS: Final = 40
 
 def expect_answer(folder: Path) -> None:
     """Raise `RecordError` where `folder`'s network mount does not answer within `ANSWERS_S`."""
-    if not _is_remote(folder):
-        return
+    if _remote_mount(folder) is not None:
+        _ask(folder)
+
+
+def why_link_hangs(path: Path) -> str | None:
+    """Return a sentence where `path` is a link to a network mount that hangs; else None. A folder
+    of runs can have thousands of links: each mount is asked once a minute.
+    """
+    with suppress(OSError):
+        mount = _remote_mount(path) if path.is_symlink() else None
+        return None if mount is None else _why_hangs(mount, int(time.monotonic() // 60))
+    return None
+
+
+@lru_cache
+def _why_hangs(mount: Path, _minute: int) -> str | None:
+    try:
+        _ask(mount)
+    except RecordError as error:
+        return str(error)
+    return None
+
+
+def _ask(folder: Path) -> None:
     child = subprocess.Popen(
         [sys.executable, "-I", "-S", "-c", LOOK, str(folder)],
         stdin=subprocess.DEVNULL,
@@ -57,25 +81,25 @@ def expect_answer(folder: Path) -> None:
         ) from None
 
 
-def _is_remote(folder: Path) -> bool:
-    """Whether the path leads to or through a network mount; touches nothing below one."""
+def _remote_mount(folder: Path) -> Path | None:
+    """Return the network mount that the path leads to or through; touches nothing below one."""
     mounts = _remote_mounts()
     left, links = [*folder.absolute().parts[1:]][::-1], 0
     here = Path("/")
     while mounts and left:
         here = Path(os.path.normpath(here / left.pop()))
         if here in mounts:
-            return True
+            return here
         try:
             target = here.readlink()
         except OSError:
             continue
         links += 1
         if links > MOST_LINKS:
-            return False
+            return None
         left += [*target.parts[1 if target.is_absolute() else 0 :]][::-1]
         here = Path("/") if target.is_absolute() else here.parent
-    return False
+    return None
 
 
 def _remote_mounts() -> set[Path]:

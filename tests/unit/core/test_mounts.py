@@ -7,12 +7,16 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.app.index.index_file import IndexFile
+from jbclog.app.index.run_index import RunIndex
+from jbclog.app.watch.past_runs import past_runs
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign import files
 from jbclog.core.foreign.files import expect_answer
 from jbclog.record.chains import previous_run
-from jbclog.record.find_runs import find
+from jbclog.record.find_runs import Found, Unreadable, find
 from jbclog.record.folder import create_run
+from jbclog.record.manifest import Manifest, RunState, write_manifest
 from jbclog.record.recover import recover_all
 
 
@@ -57,6 +61,43 @@ def test_one_that_hangs_is_a_sentence_for_all_who_look_there(hanging: Path, tmp_
         ):
             look()
     assert time.monotonic() - began < 20
+
+
+@pytest.mark.filterwarnings(
+    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
+)
+def test_a_link_to_one_that_hangs_is_a_finding_in_its_place(hanging: Path, tmp_path: Path) -> None:
+    """It blocks no other run of its folder."""
+    home = tmp_path / "home"
+    run = home / "20261121T013001Z-bench-abcd"
+    run.mkdir(parents=True)
+    write_manifest(run, Manifest(run.name, state=RunState.SEALED))
+    links = [home / "20261121T013000Z-bench-abcd", home / "renamed"]
+    for link in links:
+        link.symlink_to(hanging / link.name)
+    why = f"{hanging} does not answer within 0.3 s: its network mount hangs"
+    began = time.monotonic()
+    for source in (find, RunIndex(IndexFile(None)).find):
+        found = {one.folder: one for one in source(home)}
+        assert isinstance(found.pop(run), Found)
+        assert found == {link: Unreadable(link, why) for link in links}
+    refused = {one.folder: one.text for one in recover_all(home)}
+    assert [refused[link] for link in links] == [
+        f"{link}: {why}; nothing was changed" for link in links
+    ]
+    assert {"name": links[0].name, "text": "not readable", "report": False} in past_runs(home)
+    assert time.monotonic() - began < 20
+
+
+def test_a_link_to_one_that_answers_is_followed(remote: Path, tmp_path: Path) -> None:
+    run = remote / "20261121T013001Z-bench-abcd"
+    run.mkdir()
+    write_manifest(run, Manifest(run.name, state=RunState.SEALED))
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / run.name).symlink_to(run)
+    (found,) = find(tmp_path / "home")
+    assert isinstance(found, Found)
+    assert files.why_link_hangs(run) is None  # it is no link
 
 
 def test_one_that_answers_is_read(remote: Path) -> None:
