@@ -35,6 +35,13 @@ MOST_S = 10.0
 HANGS_S = 180.0
 
 
+def test_a_verb_of_a_store_answers(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """However long it takes on a busy machine."""
+    with SilentServer("silent", monkeypatch):
+        _, wrong = outcome(VERBS["store check"], tmp_path)
+    assert wrong is None
+
+
 @pytest.mark.campaign
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("kind", SERVERS)
@@ -42,32 +49,34 @@ def test_every_verb_of_a_store_answers(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, kind: str
 ) -> None:
     (run,) = many_runs(tmp_path / "runs", [0.0])
-    wrong = {}
+    late = {}
     with SilentServer(kind, monkeypatch):
         for verb, words in {**VERBS, "publish": ["publish", str(run), URL]}.items():
-            command = [sys.executable, "-m", "jbclog", *words]
-            began = time.monotonic()
-            try:
-                ended = subprocess.run(
-                    command,
-                    env=os.environ | {"XDG_CACHE_HOME": str(tmp_path)},
-                    capture_output=True,
-                    text=True,
-                    timeout=HANGS_S,
-                    check=False,
-                )
-            except subprocess.TimeoutExpired:
-                wrong[verb] = "no answer"
-                continue
-            took, said = time.monotonic() - began, ended.stdout + ended.stderr
-            print(f"{kind}, {verb}: {took:.1f} s, {said.strip()}")
-            if (
-                ended.returncode not in (1, 2, 4)
-                or said.count("\n") != 1
-                or took > MOST_S
-                or KEY in said
-                or SECRET in said
-                or INTERNAL_ERROR in said
-            ):
-                wrong[verb] = f"{ended.returncode} in {took:.1f} s: {said[:500]}"
-    assert wrong == {}
+            took, wrong = outcome(words, tmp_path)
+            print(f"{kind}, {verb}: {took:.1f} s")
+            if wrong is not None or took > MOST_S:
+                late[verb] = f"{took:.1f} s, {wrong}"
+    assert late == {}
+
+
+def outcome(words: list[str], cache: Path) -> tuple[float, str | None]:
+    """How long a command took in seconds, and what it said if that is not one line of an error."""
+    began = time.monotonic()
+    try:
+        ended = subprocess.run(
+            [sys.executable, "-m", "jbclog", *words],
+            env=os.environ | {"XDG_CACHE_HOME": str(cache)},
+            capture_output=True,
+            text=True,
+            timeout=HANGS_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return HANGS_S, "no answer"
+    took, said = time.monotonic() - began, ended.stdout + ended.stderr
+    is_right = (
+        ended.returncode in (1, 2, 4)
+        and said.count("\n") == 1
+        and not any(word in said for word in (KEY, SECRET, INTERNAL_ERROR))
+    )
+    return took, None if is_right else f"{ended.returncode}: {said[:500]}"
