@@ -5,12 +5,34 @@ from pathlib import Path
 
 import pytest
 
+from jbclog.protocol.client import dialogue
 from jbclog.sim import process
 from jbclog.sim.process import SimProcess
 from support.command import BENCH, WireLog
 from support.warm_start import fork_modules
 
 fork_modules(process)
+
+PATIENT_S = 1.5
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sessions in this process wait longer for an answer than the 0.1 s of the product.
+
+    For tests of what does not depend on that: virtual stations may wait for a processor, and one
+    that leaves three questions in a row unanswered is silent.
+    """
+    for name in ("UNMEASURED_S", "LEAST_S", "MOST_S"):
+        monkeypatch.setattr(dialogue, name, PATIENT_S)
+
+
+@pytest.fixture
+def unhurried(patient: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What succeeds may take longer than the three seconds of a station: a tool whose state was not
+    read in time is ordered again, or not confirmed.
+    """
+    monkeypatch.setattr("jbclog.session.safety.secure.ALLOWED_S", 7.0)  # a guard waits 8
 
 
 @pytest.fixture

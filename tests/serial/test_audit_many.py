@@ -20,6 +20,7 @@ STATION = (
 LIMIT_S = 60.0
 
 
+@pytest.mark.usefixtures("patient")  # the log shows a question when the station reads it
 @pytest.mark.parametrize(
     ("count", "wire"),
     [
