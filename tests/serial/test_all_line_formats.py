@@ -39,9 +39,12 @@ def test_a_terminal_is_set_to_each(baudrate: int) -> None:
             assert bool(flags & termios.CSTOPB) == form.endswith("2")
             assert bool(flags & termios.PARODD) == ("O" in form)
             port.write(b"\x02RSMN\x03\x03")
-            assert far.heard() == b"\x02RSMN\x03\x03"
+            assert far.heard_all(7) == b"\x02RSMN\x03\x03"
             far.say(b"\x02ASMN  DDR\x03\x11\x13")
-            assert port.read(1.0) == b"\x02ASMN  DDR\x03\x11\x13"
+            heard = b""
+            while len(heard) < 13 and (more := port.read(20.0)):
+                heard += more
+            assert heard == b"\x02ASMN  DDR\x03\x11\x13"
             port.close()
 
 

@@ -37,6 +37,13 @@ class Terminal:
         ready, _, _ = select.select([self.far], [], [], timeout_s)
         return os.read(self.far, 4096) if ready else b""
 
+    def heard_all(self, length: int) -> bytes:
+        """So many bytes: the system may pass them on in pieces, and late."""
+        heard = b""
+        while len(heard) < length and (more := self.heard(20.0)):
+            heard += more
+        return heard
+
     def unplug(self) -> None:
         # first, as two threads may pull: who closes also wakes the one that waits
         far, self.far = self.far, -1
