@@ -37,10 +37,11 @@ def test_killed_and_started_again_every_job_is_done_once(bench: Bench, tmp_path:
     done is told.
     """
     line, wire = bench
-    jobs = write_batch(tmp_path, line, seconds=2.5, count=3)
+    jobs = write_batch(tmp_path, line, seconds=4.0, count=3)
     out = tmp_path / "runs"
     first = started("batch", jobs, "--out", out)
     assert until(lambda: bool(recording(out)))
+    first.send_signal(signal.SIGSTOP)  # so that it does not see how the job ends
     os.kill(recording(out)[0], signal.SIGKILL)
     first.kill()
     first.communicate()

@@ -56,7 +56,7 @@ def left(line: Path) -> tuple[Path, Manifest]:
 
 def test_a_run_ends_with_as_many_joints_as_its_record_then_has(line: Path) -> None:
     # a busy machine may answer too late for 10 Hz
-    words = arguments(line, "--until-joints", "6", "-d", "60s", "--rate", "auto")
+    words = arguments(line, "--until-joints", "6", "-d", "200s", "--rate", "auto")
     done = jbclog(*words, timeout=200)
     folder, manifest = left(line)
     (goal,) = manifest.goals
