@@ -469,7 +469,8 @@ def test_a_guard_that_is_just_taking_over_is_waited_for(
 ) -> None:
     """Here until the fourth time that it is asked whether it is done."""
     write_leases(run, all_leases(line))
-    guard, refused, began = ExitStack(), [], time.monotonic()
+    guard, began = ExitStack(), time.monotonic()
+    refused: list[Path] = []
     guard.enter_context(guard_lock(run))
 
     def asked(folder: Path) -> AbstractContextManager[None]:
