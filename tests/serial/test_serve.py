@@ -12,7 +12,6 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -22,6 +21,7 @@ from jbclog.config.line import load_line
 from jbclog.core.errors import UsageError
 from jbclog.protocol.frame import Frame
 from jbclog.sim.process import SimProcess
+from support.command import until
 
 READ_MS = 27 * 10 / 19200 * 1000  # 14.06 ms: eleven characters there and sixteen back
 TIOCGEXCL = 0x80045440
@@ -40,21 +40,13 @@ def line_file(folder: Path, *stations: str) -> Path:
 
 
 def opened(line: Path, station: str) -> serial.SerialBase:
-    return serial.serial_for_url(load_line(line).station(station).url, 19200, timeout=1)
+    """A client's end of it; a station that is late, as on a busy machine, is waited for."""
+    return serial.serial_for_url(load_line(line).station(station).url, 19200, timeout=60)
 
 
 def asked(port: serial.SerialBase, question: bytes = READ, count: int = 16) -> bytes:
     port.write(question)
     return bytes(port.read(count))
-
-
-def until(seconds: float, true: Callable[[], bool]) -> bool:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        if true():
-            return True
-        time.sleep(0.01)
-    return true()
 
 
 def is_exclusive(path: Path) -> bool:
@@ -67,13 +59,18 @@ def test_a_paced_exchange_takes_what_its_bytes_take_and_hardly_more(tmp_path: Pa
     line = line_file(tmp_path, '"s1"\n[station.sim]\nturnaround_ms = 0')
     with SimProcess(line, tmp_path / "sim") as sim, opened(sim.line_path, "s1") as port:
         asked(port)
-        took_ms = []
-        for _ in range(100):
-            begun = time.monotonic()
-            assert len(asked(port)) == 16
-            took_ms.append((time.monotonic() - begun) * 1000)
-    # of a hundred, because others have the processors, too
+        took_ms = [took(port) for _ in range(100)]
+        # others have the processors, too: one exchange without them shows it
+        while min(took_ms) >= READ_MS + 1.0 and len(took_ms) < 2000:
+            took_ms.append(took(port))
     assert READ_MS <= min(took_ms) < READ_MS + 1.0
+
+
+def took(port: serial.SerialBase) -> float:
+    """The milliseconds of an exchange."""
+    begun = time.monotonic()
+    assert len(asked(port)) == 16
+    return (time.monotonic() - begun) * 1000
 
 
 def test_the_turnaround_comes_on_top(tmp_path: Path) -> None:
@@ -135,28 +132,29 @@ def test_a_client_that_closes_leaves_the_port_to_the_next(tmp_path: Path) -> Non
             fcntl.ioctl(port.fileno(), termios.TIOCEXCL)
             asked(port, Frame("W", "ST100330", 0, 1).encode(), 11)
             path = Path(str(port.port))
-        assert until(30, lambda: not is_exclusive(path))
+        assert until(lambda: not is_exclusive(path))
         with opened(sim.line_path, "s1") as port:
             assert asked(port, Frame("R", "ST1", 0, 1).encode())[5:-2] == b"AST100330"
 
 
 def test_a_dropout_hangs_up_and_comes_back_on_the_same_link(tmp_path: Path) -> None:
-    fault = "[[station.sim.fault]]\nkind = 'dropout'\nat_s = 0.3\nfor_s = 2.0"
+    fault = "[[station.sim.fault]]\nkind = 'dropout'\nat_s = 0.3\nfor_s = 4.0"
     line = line_file(tmp_path, f'"s1"\n{fault}', '"s2"')
     with SimProcess(line, tmp_path / "sim") as sim:
         link = tmp_path / "sim" / "s1"
         with opened(sim.line_path, "s1") as port, opened(sim.line_path, "s2") as other:
             begun = time.monotonic()
-            assert len(asked(port)) == 16
-            ready, _, _ = select.select([port.fileno()], [], [], 30)
-            assert ready
+            port.write(READ)  # the answer is lost where it comes so late as the dropout
+            hung_up = select.poll()
+            hung_up.register(port.fileno(), 0)
+            assert hung_up.poll(60_000)
             assert time.monotonic() - begun >= 0.3
             with pytest.raises(OSError, match=r".*"):
                 os.write(port.fileno(), READ)
             assert not link.is_symlink()
             assert len(asked(other)) == 16
-        assert until(30, link.is_symlink)
-        assert time.monotonic() - begun >= 2.3
+        assert until(link.is_symlink)
+        assert time.monotonic() - begun >= 4.3
         with opened(sim.line_path, "s1") as port:
             assert len(asked(port)) == 16
 
@@ -178,7 +176,7 @@ def test_tcp_serves_a_port_for_each_station_and_one_client_at_a_time(tmp_path: P
             assert len(asked(other)) == 16
             with pytest.raises(serial.SerialException):
                 port.read(1)
-        assert until(30, lambda: _answers(sim.line_path, "s1"))
+        assert until(lambda: _answers(sim.line_path, "s1"))
 
 
 def _answers(line: Path, station: str) -> bool:
@@ -255,7 +253,7 @@ def test_signals_end_it_in_good_order(tmp_path: Path, number: signal.Signals) ->
         assert serving.stdout is not None
         assert serving.stdout.readline().strip() == str(tmp_path / "sim" / "line.toml")
         serving.send_signal(number)
-        assert serving.wait(30) == 0
+        assert serving.wait(120) == 0
     assert not (tmp_path / "sim" / "s1").is_symlink()
 
 
@@ -269,7 +267,7 @@ def test_a_signal_that_interrupts_no_wait_ends_it_as_well() -> None:
         " signal.pthread_kill(threading.get_ident(), signal.SIGTERM)\n"
         "threading.Thread(target=take).start()\nserver.run()"
     )
-    assert subprocess.run([sys.executable, "-c", serving], timeout=30).returncode == 0
+    assert subprocess.run([sys.executable, "-c", serving], timeout=120).returncode == 0
 
 
 def test_it_ends_when_its_parent_dies(tmp_path: Path) -> None:
@@ -288,7 +286,7 @@ def test_it_ends_when_its_parent_dies(tmp_path: Path) -> None:
     told = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
     assert told.returncode == -signal.SIGKILL
     assert int(told.stdout) > 0
-    assert until(30, lambda: not (tmp_path / "sim" / "s1").is_symlink())
+    assert until(lambda: not (tmp_path / "sim" / "s1").is_symlink())
 
 
 def test_hundreds_of_stations_fit_into_a_small_soft_limit(tmp_path: Path) -> None:
@@ -311,4 +309,4 @@ def test_hundreds_of_stations_fit_into_a_small_soft_limit(tmp_path: Path) -> Non
         with opened(tmp_path / "line.toml", "s300") as port:
             assert len(asked(port)) == 16
         serving.terminate()
-        assert serving.wait(30) == 0
+        assert serving.wait(120) == 0
