@@ -55,7 +55,7 @@ def test_what_had_come_and_was_not_read_is_counted_when_the_port_is_closed() -> 
         port = Tee.opened(lambda: open_port(far.url, LineFormat()), kept.append)
         far.say(b"x" * 3000)
         assert len(port.read(1.0)) == 1024
-        assert until(lambda: unread(port.fileno()) == 3000 - 1024, 2.0)
+        assert until(lambda: unread(port.fileno()) == 3000 - 1024)
         port.close()
     assert kept[-1].text == "1976 bytes that had come were not read"
     assert sum(len(row.data) for row in kept) == 1024

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import serial
 from serial import rfc2217
+from support.command import until
 
 
 class Terminal:
@@ -166,8 +167,12 @@ def settled_descriptors() -> int:
 
 
 def open_descriptors() -> int:
-    """How many this process has open, once every port that is being closed is closed."""
-    for thread in threading.enumerate():
-        if thread.name == "close-port":
-            thread.join(5)
+    """How many this process has open."""
     return sum(1 for _ in Path("/proc/self/fd").iterdir())
+
+
+def are_closed_again(before: int) -> bool:
+    """Whether it comes to no more than `before`: a port is closed by a thread, which is waited for
+    `CLOSE_S` at most, and a busy machine may run it later.
+    """
+    return until(lambda: open_descriptors() <= before)
