@@ -19,15 +19,17 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from jbclog.analysis.run import open_run
 from jbclog.record.check import check
 from jbclog.sim.process import SimProcess
-from support.command import RECIPE, WireLog, is_sampling, jbclog, started, until
+from support.command import RECIPE, WireLog, is_sampling, jbclog, only_run, started, until
 
 pytestmark = pytest.mark.skipif(shutil.which("ser2net") is None, reason="ser2net is not installed")
 
 ACCEPTERS = {"socket": "tcp,127.0.0.1,{port}", "rfc2217": "telnet(rfc2217),tcp,127.0.0.1,{port}"}
 LISTENING = "0A"  # in /proc/net/tcp
 OUTAGE_S = 1.5
+WORK = "WPS100000"
 STATION = """
 [line]
 name = "networked"
@@ -67,7 +69,7 @@ class Ser2net:
         self._running = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
-        assert until(self._listens, 5)
+        assert until(self._listens)
 
     def kill(self) -> None:
         if self._running is not None:
@@ -124,14 +126,15 @@ def test_a_run_outlives_its_server(
 ) -> None:
     line, server, wire = networked
     runs = tmp_path / "runs"
-    run = started(
-        "run", plain_recipe(tmp_path), "--line", line, "--out", runs, "-d", "6s", "--rate", "5"
-    )
+    run = started("run", plain_recipe(tmp_path), "--line", line, "--out", runs, "--rate", "5")
     try:
         expect(run, lambda: is_sampling(runs))
+        heated = wire.writes("ucr-1").count(WORK)
         server.kill()
         time.sleep(OUTAGE_S)
         server.start()
+        expect(run, lambda: rows_after_outage(only_run(runs)) > 5)
+        run.send_signal(signal.SIGINT)
         told, notes = run.communicate(timeout=200)
     finally:
         run.kill()
@@ -141,32 +144,41 @@ def test_a_run_outlives_its_server(
     assert check(folder) == []
     manifest = json.loads((folder / "manifest.json").read_text())
     (station,) = manifest["stations"]
-    assert (station["outcome"], station["outages"], station["model"]) == ("completed", 1, "UCR245")
+    assert (station["outcome"], station["model"]) == ("completed", "UCR245")
     assert station["safe_state"] == {"1": "verified"}
-    assert_rows_tell_the_outage(folder)
+    assert_rows_tell_the_outage(folder, station["outages"])
     assert wire.writes("ucr-1")[-1] == "WPS100001"
-    assert sum(text == "WPS100000" for text in wire.writes("ucr-1")) == 1, (
-        "it was heated again after the outage"
-    )
+    assert wire.writes("ucr-1").count(WORK) == heated, "it was heated again after the outage"
 
 
-def assert_rows_tell_the_outage(folder: Path) -> None:
+def rows_after_outage(folder: Path) -> int:
+    """How many rows of a run that goes on are younger than its station's return."""
+    run = open_run(folder)
+    events = run.events()
+    back = events.loc[events["kind"] == "link.back", "time"]
+    return int((run.samples(columns=["time"])["time"] > back.max()).sum()) if len(back) else 0
+
+
+def assert_rows_tell_the_outage(folder: Path, outages: int) -> None:
     """Rows before it, rows of it without values, rows after it, on one grid without a gap; and its
-    two events.
+    two events. A station behind a busy computer may be away once more.
     """
     samples, events = pd.read_parquet(folder / "samples"), pd.read_parquet(folder / "events")
-    assert len(samples) == 30
     assert (samples["tick"].diff().dropna() == 1).all()
     away = samples["quality"] == "disconnected"
-    assert away.sum() >= 5 * OUTAGE_S - 1
+    lost, back = (events.loc[events["kind"] == f"link.{it}", "time"] for it in ("lost", "back"))
+    assert len(lost) == len(back) == outages >= 1
+    between = pd.Series(data=False, index=samples.index)
+    for begin, end in zip(lost, back, strict=True):
+        assert begin < end
+        between |= samples["time"].between(begin, end, inclusive="neither")
+    assert away[between].all()
+    assert away.sum() <= between.sum() + 2 * outages  # the tick in which it went, and came back
     # the tick in which it went may have been read
-    assert samples.loc[away, "temperature_c"].isna().mean() > 0.8
+    assert samples.loc[away, "temperature_c"].isna().sum() >= away.sum() - outages
     assert not away.iloc[0]
     assert not away.iloc[-1]
-    assert away.ne(away.shift()).cumsum().max() == 3  # before, away, after
-    kinds = list(events["kind"])
-    assert kinds.index("link.lost") < kinds.index("link.back")
-    assert kinds.count("link.lost") == kinds.count("link.back") == 1
+    assert away.ne(away.shift()).cumsum().max() == 1 + 2 * outages  # before, away, after
 
 
 def test_a_server_that_serves_somebody_else_is_told_without_a_traceback(
@@ -189,10 +201,10 @@ def test_the_guard_gets_through_the_server_too(
 ) -> None:
     line, _, wire = networked
     run = started(
-        "run", plain_recipe(tmp_path), "--line", line, "--out", tmp_path / "runs", "--rate", "5"
+        "run", plain_recipe(tmp_path), "--line", line, "--out", tmp_path / "runs", "--rate", "2"
     )
     try:
-        expect(run, lambda: "WPS100000" in wire.writes("ucr-1"))
+        expect(run, lambda: WORK in wire.writes("ucr-1"))
         run.send_signal(number)
         assert until(lambda: wire.writes("ucr-1")[-1] == "WPS100001")
         _, notes = run.communicate(timeout=200)
