@@ -24,14 +24,21 @@ Bench = tuple[Path, WireLog]
 STAND = "WPS100001"
 
 
+def last_state(wire: WireLog, station: str) -> str:
+    """The last state that a tool was ordered into; the feeder may be stopped once more after it."""
+    return [text for text in wire.writes(station) if text.startswith("WPS")][-1]
+
+
 def recording(line: Path, out: Path, options: str) -> list[str | Path]:
-    """The words of a run with the shipped recipe."""
+    """The words of a run with the shipped recipe. A rate of them is a demand: at 5 Hz the feeder's
+    station is refused where a busy machine takes 40 ms for its answers.
+    """
     return ["run", RECIPE, "--line", line, "--out", out, *options.split()]
 
 
 def test_a_run_leaves_the_folder_that_the_reference_describes(bench: Bench, tmp_path: Path) -> None:
     line, wire = bench
-    ended = jbclog(*recording(line, tmp_path / "runs", "-d 4s -s ale-1 --rate 5"))
+    ended = jbclog(*recording(line, tmp_path / "runs", "-d 4s -s ale-1 --rate 2"))
     folder = Path(ended.stdout.splitlines()[-1])
     assert folder == only_run(tmp_path / "runs")
     assert sorted(path.name for path in folder.iterdir()) == [
@@ -46,18 +53,17 @@ def test_a_run_leaves_the_folder_that_the_reference_describes(bench: Bench, tmp_
     assert (folder / "recipes" / RECIPE.name).read_bytes() == RECIPE.read_bytes()
     samples = pd.read_parquet(folder / "samples")
     assert tuple(samples.columns) == SAMPLE_COLUMNS
-    assert len(samples) == 20
+    assert len(samples) == 8
     assert (samples["tick"].diff().dropna() == 1).all()
     assert str(samples["time"].dtype) == "datetime64[us, UTC]"
     assert check(folder) == []
-    # a robot may start the feeder until its tool rests; then it is stopped once more
-    assert [text for text in wire.writes("ale-1") if text.startswith("WPS")][-1] == STAND
+    assert last_state(wire, "ale-1") == STAND
     assert wire.writes("dde-1") == []
 
 
 def test_the_record_proves_each_setting(bench: Bench, tmp_path: Path) -> None:
     line, wire = bench
-    ended = jbclog(*recording(line, tmp_path / "runs", "-d 2s -s ale-1 --rate 5"))
+    ended = jbclog(*recording(line, tmp_path / "runs", "-d 2s -s ale-1 --rate 2"))
     settings = pd.read_parquet(Path(ended.stdout.split()[-1]) / "settings").set_index("setting")
     written = settings[settings["outcome"] == "confirmed"]
     assert (written["requested"] == written["readback"]).all()
@@ -89,7 +95,7 @@ def test_a_signal_cuts_a_stated_duration_short_and_leaves_the_tools_safe(
     _, notes = run.communicate(timeout=200)
     assert run.returncode == code, notes
     for station in ("dde-1", "dde-2", "ucr-1", "ale-1"):
-        assert STAND in wire.writes(station)[-2:]
+        assert last_state(wire, station) == STAND
     ale = wire.writes("ale-1")
     assert ale[ale.index(STAND) - 1] == "WSTP00000"  # the feeder first
     assert check(only_run(tmp_path / "runs")) == []
@@ -205,7 +211,8 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     if mounted.returncode:
         pytest.skip("mount is not allowed here")
     yield folder
-    subprocess.run(["umount", folder], check=True)
+    # a process that a run has left ends soon, and holds a file until then
+    assert until(lambda: subprocess.run(["umount", folder], check=False).returncode == 0)
 
 
 def test_a_full_disk_ends_the_run_with_the_tools_safe(
@@ -223,6 +230,5 @@ def test_a_full_disk_ends_the_run_with_the_tools_safe(
                 break
         _, notes = run.communicate(timeout=200)
     assert run.returncode == 4, notes
-    assert all(
-        STAND in wire.writes(station)[-2:] for station in ("dde-1", "dde-2", "ucr-1", "ale-1")
-    )
+    for station in ("dde-1", "dde-2", "ucr-1", "ale-1"):
+        assert last_state(wire, station) == STAND

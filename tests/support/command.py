@@ -81,7 +81,8 @@ class WireLog:
         """The questions to a station in order, without addresses: ``WPS100001``. A busy station
         hears several at once.
         """
-        lines = [json.loads(line) for line in self.path.read_text().splitlines()]
+        whole, _, _ = self.path.read_text().rpartition("\n")  # the last line may be being written
+        lines = [json.loads(line) for line in whole.splitlines()]
         heard = b"".join(
             bytes.fromhex(one["hex"])
             for one in lines
