@@ -34,6 +34,8 @@ from support.links.far_ends import Terminal, terminal
 
 Bench = tuple[Path, WireLog]
 NAMES = ("dde-1", "dde-2", "ucr-1", "ale-1")
+TRIALS = 5
+"""A scan waits 0.3 s for an answer, and a busy machine takes longer now and then: another trial."""
 TCGETS2 = 0x802C542A
 SHORT = ScanPlan(
     (Trial(LineFormat()), Trial(LineFormat(250000, "8E1"), listens_s=0.5)), addresses=(1, None)
@@ -113,7 +115,7 @@ def test_a_run_is_not_disturbed_by_either(bench: Bench, tmp_path: Path) -> None:
         "-s",
         "ucr-1",
         "--rate",
-        "5",
+        "2",
         "--wire",
     )
     try:
@@ -135,13 +137,18 @@ def test_a_run_is_not_disturbed_by_either(bench: Bench, tmp_path: Path) -> None:
         run.communicate(timeout=200)
     assert "RSMN" in wire.questions("dde-1")
     asked = open_run(folder).wire("ucr-1")["what"].eq("sent").sum()
-    assert len(wire.questions("ucr-1")) == asked  # all of them are the run's own
+    # all of them are the run's own; a station that is late hears the last ones after its end
+    assert until(lambda: len(wire.questions("ucr-1")) >= asked)
+    assert len(wire.questions("ucr-1")) == asked
 
 
 def test_a_station_behind_a_tcp_server(tmp_path: Path) -> None:
     with SimProcess(BENCH, tmp_path / "bench", tcp="127.0.0.1:0") as sim:
         url = urls(sim.line_path)[2]
-        scan = jbclog("scan", url, "--write", tmp_path / "line.toml")
+        for _ in range(TRIALS):
+            scan = jbclog("scan", url, "--write", tmp_path / "line.toml", "--force")
+            if scan.returncode == 0:
+                break
         assert scan.returncode == 0, scan.stdout
         assert "UCR245, family ucr" in scan.stdout
         assert load_line(tmp_path / "line.toml").stations[0].url == url
@@ -165,7 +172,10 @@ def test_the_line_format_behind_ser2net_is_found(tmp_path: Path) -> None:
         ser2net(tmp_path, Path(urls(sim.line_path)[0]).resolve()) as url,
     ):
         plan = ScanPlan((Trial(LineFormat()), Trial(LineFormat(38400))), addresses=(1,))
-        (report,) = search([(url, plan)])
+        for _ in range(TRIALS):
+            (report,) = search([(url, plan)])
+            if report.station is not None:
+                break
     assert report.station is not None, report
     assert (report.station.model, report.station.line) == ("UCR245", LineFormat(38400))
 
@@ -239,26 +249,31 @@ def rate_of(descriptor: int) -> int:
     return rate
 
 
-def scanned(far: Terminal) -> PortReport:
-    """Scan a terminal. The kernel gives numbers of terminals again: a recorder of another test may
-    look for its lost port at this one's, and has it for a moment.
+def scanned(far: Terminal, shows: Callable[[PortReport], bool] = lambda _: True) -> PortReport:
+    """Scan a terminal until it `shows` what is there, `TRIALS` times at most. The kernel gives
+    numbers of terminals again: a recorder of another test may look for its lost port at this one's,
+    and has it for a moment.
     """
-    for _ in range(8):
-        (report,) = search([(far.url, SHORT)])
-        if not isinstance(report.broken, PortBusy):
+    for _ in range(TRIALS):
+        for _ in range(20):
+            (report,) = search([(far.url, SHORT)])
+            if not isinstance(report.broken, PortBusy):
+                break
+            time.sleep(0.2)
+        if shows(report):
             break
-        time.sleep(0.2)
     return report
 
 
 def test_a_loop_back() -> None:
     with answered(lambda data, rate: data) as far:
-        assert [finding.kind for finding in diagnose(scanned(far))] == ["line.echo"]
+        report = scanned(far, lambda report: report.echoed)
+    assert [finding.kind for finding in diagnose(report)] == ["line.echo"]
 
 
 def test_a_station_in_its_binary_protocol() -> None:
     with answered(lambda data, rate: b"\x15" if rate == 250000 and not data else b"") as far:
-        report = scanned(far)
+        report = scanned(far, lambda report: report.binary is not None)
     assert [finding.kind for finding in diagnose(report)] == ["robot_mode.binary"]
     assert report.binary == LineFormat(250000, "8E1")
 
@@ -279,7 +294,7 @@ def test_the_terminal_is_opened_at_each_format() -> None:
         return b""
 
     with answered(note) as far:
-        scanned(far)
+        scanned(far, lambda _: len(rates) > 1)
     assert rates == {19200, 250000}
 
 
