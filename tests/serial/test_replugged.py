@@ -18,6 +18,7 @@ from jbclog.record.check import check
 from support.command import started, until
 from support.virtual.served_line import ServedLine
 
+EXIT_STATION = 3
 OUT_S, FOR_S, RUN_S = 9.0, 2.5, 16  # a busy machine takes seconds until its first sample
 STATION = """
 [[station]]
@@ -72,7 +73,7 @@ def run(
     recorder = started(
         "run", served.recipe, "--line", udev.line, "--out", out, "-d", f"{RUN_S}s", "--rate", "fit"
     )
-    assert until(lambda: all(not udev.device(name) for name in served.stations), 60)
+    assert until(lambda: all(not udev.device(name) for name in served.stations), every_s=0.01)
     meanwhile()
     said, errors = recorder.communicate(timeout=200)
     assert "Traceback" not in errors
@@ -107,8 +108,8 @@ def take_number(device: str, held: list[int]) -> bool:
 
 
 def test_an_adapter_comes_back_under_another_name(tmp_path: Path) -> None:
-    """Another test may hold its number while it is out, and give it back in time: that trial shows
-    nothing.
+    """Another test may hold its number while it is out, and give it back in time, or a busy machine
+    takes longer than that until it samples: that trial shows nothing.
     """
     assert any(renamed(tmp_path / str(trial)) for trial in range(4))
 
@@ -128,15 +129,13 @@ def renamed(tmp_path: Path) -> bool:
         after = udev.device("one")
         for descriptor in held:
             os.close(descriptor)
-        if before == after:
+        if before == after or code == EXIT_STATION:
             return False
         assert code == 0
         told = kinds(folder, "one")
-        assert (
-            told.count("link.lost"),
-            told.count("link.back"),
-            told.count("identity.changed"),
-        ) == (1, 1, 0)
+        # a busy machine may lose it once more
+        assert told.count("link.lost") == told.count("link.back") >= 1
+        assert "identity.changed" not in told
         assert check(folder) == []
         assert_only_asked_writes(served)
         assert served.at_work() == 0

@@ -9,7 +9,7 @@ import pytest
 
 from jbclog.maintenance.verification import read_book
 from jbclog.session.manual import read
-from support.command import WireLog, jbclog, started, until
+from support.command import WireLog, jbclog, started
 from support.invoked import invoked
 
 SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", "A. Rossi")
@@ -27,8 +27,8 @@ def test_a_tip_is_verified_and_the_station_left_as_it_is(
     monkeypatch.setattr(read, "EVERY_S", 0.1)
     stations = started("sim", source, "--no-joints", "--dir", tmp_path / "bench", "--log", log)
     try:
-        line = str(tmp_path / "bench" / "line.toml")
-        assert until(Path(line).exists)
+        assert stations.stdout is not None
+        line = stations.stdout.readline().strip()
         assert (
             jbclog("write", "ucr-1", "status", "working", "-p", "1", "--line", line).returncode == 0
         )
