@@ -216,7 +216,10 @@ class Server:
 
     def _answer(self, asking: socket.socket) -> Mapping[str, Any] | None:
         """In the child what was asked, None in the process that forks."""
-        data, received, _, _ = socket.recv_fds(asking, 1 << 20, 16)
+        try:
+            data, received, _, _ = socket.recv_fds(asking, 1 << 20, 16)
+        except ConnectionResetError:  # it was killed before it took an answer
+            data = b""
         if not data:
             self._close(asking)
             return None
