@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import time
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import computed_metrics
 from jbclog.analysis.stored_tables import cached_metrics
-from jbclog.app.run.metrics_cache import OFF
+from jbclog.app.run.metrics_cache import OFF, WAIT_S
 from jbclog.record.check import check
 from jbclog.record.manifest import manifest_sha256
 from support.command import RECIPE, WireLog, jbclog, until
@@ -17,6 +19,7 @@ from support.command import RECIPE, WireLog, jbclog, until
 HELD_BACK = """
 import os, pathlib, sys, time
 if "jbclog.app.run.metrics_cache" in sys.orig_argv:
+    pathlib.Path({began!r}).touch()
     while not pathlib.Path({go!r}).exists():
         time.sleep(0.05)
     os.nice = lambda _: 0  # lowest priority gets next to no time on a machine that tests keep busy
@@ -26,10 +29,12 @@ if "jbclog.app.run.metrics_cache" in sys.orig_argv:
 def test_a_run_leaves_its_metrics_and_does_not_wait_for_them(
     bench: tuple[Path, WireLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    go, site = tmp_path / "go", tmp_path / "site"
+    began, go, site = (tmp_path / name for name in ("began", "go", "site"))
     site.mkdir()
-    (site / "sitecustomize.py").write_text(HELD_BACK.format(go=str(go)))
-    monkeypatch.setenv("PYTHONPATH", str(site))
+    held_back = HELD_BACK.format(began=str(began), go=str(go))
+    (site / "sitecustomize.py").write_text(held_back)
+    path = os.pathsep.join(filter(None, (str(site), os.environ.get("PYTHONPATH"))))
+    monkeypatch.setenv("PYTHONPATH", path)
     monkeypatch.delenv(OFF)
     line, _ = bench
     ended = jbclog(
@@ -47,6 +52,7 @@ def test_a_run_leaves_its_metrics_and_does_not_wait_for_them(
         "2",
     )
     folder = Path(ended.stdout.splitlines()[-1])
+    assert not began.exists() or time.time() - began.stat().st_mtime < WAIT_S / 2
     assert not (folder / "metrics.parquet").exists()
     assert check(folder) == []
     go.touch()
