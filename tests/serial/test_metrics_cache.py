@@ -51,6 +51,7 @@ def test_a_run_leaves_its_metrics_and_does_not_wait_for_them(
         "--rate",
         "2",
     )
+    assert ended.stdout, ended.stderr
     folder = Path(ended.stdout.splitlines()[-1])
     assert not began.exists() or time.time() - began.stat().st_mtime < WAIT_S / 2
     assert not (folder / "metrics.parquet").exists()

@@ -126,7 +126,7 @@ def test_a_run_outlives_its_server(
 ) -> None:
     line, server, wire = networked
     runs = tmp_path / "runs"
-    run = started("run", plain_recipe(tmp_path), "--line", line, "--out", runs, "--rate", "5")
+    run = started("run", plain_recipe(tmp_path), "--line", line, "--out", runs, "--rate", "2")
     try:
         expect(run, lambda: is_sampling(runs))
         heated = wire.writes("ucr-1").count(WORK)
@@ -178,7 +178,8 @@ def assert_rows_tell_the_outage(folder: Path, outages: int) -> None:
     assert samples.loc[away, "temperature_c"].isna().sum() >= away.sum() - outages
     assert not away.iloc[0]
     assert not away.iloc[-1]
-    assert away.ne(away.shift()).cumsum().max() == 1 + 2 * outages  # before, away, after
+    # before, away, after; one that is shorter than a tick may have no row
+    assert 3 <= away.ne(away.shift()).cumsum().max() <= 1 + 2 * outages
 
 
 def test_a_server_that_serves_somebody_else_is_told_without_a_traceback(
