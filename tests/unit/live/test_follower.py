@@ -16,57 +16,74 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from jbclog.core.clock import SystemClock
+from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import commit_status
 from jbclog.live import Condition, Follower, Phase, RunState, follow
 from jbclog.live.follower import current_run
 from jbclog.live.sample_history import HOUR_S, Means
 from jbclog.live.store_follower import StoreFollower
+from jbclog.record import live
 from jbclog.record.folder import create_run
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.record.recover import recover
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import Segment
 from support import program
+from support.records import live_rows
 from support.records.few_rows import vanish
 from support.records.live_rows import NAME, PERIOD_S, Recording
 
 WAIT_S = 60.0
 
 
-class LaterClock(SystemClock):
-    """The system's clock, ahead by so many seconds; `stepped_s`: by how much the wall clock alone
-    was set.
+class StandingClock(VirtualClock):
+    """The clock of recorder and follower: a reading grows old when a test says so, not while the
+    machine is busy. `stepped_s`: by how much the follower's wall clock alone was set.
     """
 
     def __init__(self) -> None:
-        self.ahead_s = self.stepped_s = 0.0
+        super().__init__(utc=time.time())
+        self.stepped_s = 0.0
 
-    def monotonic(self) -> float:  # type: ignore[override]  # a method in the place of a function
-        return SystemClock.monotonic() + self.ahead_s
+    def utc(self) -> float:
+        return self.recorder_s() + self.stepped_s
 
-    def utc(self) -> float:  # type: ignore[override]
-        return SystemClock.utc() + self.ahead_s + self.stepped_s
+    def recorder_s(self) -> float:
+        return super().utc()
+
+    def advance(self, seconds: float) -> None:
+        self.advance_to(self.monotonic() + seconds)
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Iterator[Recording]:
-    made = Recording(tmp_path)
+def clock() -> Iterator[StandingClock]:
+    """Of all recorders of this process, and of the followers that are given it."""
+    made = StandingClock()
+    of_recorder = SimpleNamespace(
+        monotonic=made.monotonic,
+        time=made.recorder_s,
+        time_ns=lambda: round(made.recorder_s() * 1e9),
+    )
+    with pytest.MonkeyPatch.context() as changed:
+        changed.setattr(live, "time", of_recorder)
+        changed.setattr(live_rows, "now_us", lambda: round(made.recorder_s() * 1e6))
+        yield made
+
+
+@pytest.fixture
+def recording(tmp_path: Path, clock: StandingClock) -> Iterator[Recording]:
+    made = Recording(tmp_path, began_us=round(clock.recorder_s() * 1e6))
     yield made
     made.abandon()
 
 
 @pytest.fixture
-def clock() -> LaterClock:
-    return LaterClock()
-
-
-@pytest.fixture
-def follower(recording: Recording, clock: LaterClock) -> Iterator[Follower]:
+def follower(recording: Recording, clock: StandingClock) -> Iterator[Follower]:
     with Follower(recording.folder, clock) as made:
         yield made
 
@@ -88,13 +105,16 @@ def whole(follower: Follower) -> RunState:
 # -- a moment --------------------------------------------------------------------------------------
 
 
-def test_a_run_as_it_is_recorded(recording: Recording, follower: Follower) -> None:
+def test_a_run_as_it_is_recorded(
+    recording: Recording, follower: Follower, clock: StandingClock
+) -> None:
     recording.rows(30)
     recording.rows(1, temperature_c=347, power_permille=250)
     recording.event("unit.begin", "unit SN-1", station=None, raw="SN-1")
     recording.setting("temperature_select_c", "350")
     recording.counter("work_h", 12.5)
     recording.commit()
+    clock.advance(1.5)
     run = whole(follower)
     assert (run.phase, run.line, run.order, run.operator, run.unit) == (
         Phase.RECORDING,
@@ -117,8 +137,7 @@ def test_a_run_as_it_is_recorded(recording: Recording, follower: Follower) -> No
         "working",
     )
     assert port.temperature.is_known
-    assert port.temperature.age_s is not None
-    assert port.temperature.age_s < 2
+    assert port.temperature.age_s == pytest.approx(1.5, abs=0.01)
     assert (port.coverage.due, port.coverage.obtained, port.coverage.is_whole) == (31, 31, True)
     assert port.trace.temperature_c == (350,) * 30 + (347,)
     assert port.trace.seconds[-3:] == pytest.approx((2.8, 2.9, 3.0))
@@ -244,9 +263,7 @@ def test_a_reading_that_failed_is_not_known(recording: Recording, follower: Foll
     assert polled(follower).ports[0].condition is Condition.NORMAL
 
 
-def test_an_old_reading_is_stale(
-    recording: Recording, follower: Follower, clock: LaterClock
-) -> None:
+def test_an_old_reading_is_stale(recording: Recording, follower: Follower) -> None:
     """The recorder goes on to commit, and one of two ports has no rows any more."""
     recording.rows(5)
     recording.commit()
@@ -263,7 +280,7 @@ def test_an_old_reading_is_stale(
     assert (one.condition, two.condition) == (Condition.NORMAL, Condition.STALE)
     assert two.temperature.value == 350
     assert not two.temperature.is_known
-    assert two.temperature.age_s == pytest.approx(3.1, abs=1.5)
+    assert two.temperature.age_s == pytest.approx(3.1, abs=0.01)
 
 
 LOST = {
@@ -324,7 +341,7 @@ def test_a_port_without_the_rows_of_the_other_is_stale(
 
 
 def test_without_a_commit_nothing_looks_well(
-    recording: Recording, follower: Follower, clock: LaterClock
+    recording: Recording, follower: Follower, clock: StandingClock
 ) -> None:
     recording.rows(5)
     recording.commit()
@@ -333,16 +350,16 @@ def test_without_a_commit_nothing_looks_well(
     recording.store._ending = True
     recording.store._thread.join()
     polled(follower)
-    clock.ahead_s = 10.0
+    clock.advance(10.0)
     run = polled(follower)
     assert run.phase is Phase.DELAYED
-    assert run.commit_age_s == pytest.approx(10, abs=5)
+    assert run.commit_age_s == pytest.approx(10, abs=0.01)
     assert [port.condition for port in run.ports] == [Condition.STALE] * 2
     assert not any(reading.is_known for port in run.ports for reading in port.readings.values())
 
 
 def test_a_clock_that_is_set_back_makes_nothing_look_fresh(
-    recording: Recording, follower: Follower, clock: LaterClock
+    recording: Recording, follower: Follower, clock: StandingClock
 ) -> None:
     recording.store.sample(recording.row(1, recording.began_us + 3_600_000_000))  # an hour ahead
     recording.commit()
@@ -357,19 +374,18 @@ def test_a_clock_that_is_set_back_makes_nothing_look_fresh(
 
 @pytest.mark.parametrize("stepped_s", [-3600.0, 3600.0])
 def test_a_clock_of_the_follower_that_is_set_changes_no_age(
-    recording: Recording, follower: Follower, clock: LaterClock, stepped_s: float
+    recording: Recording, follower: Follower, clock: StandingClock, stepped_s: float
 ) -> None:
     recording.rows(5)
     recording.commit()
     polled(follower)
     clock.stepped_s = stepped_s
-    time.sleep(1.0)
+    clock.advance(1.0)
     recording.rows(1)
     recording.commit()
     port = polled(follower).ports[0]
     assert port.temperature.is_known
-    assert port.temperature.age_s is not None
-    assert port.temperature.age_s < 2
+    assert port.temperature.age_s == pytest.approx(0.0, abs=0.01)
 
 
 def test_alarms_and_problems_hold_until_their_end(recording: Recording, follower: Follower) -> None:
@@ -388,7 +404,7 @@ def test_alarms_and_problems_hold_until_their_end(recording: Recording, follower
 
 
 def test_lost_alarm_flags_are_a_problem_until_they_are_read(
-    recording: Recording, follower: Follower
+    recording: Recording, follower: Follower, clock: StandingClock
 ) -> None:
     recording.rows(1, alarm_high=False, alarm_low=False)
     recording.event("alarm.unknown", "lost", 1)
@@ -398,6 +414,7 @@ def test_lost_alarm_flags_are_a_problem_until_they_are_read(
         Condition.ATTENTION,
         Condition.NORMAL,
     ]
+    clock.advance(PERIOD_S)
     recording.rows(1, alarm_high=False, alarm_low=False)
     recording.commit()
     assert [port.condition for port in polled(follower).ports] == [Condition.NORMAL] * 2
@@ -576,7 +593,7 @@ def test_a_follower_that_was_stopped_over_a_sealing_misses_nothing(
     assert len(run.events) == 2
 
 
-def test_long_runs_are_read_in_pieces(recording: Recording, clock: LaterClock) -> None:
+def test_long_runs_are_read_in_pieces(recording: Recording, clock: StandingClock) -> None:
     for _ in range(150):
         recording.rows(2, temperature_c=300)
         recording.commit()
@@ -606,11 +623,11 @@ def test_a_killed_recorder_is_seen_as_such(tmp_path: Path) -> None:
             assert polled(late).phase is Phase.CRASHED
 
 
-def test_a_new_run_takes_the_place_of_the_last(tmp_path: Path) -> None:
+def test_a_new_run_takes_the_place_of_the_last(tmp_path: Path, clock: StandingClock) -> None:
     first = Recording(tmp_path)
     first.rows(3)
     first.commit()
-    with Follower(tmp_path) as follower:
+    with Follower(tmp_path, clock) as follower:
         assert polled(follower).folder == first.folder
         first.finalize()
         assert polled(follower).phase is Phase.FINALIZED
@@ -692,31 +709,31 @@ def test_recording_continues_in_a_new_file(recording: Recording, follower: Follo
 
 
 def test_a_crashed_run_is_recovered_while_it_is_watched(
-    recording: Recording, follower: Follower, clock: LaterClock
+    recording: Recording, follower: Follower, clock: StandingClock
 ) -> None:
     recording.rows(10)
     recording.commit()
     whole(follower)
     vanish(recording.store)
     polled(follower)
-    clock.ahead_s = 5.0
+    clock.advance(5.0)
     assert polled(follower).phase is Phase.CRASHED
     recover(recording.folder)
     run = whole(follower)
     assert (run.phase, run.exit_status, run.ports[0].coverage.due) == (Phase.FINALIZED, "lost", 10)
 
 
-def test_a_run_that_begins(tmp_path: Path, clock: LaterClock) -> None:
+def test_a_run_that_begins(tmp_path: Path, clock: StandingClock) -> None:
     folder = create_run(tmp_path, "bench", time.time())
     with Follower(tmp_path, clock) as follower:
         assert polled(follower).phase is Phase.STARTING
         write_manifest(folder, Manifest(folder.name))
         assert polled(follower).phase is Phase.STARTING
-        clock.ahead_s = 10.0
+        clock.advance(10.0)
         assert polled(follower).phase is Phase.CRASHED  # nobody holds it
 
 
-def test_a_store_without_a_page_yet_is_not_damaged(tmp_path: Path, clock: LaterClock) -> None:
+def test_a_store_without_a_page_yet_is_not_damaged(tmp_path: Path, clock: StandingClock) -> None:
     """SQLite makes an empty file, and writes into it a moment later."""
     folder = create_run(tmp_path, "bench", time.time())
     write_manifest(folder, Manifest(folder.name))
@@ -772,13 +789,14 @@ def wait_for(follower: Follower, phase: Phase) -> RunState:
 
 
 def test_the_lock_of_a_live_recorder_is_not_even_tested(
-    recording: Recording, monkeypatch: pytest.MonkeyPatch
+    recording: Recording, clock: StandingClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("jbclog.live.run_follower.is_held", lambda _: pytest.fail("tested"))
     recording.rows(1)
     recording.commit()
-    with Follower(recording.out) as follower:
+    with Follower(recording.out, clock) as follower:
         for _ in range(3):
+            clock.advance(1.0)
             assert polled(follower).phase is Phase.RECORDING
             recording.commit()
 
@@ -873,7 +891,9 @@ def test_the_log_stays_bounded_while_a_follower_is_stopped_in_the_middle_of_a_re
     assert (size > 6 << 20) == grows, size
 
 
-def test_a_user_without_write_permission_can_follow(recording: Recording) -> None:
+def test_a_user_without_write_permission_can_follow(
+    recording: Recording, clock: StandingClock
+) -> None:
     if os.geteuid() != 0:
         pytest.skip("needs root, to become somebody else")
     recording.rows(5)
@@ -885,7 +905,7 @@ def test_a_user_without_write_permission_can_follow(recording: Recording) -> Non
     if child == 0:
         os.setgid(65_534)
         os.setuid(65_534)
-        with suppress(BaseException), Follower(recording.folder) as follower:
+        with suppress(BaseException), Follower(recording.folder, clock) as follower:
             os._exit(0 if polled(follower).ports[0].condition is Condition.NORMAL else 3)
         os._exit(4)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
@@ -917,8 +937,8 @@ imported.
 """
 
 
-def test_ten_followers_see_every_row_and_the_log_stays_bounded(recording: Recording) -> None:
-    commits = 120
+def test_ten_followers_see_every_row_and_the_log_stays_bounded(tmp_path: Path) -> None:
+    commits, recording = 120, Recording(tmp_path)
     recording.rows(1)
     recording.commit()
     command = [sys.executable, "-c", FOLLOWING, str(recording.folder), str(commits + 1), "10"]
@@ -937,6 +957,7 @@ def test_ten_followers_see_every_row_and_the_log_stays_bounded(recording: Record
         finally:
             with suppress(ProcessLookupError):
                 os.killpg(followers.pid, signal.SIGKILL)
+            recording.abandon()
     assert (told, wrong, followers.returncode) == (f"{commits + 1} {commits} ()\n" * 10, "", 0)
     assert size < 5 << 20
     assert recording.store.failure is None
