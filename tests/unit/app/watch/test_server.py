@@ -21,6 +21,7 @@ from jbclog.app.watch.server import (
     listening,
 )
 from jbclog.core.errors import RecordError, UsageError
+from support.command import until
 from support.records import live_states
 from support.records.live_rows import Recording
 from support.virtual.watched_page import Served, page
@@ -70,6 +71,7 @@ def messages(served: Served, count: int, **headers: str) -> list[dict[str, objec
     found = []
     while len(found) < count:
         line = answer.readline()
+        assert line, "the stream has ended"
         if line.startswith(b"data: "):
             found.append(json.loads(line[6:]))
     answer.close()
@@ -243,9 +245,7 @@ def test_a_hundred_browsers_and_no_more() -> None:
         for one in opened:
             one.close()
             one.close_with.close()  # type: ignore[attr-defined]
-        for _ in range(200):
-            if messages_or_none(served):
-                break
+        assert until(lambda: messages_or_none(served))
         assert messages(served, 1)[0]["whole"] is True
 
 
