@@ -100,7 +100,7 @@ def test_joints_so_far(screen: progress.Screen, recording: Soldering) -> None:
     screen.begun(recording.folder)
     # before the first count: not 0
     assert [row[6] for row in rows(screen, context())] == ["–", "–"]
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + 240.0  # the counter is niced
     while (found := [row[6] for row in rows(screen, context())])[0] == "–":
         assert time.monotonic() < end
         time.sleep(0.1)
@@ -145,7 +145,7 @@ def test_units_named_at_the_start_stand_in_the_title_until_one_is_read(
 def test_the_title_has_time_goals_order_and_the_unit_on_the_bench(screen: progress.Screen) -> None:
     def title(*goals: Goal) -> str:
         passed, _, rest = drawn(screen, context(), goals=goals)[0].strip().partition(" · ")
-        assert re.fullmatch(r"\d s of 1:00, .* left", passed)
+        assert re.fullmatch(r"\d+ s of 1:00, .* left", passed)
         return rest
 
     assert title() == "order 88123 · unit SN-1"

@@ -45,6 +45,7 @@ from support.invoked import invoked
 from support.records import release_corpus, small_run
 
 COMMAND = [sys.executable, "-P", "-m", "jbclog.app.run.metrics_cache"]
+NICED_S = 240.0  # the process is niced: on a busy machine everything else comes first
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +71,7 @@ def test_the_process_leaves_what_the_record_gives(
     made: tuple[Path, list[MetricRow]], tmp_path: Path
 ) -> None:
     folder = Path(shutil.copytree(made[0], tmp_path / made[0].name))
-    assert subprocess.run([*COMMAND, str(folder)], check=False, timeout=120).returncode == 0
+    assert subprocess.run([*COMMAND, str(folder)], check=False, timeout=NICED_S).returncode == 0
     assert known(folder) == made[1]
     assert {path.name for path in folder.iterdir()} - {path.name for path in made[0].iterdir()} == {
         METRICS_CACHE
@@ -220,7 +221,7 @@ def test_killed_it_leaves_a_whole_run(
 def test_a_run_that_was_moved_is_no_error(tmp_path: Path) -> None:
     assert (
         subprocess.run(
-            [*COMMAND, str(tmp_path / "gone")], capture_output=True, check=False, timeout=120
+            [*COMMAND, str(tmp_path / "gone")], capture_output=True, check=False, timeout=NICED_S
         ).stderr
         == b""
     )
@@ -251,11 +252,11 @@ def test_nobody_waits_for_it_except_where_it_would_end_too(
 ) -> None:
     folder = Path(shutil.copytree(made[0], tmp_path / made[0].name))
     monkeypatch.delenv(OFF)
-    monkeypatch.setattr(metrics_cache, "WAIT_S", 120.0)
+    monkeypatch.setattr(metrics_cache, "WAIT_S", NICED_S)
     child = start_metrics(folder, read_manifest(folder))
     assert child is not None
-    assert not (folder / METRICS_CACHE).exists()
-    assert child.wait(120) == 0
+    assert child.returncode is None  # whoever had waited would know how it ended
+    assert child.wait(NICED_S) == 0
     assert known(folder) == made[1]
     (folder / METRICS_CACHE).unlink()
     monkeypatch.setenv("SYSTEMD_EXEC_PID", str(os.getpid()))
