@@ -44,6 +44,7 @@ def pipe(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, int]]:
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     monkeypatch.setattr(progress, "STDERR", writing)
+    monkeypatch.setattr(progress, "CLOSE_S", 60.0)  # the thread of a busy machine may be late
     yield reading, writing
     os.close(reading)
     os.close(writing)

@@ -28,7 +28,7 @@ def shell(folder: Path, arguments: str, **environment: str) -> subprocess.Comple
         text=True,
         errors="replace",
         env=environment,
-        timeout=60,
+        timeout=200,
         check=False,
     )
 

@@ -92,7 +92,7 @@ def test_data_and_notes_on_one_terminal_keep_their_order(
     write += "for at in range(200): print(at, file=sys.stderr if at % 2 else sys.stdout)"
     notes = subprocess.PIPE if apart else pipe[1]
     ended = subprocess.run(
-        [sys.executable, "-c", write], stdout=pipe[1], stderr=notes, check=True, timeout=60
+        [sys.executable, "-c", write], stdout=pipe[1], stderr=notes, check=True, timeout=200
     )
     assert [int(line) for line in os.read(pipe[0], 1 << 16).split()] == list(
         range(0, 200, 1 + apart)

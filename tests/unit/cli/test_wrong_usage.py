@@ -227,7 +227,6 @@ WRITTEN = (
 )
 
 
-@pytest.mark.timeout(60)
 @pytest.mark.parametrize("words", WRITTEN, ids=lambda words: f"{words[0]} {words[2]}")
 def test_nothing_is_written_into_a_pipe_that_nobody_may_ever_read(
     place: Path, words: tuple[str, ...]

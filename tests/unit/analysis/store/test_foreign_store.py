@@ -59,7 +59,7 @@ def opens_at_once(store: Path, words: list[str]) -> tuple[int, str]:
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=200,
     )
     return done.returncode, done.stderr
 
