@@ -26,6 +26,9 @@ from jbclog.record.manifest import Manifest, Metadata, read_manifest, write_mani
 from jbclog.record.recover import recover
 from support.records import few_rows
 
+# not `signal.pause()`: a SIGINT just before it would only be seen after the next signal
+WAITS = "import time\nwhile True: time.sleep(0.2)"
+
 
 def came(processes: SystemProcesses) -> AttemptResult:
     while processes.runs("a", 1) or (came := processes.result("a", 1)) is None:
@@ -45,9 +48,7 @@ def processes_with(folder: Path, process: subprocess.Popen[bytes]) -> SystemProc
 def test_told_to_end_before_its_run_began(
     tmp_path: Path, number: signal.Signals, code: int
 ) -> None:
-    processes = processes_with(
-        tmp_path, subprocess.Popen([sys.executable, "-S", "-c", "import signal; signal.pause()"])
-    )
+    processes = processes_with(tmp_path, subprocess.Popen([sys.executable, "-S", "-c", WAITS]))
     assert processes.request_end("a", 1, number)
     text = f"{number.name} ended it before its run began; no station was touched"
     assert came(processes) == AttemptResult(State.HALF, code, text)
