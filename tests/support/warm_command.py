@@ -30,6 +30,7 @@ def main(address: str) -> None:
         os.close(descriptor)
     ended = os.waitstatus_to_exitcode(struct.unpack("=i", os.read(status, 4))[0])
     if ended < 0:
-        signal.signal(-ended, signal.SIG_DFL)
+        if -ended != signal.SIGKILL:  # whose handler cannot be set
+            signal.signal(-ended, signal.SIG_DFL)
         os.kill(os.getpid(), -ended)
     os._exit(ended)
