@@ -466,9 +466,11 @@ class ProxyWithoutServer(BaseHTTPRequestHandler):
     """Answers as a reverse proxy does while `jbclog watch` starts again."""
 
     timeout = 1.0  # a browser may open a connection ahead and ask nothing on it
+    refused = 0
 
     def do_GET(self) -> None:
         self.send_error(502)
+        type(self).refused += 1
 
     def log_message(self, *_: object) -> None: ...
 
@@ -478,7 +480,10 @@ def test_a_screen_that_nobody_touches_comes_back(browser: Chromium) -> None:
         opened = seen(browser, served)
     with HTTPServer(("127.0.0.1", served.port), ProxyWithoutServer) as proxy:
         proxy.timeout = 10.0
-        proxy.handle_request()
+        before, end = ProxyWithoutServer.refused, time.monotonic() + ANSWER_S
+        while ProxyWithoutServer.refused == before:
+            assert time.monotonic() < end
+            proxy.handle_request()
     with page(replace(live_states.run(), order="after the break"), port=served.port):
         opened.until("document.getElementById('run').textContent.includes('after the break')")
     opened.close()
