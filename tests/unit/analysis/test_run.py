@@ -20,6 +20,7 @@ from jbclog.record.manifest import Manifest, Metadata
 from jbclog.record.recover import recover
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.seal import seal_rows
+from support.command import until
 from support.records import event_run, few_rows, small_run
 
 
@@ -201,13 +202,19 @@ def test_every_look_at_a_run_while_it_is_sealed_sees_each_row_once(tmp_path: Pat
             ticks = list(run.samples(columns=["tick"])["tick"])
             seen.append((least, ticks))
 
+    def be_looked_at() -> None:  # however seldom a busy machine lets the other thread look
+        before = len(seen)
+        until(lambda: len(seen) > before)
+
     def record() -> None:
         for number in range(0, 1000, 20):
             few_rows.hand_over(store, range(number, number + 20))
             store.commit_now()
             committed[0] = number + 20
             if number % 200 == 100:
+                be_looked_at()
                 seal_rows(store.folder, part=True)
+        be_looked_at()
         store.close()
         seal_rows(store.folder)
         conclude(store.folder, Manifest(store.folder.name), store.lock)
