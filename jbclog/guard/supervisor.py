@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from jbclog.core.children import kill
+from jbclog.core.children import await_end, kill
 from jbclog.core.errors import StartRefused
 from jbclog.core.rows import StationFacts
 from jbclog.core.states import SafetyResult, StationOutcome
@@ -270,8 +270,7 @@ class GuardProcess:
         """Send the end and wait for the process: there is nothing left to guard."""
         with suppress(GuardLost):
             self._send(END)
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(END_S)
+        await_end(self._process, END_S)
         self._close()
 
     def take_over(self) -> None:

@@ -1,4 +1,4 @@
-"""A child that is killed, and takes longer to end than anybody waits."""
+"""A child that takes longer to end than anybody waits."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import subprocess
 import threading
 from typing import cast
 
-from jbclog.core.children import kill
+from jbclog.core.children import await_end, kill
 
 
 class SlowToEnd:
@@ -32,6 +32,14 @@ def test_its_end_is_awaited_beside_whoever_killed_it() -> None:
     child = SlowToEnd()
     kill(cast("subprocess.Popen[bytes]", child), 0.01)  # returns
     assert child.is_killed
+    assert child.is_waited_for.wait(30.0)
+    child.has_ended.set()
+
+
+def test_one_that_was_told_to_end_is_not_killed_and_awaited_as_well() -> None:
+    child = SlowToEnd()
+    await_end(cast("subprocess.Popen[bytes]", child), 0.01)
+    assert not child.is_killed
     assert child.is_waited_for.wait(30.0)
     child.has_ended.set()
 
