@@ -251,7 +251,7 @@ def test_one_without_descriptors_ends_when_another_process_has_dealt_with_its_le
     action_log = ActionLog(tmp_path)
     lease_writer = LeaseWriter(tmp_path, action_log)
     lease_writer.put([LEASE])
-    lease_writer.settle(5.0)
+    lease_writer.settle(60.0)
 
     def refused(*_: object) -> None:
         raise OSError(errno.EMFILE, "Too many open files")
@@ -259,7 +259,7 @@ def test_one_without_descriptors_ends_when_another_process_has_dealt_with_its_le
     monkeypatch.setattr(leases, "write_leases", refused)
     monkeypatch.setattr(guard_itself, "guard_lock", refused)
     lease_writer.put([LEASE])
-    lease_writer.settle(5.0)
+    lease_writer.settle(60.0)
     (tmp_path / leases.NAME).unlink()
     monkeypatch.setattr(guard_itself, "RETRY_EVERY_S", 0.01)
     monkeypatch.setattr(guard_itself, "RETRY_FOR_S", 60.0)
