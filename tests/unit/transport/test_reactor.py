@@ -5,6 +5,7 @@ exactly once.
 from __future__ import annotations
 
 import contextlib
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -42,6 +43,18 @@ class ReadInPieces(PairPort):
 
     def read_now(self) -> bytes:
         return self.near.recv(self.most)
+
+
+def once(true: Callable[[], object], call: Callable[[], None]) -> Callable[[Reactor], None]:
+    """A call that is made as soon as that is so; looked at again and again."""
+
+    def look(reactor: Reactor) -> None:
+        if true():
+            call()
+        else:
+            reactor.loop.call_later(0.01, look, reactor)
+
+    return look
 
 
 def pull(
@@ -97,7 +110,10 @@ def test_what_came_unasked_is_given_at_the_end_of_a_wait(kind: type[PairPort]) -
     def session() -> Steps[None]:
         yield Reopen()
         port.far.send(b"late")
-        heard.append((yield Wait(soon(0.3))))
+        while not (unasked := (yield Wait(until := soon(0.3)))).data:
+            pass  # a thread that reads may be late
+        assert unasked.now >= until
+        heard.append(unasked)
         heard.append((yield Ask(b"abc", LONG_S)))
 
     pull(session(), port)
@@ -116,8 +132,8 @@ def test_pieces_are_given_as_they_come() -> None:
     pull(
         session(),
         port,
-        (0.05, lambda _: port.far.send(b"first")),
-        (0.1, lambda _: port.far.send(b"second")),
+        (0.05, once(lambda: port.written, lambda: port.far.send(b"first"))),  # type: ignore[func-returns-value]
+        (0.1, once(lambda: heard, lambda: port.far.send(b"second"))),  # type: ignore[func-returns-value]
     )
     assert heard == [b"first", b"second", b""]
 
@@ -193,7 +209,7 @@ def test_a_link_that_breaks_while_it_is_asked(kind: type[PairPort]) -> None:
         except LinkError as error:
             met.append(str(error))
 
-    pull(session(), port, (0.1, lambda _: port.unplug()))
+    pull(session(), port, (0.1, once(lambda: port.written, port.unplug)))
     assert met == ["hung up"]
 
 
@@ -202,11 +218,12 @@ def test_a_link_that_breaks_while_it_is_asked(kind: type[PairPort]) -> None:
 def test_a_link_that_breaks_while_it_is_idle_is_told_at_the_next_wish(
     kind: type[PairPort], io_request: Ask | Listen
 ) -> None:
-    met, port = [], kind()
+    met, port = [], kind(lambda question: b"")
 
     def session() -> Steps[None]:
         yield Reopen()
-        port.unplug()
+        # it can still be written to: a thread that reads may find it only after the next wish
+        port.far.shutdown(socket.SHUT_WR)
         met.append((yield Wait(soon(0.3))).data)
         try:
             yield io_request
@@ -350,7 +367,7 @@ def test_the_end_while_a_port_is_being_opened_comes_when_it_is_open() -> None:
     story, go = [], threading.Event()
 
     def slowly() -> PairPort:
-        go.wait(2)
+        go.wait(LONG_S)
         return PairPort()
 
     def session() -> Steps[None]:
@@ -450,10 +467,11 @@ def test_sessions_that_do_not_end_then_are_left_with_their_ports_closed(
 ) -> None:
     """Their tools are the guard's, which could not open what is open here."""
     monkeypatch.setattr("jbclog.transport.reactor.ENDING_S", 0.2)
-    port = PairPort()
+    port, waits = PairPort(), threading.Event()
 
     def deaf() -> Steps[None]:
         yield Reopen()
+        waits.set()
         while True:
             with contextlib.suppress(RunEnded):
                 yield Wait(soon(LONG_S))
@@ -463,7 +481,7 @@ def test_sessions_that_do_not_end_then_are_left_with_their_ports_closed(
 
     reactor = Reactor()
     reactor.add(deaf(), lambda: port)
-    reactor.loop.call_later(0.1, fail)
+    reactor.loop.call_later(0.1, once(waits.is_set, fail), reactor)
     with pytest.raises(MemoryError):
         reactor.run()
     assert port.is_closed
