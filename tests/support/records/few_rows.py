@@ -4,12 +4,14 @@ what is missing.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from jbclog.core.locks import commit_status
 from jbclog.core.rows import (
     COLUMN,
     SAMPLE_COLUMNS,
@@ -112,6 +114,8 @@ def abandoned(out: Path, commits: int = 3, rows: int = 50, *, in_pages: bool = F
     have none.
     """
     store = begun(out)
+    # on a busy machine one of the thread's own commits would come in between
+    _end_thread(store)
     store.setting(setting(0))
     store.facts(facts())
     for commit in range(commits):
@@ -120,8 +124,6 @@ def abandoned(out: Path, commits: int = 3, rows: int = 50, *, in_pages: bool = F
     if in_pages:
         # brings the log into the pages; the store does not get to say that it was closed
         store._writer.close()
-        store._ending = True
-        store._thread.join()
         store.release()
     else:
         vanish(store)
@@ -145,14 +147,26 @@ def closed(out: Path, rows: int, *stations: StationFacts) -> Path:
 
 def vanish(store: LiveStore) -> None:
     """Leave the folder as a kill would: nothing closed, the lock free."""
-    store._ending = True
-    store._wake.set()
-    store._thread.join()
+    _end_thread(store)
     copies = {path: path.read_bytes() for path in store.folder.glob("live*")}
     store._writer.close()
     store.release()
     for path, data in copies.items():
         path.write_bytes(data)
+
+
+def _end_thread(store: LiveStore) -> None:
+    """From here on it commits when it is told to."""
+    store._ending = True
+    store._wake.set()
+    store._thread.join()
+
+
+def at_risk_s(folder: Path) -> float:
+    """For how long rows of an abandoned run may have waited for their commit: a second, or as long
+    as a busy machine had them wait here; to be asked before it is recovered.
+    """
+    return math.ceil(max(1.0, commit_status(folder).risk_s) * 10) / 10
 
 
 def table(folder: Path, name: str) -> pa.Table:

@@ -98,7 +98,8 @@ def test_rows_of_many_threads_all_arrive(tmp_path: Path) -> None:
 
 def test_the_writer_commits_within_a_second_by_itself(tmp_path: Path) -> None:
     store = begun(tmp_path)
-    hand_over(store, range(8))
+    with store._committing:  # not in the middle
+        hand_over(store, range(8))
     assert live.COMMIT_S < 1
     until(lambda: committed(store.folder) == 3)  # one of samples, one of events, one of counters
     store.close()
@@ -409,10 +410,12 @@ def test_a_disk_that_keeps_a_commit_waiting_is_told_of_and_holds_up_nothing_that
     let_go, real = threading.Event(), Segment.add
 
     def add(self: Segment, batches: Sequence[Batch], notes: Notes) -> None:
-        let_go.wait(30)
+        let_go.wait(200)
         real(self, batches, notes)
 
     monkeypatch.setattr(Segment, "add", add)
+    monkeypatch.setattr(live, "WAITED_S", 600.0)  # however late this looks
+    monkeypatch.setattr(live, "STALLED_S", 600.0)
     store.event(few_rows.event(1), at_once=True)
     until(lambda: store._commit_began is not None)
     store.check_stall()
