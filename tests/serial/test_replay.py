@@ -124,7 +124,7 @@ def lost_while_sampling(run: Path) -> dict[str, int]:
 
 
 def passed_in(run: Path) -> list[str]:
-    """What became of the port whose cable is out; it is tried once or more often while it is."""
+    """The port whose cable is out is tried at least once while it is."""
     of_port = ("opened", "lost", "failed", "closed")
     passed = [row.what for row in read_rows(wire_path(run, "dde-1")) if row.what in of_port]
     return [what for number, what in enumerate(passed) if what not in passed[:number][-1:]]

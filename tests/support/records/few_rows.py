@@ -156,7 +156,7 @@ def vanish(store: LiveStore) -> None:
 
 
 def _end_thread(store: LiveStore) -> None:
-    """From here on it commits when it is told to."""
+    """From here on it commits on request alone."""
     store._ending = True
     store._wake.set()
     store._thread.join()

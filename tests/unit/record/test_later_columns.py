@@ -1,5 +1,5 @@
 """Runs of an earlier version, which lack the columns that came since, stay readable: these are
-null, and a reader that asks for one by name is told.
+null, and a reader that asks for one by name is warned.
 """
 
 from __future__ import annotations
