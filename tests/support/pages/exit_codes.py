@@ -8,13 +8,12 @@ from jbclog.core.outcome import SEVEREST_FIRST, Exit
 from support.pages.md_table import MADE, table
 
 MEANINGS: Mapping[Exit, str] = {
-    Exit.FINE: "Fine.",
+    Exit.FINE: "Success.",
     Exit.NOT_FINE: (
-        "It ended, and something is not fine. `run`, `batch`: a verdict other than ACCEPT or NOT"
-        " JUDGED, an alarm, a setting that changed, fewer units or joints than demanded. `audit`:"
-        " something is due. `check`, `report --verify`, `doctor`: a finding, or a report that"
-        " cannot be compared. `alarms`: an alarm that nobody acknowledged. `safe --wait`: a tool"
-        " that is still warm."
+        "Finished, and found a problem. `run`, `batch`: a verdict other than ACCEPT or NOT JUDGED,"
+        " an alarm, a changed setting, fewer units or joints than required. `audit`: maintenance is"
+        " due. `check`, `report --verify`, `doctor`: a finding, or a report that cannot be"
+        " compared. `alarms`: an unacknowledged alarm. `safe --wait`: a tool that is still warm."
     ),
     Exit.USAGE: "Wrong usage, recipe, line or jobs file. Nothing was sent.",
     Exit.STATION: (
@@ -41,10 +40,10 @@ MEANINGS: Mapping[Exit, str] = {
 
 RULES = """
 - Ctrl-C in a run without a stated end is its normal end.
-- A connection that was lost and came back is an event and lowers the coverage; it has no exit code.
-- An alarm counts while the tool is working, from its first arrival within 10 °C of its setpoint on. A flag that the first reading
-  finds is `alarm.before_run` and does not count.
-- An internal error of jbclog ends with 1; `JBCLOG_TRACEBACK=1` shows where it is.
+- A lost and restored connection is an event and lowers the coverage; it has no exit code.
+- An alarm counts while the tool is working, once it has come within 10 °C of its setpoint. A flag that is set at the first reading is
+  `alarm.before_run` and does not count.
+- An internal error of jbclog exits with 1; `JBCLOG_TRACEBACK=1` shows where it is.
 """
 
 

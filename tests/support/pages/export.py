@@ -136,19 +136,21 @@ The specification is "Q-DAS ASCII Transfer Format", V12, and Hexagon's pages "De
 def page() -> str:
     """The whole page."""
     sections = [
-        *("### Part", table(("field", "holds"), _fields(PART))),
-        *("### Characteristics", table(("field", "holds"), _fields(CHARACTERISTIC))),
+        *("### Part", table(("field", "meaning"), _fields(PART))),
+        *("### Characteristics", table(("field", "meaning"), _fields(CHARACTERISTIC))),
         table(
-            ("K2001", "K2002", "K2142", "holds"),
+            ("K2001", "K2002", "K2142", "meaning"),
             [_characteristic(one) for one in qdas.CHARACTERISTICS],
         ),
         (
             "`heat_j` and `energy_j` stand only in files of stations whose line file has"
             " `rated_power_w`."
         ),
-        *("### Values", table(("field", "holds"), _fields(VALUE))),
+        *("### Values", table(("field", "meaning"), _fields(VALUE))),
         "## Columns of alarms",
-        table(("column", "holds", "unit", "type"), [_alarm(name) for name in ALARMS_SCHEMA.names]),
+        table(
+            ("column", "meaning", "unit", "type"), [_alarm(name) for name in ALARMS_SCHEMA.names]
+        ),
     ]
     return f"{MADE}\n\n# Exports\n{TEXT.format(mdf=mdf)}\n" + "\n\n".join(sections) + "\n"
 

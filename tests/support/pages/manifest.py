@@ -36,7 +36,7 @@ OBJECTS: Mapping[str, type] = {
 
 INTRODUCTION = """
 One JSON object in a [run's folder](run-folder.md). It never changes after sealing. Times are ISO 8601 in UTC. A key that an earlier
-release did not write has its default when the file is read. The last key, `digest`, is the SHA-256 of the file without it; the
+release did not write has its default. The last key, `digest`, is the SHA-256 of the file without it; the
 SHA-256 of the whole file is the run's fingerprint.
 """
 
@@ -47,7 +47,7 @@ MEANINGS: Mapping[str, str] = {
     "manifest.json.exit_status": "`success`, `aborted`, `failed`, `lost`; null: not known yet",
     "manifest.json.exit_code": "[exit code](exit-codes.md) of the run",
     "manifest.json.verdict": "verdict",
-    "manifest.json.rules": "version of the rules and methods that it is judged by",
+    "manifest.json.rules": "version of the rules and methods of the verdict",
     "manifest.json.verdict_rules": (
         "each rule of the verdict: name, station, port, limit, observed, unit, result, text"
     ),
@@ -57,7 +57,7 @@ MEANINGS: Mapping[str, str] = {
     "manifest.json.t0_utc": "the same moment, s since 1970 UTC",
     "manifest.json.line": "line file as it ran",
     "manifest.json.recipes": "recipes as they ran",
-    "manifest.json.metadata": "what was given at the start",
+    "manifest.json.metadata": "options given at the start",
     "manifest.json.units": "units whose serials were read during the run",
     "manifest.json.host": "computer and versions",
     "manifest.json.rate": "Hz, or `max`",
@@ -65,11 +65,11 @@ MEANINGS: Mapping[str, str] = {
     "manifest.json.wire": "serial capture: null: none; `whole`; or what is missing of it",
     "manifest.json.stations": "stations",
     "manifest.json.ledger": "accounting: station, port, signal, then `due` = `ok` + each reason",
-    "manifest.json.lost": "what a crash, a disk or damage took",
+    "manifest.json.lost": "losses by a crash, a disk or damage",
     "manifest.json.files": "every file of the run",
-    "manifest.json.previous": "the run before on the same line",
-    "manifest.json.verifications": "tip verifications that its ports stood on when it began",
-    "manifest.json.goals": "numbers that it was to end with",
+    "manifest.json.previous": "previous run on the same production line",
+    "manifest.json.verifications": "tip verifications that applied to its ports at the start",
+    "manifest.json.goals": "numbers of units or joints that end the run",
     "line.name": "name of the production line",
     "line.file": "file in the run's folder",
     "line.sha256": "its SHA-256",
@@ -87,7 +87,7 @@ MEANINGS: Mapping[str, str] = {
     "metadata.tips": "`--tip`: `ID`, `STATION=ID` or `STATION:PORT=ID`",
     "units.serial": "serial",
     "units.begin": "begin",
-    "units.end": "end; null: no event tells it",
+    "units.end": "end; null: no event shows it",
     "stations.name": "name",
     "stations.url": "port",
     "stations.family": "family",
@@ -107,7 +107,7 @@ MEANINGS: Mapping[str, str] = {
     "stations.recipe": "file of its recipe",
     "stations.rated_power_w": "rated power from the line file",
     "stations.signals": "signals that its family has",
-    "stations.not_supported": "commands that it refused as unknown",
+    "stations.not_supported": "commands that it refuses as unknown",
     "stations.first_tick": "number of its first tick",
     "stations.last_tick": "number of its last tick",
     "stations.due": "readings due by port and signal, as the session counted",
@@ -115,24 +115,24 @@ MEANINGS: Mapping[str, str] = {
     "stations.skipped": "ticks without rows: the recorder stood still",
     "stations.skipped_by_host": "rows marked `skipped` for which the host was too late",
     "stations.garbage_bytes": "bytes that belonged to no frame",
-    "stations.strays": "frames that answered nothing, by kind",
+    "stations.strays": "frames that answer no question, by kind",
     "stations.anomalies": (
-        "forms other than recommended, by number of [contradictions](contradictions.md)"
+        "unusual forms of the protocol, by number of [contradictions](contradictions.md)"
     ),
-    "stations.doubted": "answers that were asked again before they were believed, by command",
+    "stations.doubted": "answers read again before they were believed, by command",
     "stations.alarm_rules": "deadband, off-delay and time until uncertain of alarms from samples",
     "stations.alarms": "alarms that count",
     "stations.unconfirmed_alarms": "flags that no temperature confirms",
     "stations.settings_changed": "settings found changed",
     "stations.settings_repeated": "settings written again at the start",
-    "stations.outages": "times that the link was lost",
+    "stations.outages": "number of lost connections",
     "stations.worst_slow_periods": "longest wait of a slow reading, in its own periods",
     "stations.touched": "ports that the run wrote to",
     "stations.outcome": "[outcome](run-folder.md)",
     "stations.reason": "why",
     "stations.asked_safe_state": "safe state of the recipe",
     "stations.suction": "ports of hot air whose suction a safe order keeps on",
-    "stations.may_feed": "whether a feeder may run that is this run's to stop",
+    "stations.may_feed": "whether a feeder may run that this run must stop",
     "stations.safe_state": "touched port: `verified`, `sent` or `failed`",
     "stations.unsafe": "a sentence for each tool or feeder that could not be made safe",
     "stations.last_temperature_c": "last temperature of each port",
@@ -161,7 +161,7 @@ MEANINGS: Mapping[str, str] = {
     "verifications.sha256": "hash of that line",
     "goals.what": "`units` or `joints`",
     "goals.wanted": "how many",
-    "goals.reached": "how many there were; null: not known",
+    "goals.reached": "how many it reached; null: not known",
     "goals.text": "a sentence",
 }
 
@@ -169,7 +169,7 @@ MEANINGS: Mapping[str, str] = {
 def page() -> str:
     """The whole page."""
     sections = (
-        f"## {name}\n\n{table(('key', 'holds', 'type'), rows_of(name, one, MEANINGS))}"
+        f"## {name}\n\n{table(('key', 'meaning', 'type'), rows_of(name, one, MEANINGS))}"
         for name, one in OBJECTS.items()
     )
     return f"{MADE}\n\n# Manifest\n{INTRODUCTION}\n" + "\n\n".join(sections) + "\n"

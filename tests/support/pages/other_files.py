@@ -153,10 +153,10 @@ CSV: Mapping[str, str] = {
 def page() -> str:
     """The whole page."""
     sections = [
-        f"## {name}\n\n{TEXTS[name]}\n\n{table(('key', 'holds', 'type'), rows_of(name, one, MEANINGS))}"
+        f"## {name}\n\n{TEXTS[name]}\n\n{table(('key', 'meaning', 'type'), rows_of(name, one, MEANINGS))}"
         for name, one in OBJECTS.items()
     ]
-    columns = table(("column", "holds"), [(code(name), CSV[name]) for name in COLUMNS])
+    columns = table(("column", "meaning"), [(code(name), CSV[name]) for name in COLUMNS])
     sections.append(f"## CSV of an audit\n\n`jbclog audit --csv FILE`.\n\n{columns}")
     return (
         f"{MADE}\n\n# Ledger, verifications, annotations\n{INTRODUCTION}\n"

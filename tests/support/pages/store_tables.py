@@ -54,7 +54,7 @@ def _section(name: str) -> str:
     )
     schema = schema_of(name)
     fields = [field for field in schema if name in TEXTS or field.name in MEANINGS]
-    return f"## {name}\n\n{text}\n\n{table(('column', 'holds', 'unit', 'type', 'may be null'), map(_row, fields))}"
+    return f"## {name}\n\n{text}\n\n{table(('column', 'meaning', 'unit', 'type', 'may be null'), map(_row, fields))}"
 
 
 def _row(field: pa.Field) -> tuple[str, ...]:

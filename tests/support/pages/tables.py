@@ -14,35 +14,35 @@ from jbclog.record.schema import SCHEMAS
 from support.pages.md_table import MADE, code, codes, table
 
 INTRODUCTION = """
-Parquet files of a [run's folder](run-folder.md). `pandas.read_parquet("RUN/samples")` is the whole table; jbclog's
-`run.samples()` gives the same with Int64 and boolean columns where values can be missing.
+Parquet files of a [run's folder](run-folder.md). `pandas.read_parquet("RUN/samples")` reads the whole table; jbclog's
+`run.samples()` returns the same with Int64 and boolean columns where values can be missing.
 
 Times are UTC with zone, in microseconds. Units are in the names and in the fields' metadata (`unit`, `command`). Whole numbers are
-int64. **A null means: not read.** Nothing is carried forward and nothing is zero instead.
+int64. **Null means not read.** Nothing is carried forward or replaced by zero.
 """
 
 TEXTS: Mapping[str, str] = {
     "samples": (
-        "A row for each tick, station and port. A station that is disconnected leaves its rows"
-        " (null, `disconnected`); a host that stands still leaves one event `host.suspended` and a"
-        " count `skipped` in the accounting, and no rows."
+        "One row for each tick, station and port. A disconnected station has rows (null,"
+        " `disconnected`). A host that is suspended or stalls has no rows, but one event"
+        " `host.suspended` and a count `skipped` in the accounting."
     ),
     "events": (
-        "What happened, oldest first. Each row holds the hash of the one before it."
+        "The event log, oldest first. Each row has the hash of the row before."
         " [Events](events.md) lists the kinds."
     ),
     "settings": (
-        "A row for each setting that was written or read. Values are text in the setting's unit. A"
-        " mismatch, a refusal and an unconfirmed write stop the station; `unsupported` does not."
+        "One row for each setting written or read. Values are text in the setting's unit. A"
+        " mismatch, a refusal or an unconfirmed write stops the station; `unsupported` does not."
         " There is no rollback."
     ),
-    "counters": "A row for each reading of a counter.",
+    "counters": "One row for each reading of a counter.",
     "joints": "`joints.parquet`, after `jbclog report`; `run.joints()`.",
 }
 
 MEANINGS: Mapping[str, str] = {
     "samples.time": (
-        "last byte of this row's temperature answer; where there is none, when it was due"
+        "last byte of this row's temperature answer; without an answer, when it was due"
     ),
     "samples.tick": (
         "number on the run's grid: due = manifest `t0_mono` + tick × period. With `--rate max` it"
@@ -52,10 +52,10 @@ MEANINGS: Mapping[str, str] = {
     "samples.port": "port",
     "samples.late_us": "first question sent minus due; null with `--rate max`",
     "samples.scan_us": "last answer minus first question of this port",
-    "samples.quality": "the worst that happened to this row, see below",
+    "samples.quality": "the most severe problem of this row, see below",
     "samples.reasons": (
-        "each due value that is null, with why: `power_permille=timeout;alarm_high=nak3`. A null"
-        " without a reason was not due"
+        "each due value that is null, with its reason: `power_permille=timeout;alarm_high=nak3`. A"
+        " null without a reason was not due"
     ),
     "samples.temperature_c": "temperature of the tip; on hot air of the air",
     "samples.power_permille": "power, share of the rated power",
@@ -71,7 +71,7 @@ MEANINGS: Mapping[str, str] = {
     "samples.alarm_low": "the station's flag; reading it clears it",
     "samples.transformer_c": "transformer",
     "samples.transistor_c": "transistor",
-    "samples.delay_s": "time until sleep or hibernation, while it counts down",
+    "samples.delay_s": "time until sleep or hibernation, while counting down",
     "samples.external_c": "external thermocouple of hot air",
     "samples.set_flow_permille": "selected air flow, share of R-MAF",
     "samples.feeding": "the feeder dispenses",
@@ -80,17 +80,17 @@ MEANINGS: Mapping[str, str] = {
     "samples.preparing": "`omega`: preparing, or an error; one answer means both",
     "samples.in_range": "`omega`: temperature within its range",
     "events.seq": "number of the event, from 0",
-    "events.time": "when it was noticed",
-    "events.earliest": "the other end of the interval in which it happened",
-    "events.station": "station, where it is about one",
-    "events.port": "port, where it is about one",
+    "events.time": "when jbclog noticed it",
+    "events.earliest": "start of the interval in which it happened",
+    "events.station": "station, if the event has one",
+    "events.port": "port, if the event has one",
     "events.kind": "kind",
     "events.severity": "`info` `warning` `error` `critical`",
     "events.code": "a number of a manual's or a page's table",
     "events.text": "one sentence",
-    "events.value": "figure that the text gives",
-    "events.limit": "limit that the text gives",
-    "events.raw": "characters as they came, or a name",
+    "events.value": "figure in the text",
+    "events.limit": "limit in the text",
+    "events.raw": "raw characters, or a name",
     "events.prev_sha256": "hash of the event before",
     "settings.time": "when its outcome was known",
     "settings.station": "station",
@@ -98,9 +98,9 @@ MEANINGS: Mapping[str, str] = {
     "settings.tool": "tool that it belongs to",
     "settings.setting": "name, as in [station commands](station-commands.md)",
     "settings.unit": "unit of the values",
-    "settings.requested": "what the recipe asks for",
-    "settings.written": "what was sent",
-    "settings.readback": "what the station has",
+    "settings.requested": "value in the recipe",
+    "settings.written": "value sent",
+    "settings.readback": "value read back",
     "settings.nak": "number of the refusal",
     "settings.outcome": "outcome",
     "counters.time": "when it was read",
@@ -109,9 +109,7 @@ MEANINGS: Mapping[str, str] = {
     "counters.counter": "name; ends in its unit",
     "counters.value": "value; null where it could not be read",
     "counters.unit": "unit",
-    "counters.raw": (
-        "characters as they came; where there is no value, the reason in angle brackets"
-    ),
+    "counters.raw": ("raw characters; without a value, the reason in angle brackets"),
     "joints.station": "station",
     "joints.port": "port",
 }
@@ -123,10 +121,10 @@ QUALITY: Mapping[str, str] = {
     "bcc": "check byte wrong",
     "format": "no answer to this question",
     "nak": "refused; `reasons` has the number (`nak3`)",
-    "implausible": "a value that cannot be, or that was another when asked again",
+    "implausible": "an impossible value, or another value when read again",
     "no_tool": "no tool in the port",
     "skipped": "the tick was too late",
-    "ok": "all that was due was read",
+    "ok": "every due value was read",
 }
 
 OTHER_REASONS = (
@@ -136,10 +134,10 @@ OTHER_REASONS = (
 
 OUTCOME: Mapping[str, str] = {
     "confirmed": "written, read back and equal",
-    "unchanged": "had the value already; not written",
+    "unchanged": "already had the value; not written",
     "mismatch": "read back another value",
     "refused": "the station refused it",
-    "unconfirmed": "written, and could not be read back",
+    "unconfirmed": "written, but not read back",
     "unsupported": "the station does not have it",
     "read": "only read",
     "repeated": "lost on the way, and written again",
@@ -180,7 +178,7 @@ def _columns(name: str, schema: pa.Schema) -> str:
             "yes" if field.nullable else "no",
         )
         rows.append((*cells, command) if name == "samples" else cells)
-    head = ("column", "holds", "unit", "type", "may be null")
+    head = ("column", "meaning", "unit", "type", "may be null")
     return table((*head, "command") if name == "samples" else head, rows)
 
 

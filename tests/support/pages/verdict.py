@@ -15,19 +15,19 @@ from support.pages.md_table import MADE, code, codes, table
 VERDICTS = """
 | verdict | when |
 | --- | --- |
-| `ACCEPT` | at least one rule passes, none fails, nothing is missing, nothing deviates |
-| `ACCEPT WITH DEVIATIONS` | the same, and something was not as planned |
+| `ACCEPT` | at least one rule passes, none fails, no evidence is missing, nothing deviates |
+| `ACCEPT WITH DEVIATIONS` | the same, but something deviates |
 | `REJECT` | a rule fails |
-| `INCONCLUSIVE` | no rule fails, and evidence is missing, or no rule passes |
+| `INCONCLUSIVE` | no rule fails, but evidence is missing or no rule passes |
 | `NOT JUDGED` | no recipe of the run has limits |
 """
 
 RESULTS: Mapping[Result, str] = {
-    Result.PASS: "the limit is kept",
-    Result.FAIL: "the limit is broken",
-    Result.MISSING: "there is not enough evidence to say",
-    Result.DEVIATION: "no limit is broken, and something was not as planned",
-    Result.NOT_APPLICABLE: "the station has nothing that the limit is about",
+    Result.PASS: "the limit is met",
+    Result.FAIL: "the limit is violated",
+    Result.MISSING: "there is not enough evidence",
+    Result.DEVIATION: "no limit is violated, but something was not as planned",
+    Result.NOT_APPLICABLE: "the limit does not apply to the station",
 }
 
 RULES: Mapping[str, tuple[str, str]] = {
@@ -54,16 +54,19 @@ RULES: Mapping[str, tuple[str, str]] = {
     "no_acceptance": (
         "always",
         (
-            "A station whose recipe states no limit, or none about what it has, is a deviation and"
-            " is not judged."
+            "A station whose recipe has no limit, or none that applies to it, is a deviation and is"
+            " not judged."
         ),
     ),
-    "confidence": ('`confidence = "none"`', "Bare figures are judged. The line only says so."),
+    "confidence": (
+        '`confidence = "none"`',
+        "Judges bare figures, without bounds. This rule only states it.",
+    ),
     "coverage": (
         "`coverage_percent`",
         (
-            "Readings obtained of the readings due. What the host missed is missing evidence, not a"
-            " failure. One isolated miss does not break a limit in per cent."
+            "Readings obtained / readings due. Readings that the host missed are missing evidence,"
+            " not a failure. One isolated miss does not violate a limit in per cent."
         ),
     ),
     "longest_gap": ("`longest_gap_s`", "The longest time without a temperature."),
@@ -74,8 +77,8 @@ RULES: Mapping[str, tuple[str, str]] = {
     "reached": (
         "`reached_within_c`, `at_work_percent`",
         (
-            "A tool that was ordered to work arrived at its setpoint and stayed at work. Never"
-            " ordered: missing."
+            "A tool that was ordered to work reached its setpoint and kept working. Never ordered:"
+            " missing."
         ),
     ),
     "idle_error": (
@@ -89,8 +92,8 @@ RULES: Mapping[str, tuple[str, str]] = {
     "verification": (
         "`verification_days`",
         (
-            "The tip was verified and passed, recently enough, with the adjustment that the run"
-            " had. Failed: fails. None, too old, another tip, another adjustment: missing."
+            "The tip passed a verification, recently enough and with the run's adjustment. Failed:"
+            " fails. None, too old, another tip, another adjustment: missing."
         ),
     ),
     "recovery_p95": (
@@ -99,11 +102,11 @@ RULES: Mapping[str, tuple[str, str]] = {
     ),
     "recovered_before_next": (
         "`recovered_before_next_percent`",
-        "Joints after which the tip had recovered before the next one.",
+        "Share of the joints after which the tip recovered before the next one.",
     ),
     "joints_against_counter": (
         "`joints_against_counter_percent`",
-        "`ale`: joints found by heat against feeds counted.",
+        "`ale`: joints found by heat, compared with feeds counted.",
     ),
     "goal_units": (
         "`--until-units`",
@@ -117,22 +120,21 @@ RULES: Mapping[str, tuple[str, str]] = {
 """Rule -> the limit that it belongs to, and what it judges."""
 
 INTRODUCTION = """
-A verdict is a list of rules and what they come to. It rests on the sealed record alone; `jbclog report RUN --verify` derives it
-again. A limit about an estimated figure is kept when the figure and its 95 % bound keep it; a figure that keeps it with a bound
-that does not, or without a bound, is missing evidence ([decision 31](../decisions/0031-bounds-and-missing-evidence.md)).
+A verdict is the result of a list of rules. It depends only on the sealed record; `jbclog report RUN --verify` recomputes it.
+An estimated figure meets its limit if both the figure and its 95 % bound do. If only the figure does, or there is no bound, evidence
+is missing ([decision 31](../decisions/0031-bounds-and-missing-evidence.md)).
 """
 
 METRICS = (
-    "`run.metrics()`, `jbclog trend`, `jbclog chart` and the report. What the data cannot carry has"
-    " no value, and a reason."
+    "Used by `run.metrics()`, `jbclog trend`, `jbclog chart` and the report. A metric that the data"
+    " cannot support has no value, but a reason."
 )
 DEVIATIONS = (
-    "All events of the severities error and critical that no rule judges, and those of these kinds"
-    " from the severity warning on:"
+    "All events of severity error or critical that no rule judges, and warnings of these kinds:"
 )
 OF_VERSIONS = (
-    "The manifest names the version that a run was judged by (`rules`; without it 1). A stored"
-    " verdict is compared with its own version only."
+    "The key `rules` of the manifest is the version that judged the run (1 if absent). jbclog"
+    " compares a stored verdict only with its own version."
 )
 
 
