@@ -23,34 +23,33 @@ UNITS: Final = {
     "folders": "runs",
     "stores": "rows",
 }
-SHARED: Final = "What a run costs however large it is, is shared by fewer exchanges or rows."
+SHARED: Final = "At small sizes, fewer exchanges or rows share the fixed cost of a run."
 LATE: Final = (
-    "A tick asks all stations, so that the few ticks before which the program waited longest"
-    " for a processor decide, whatever the size: four recordings of the same ten stations, one"
-    " after another, gave 7.7 to 17.3 ms, and before 10 of their 15 latest ticks the program"
-    " had waited that long for a processor (schedstat of Linux; 25 November 2026, busy"
-    " machine)."
+    "A tick asks all stations, so a few ticks before which the program waited longest for a"
+    " processor decide the figure, whatever the size: four recordings of the same ten stations,"
+    " one after another, gave 7.7 to 17.3 ms, and the program had waited that long before 10 of"
+    " their 15 latest ticks (schedstat of Linux; 25 November 2026, busy machine)."
 )
 ONCE: Final = (
-    "Each value is one call. The least of three calls is straight within 5 %: 0.24, 0.27,"
-    " 0.44, 0.77 and 2.17 s of CPU of 10, 100, 1000, 3000 and 10 000 runs (25 November 2026,"
+    "Each value is one call. The fastest of three calls is straight within 5 %: 0.24, 0.27,"
+    " 0.44, 0.77 and 2.17 s of CPU for 10, 100, 1000, 3000 and 10 000 runs (25 November 2026,"
     " busy machine)."
 )
 REPORT: Final = (
-    "Two things grow to their limit within an hour: the figures, one of a minute and two from"
-    " ten minutes on (0.7 and 1.4 s), and the identification of the tool, which reads twenty"
-    " minutes at most (0.5 and 1.0 s). Beyond, each row costs the same (profiles of a minute,"
-    " ten minutes, an hour and eight hours, 25 November 2026)."
+    "Two costs reach their limit within an hour: the figures, one of a minute and two from ten"
+    " minutes on (0.7 and 1.4 s), and the identification of the tool, which reads at most twenty"
+    " minutes (0.5 and 1.0 s). Beyond that each row costs the same (profiles of a minute, ten"
+    " minutes, an hour and eight hours, 25 November 2026)."
 )
 COMMIT: Final = (
-    "A commit is in memory until it is written, some 235 bytes a row, and where there are"
-    " several a part of the one before. With commits of a million, half and a quarter of a"
-    " million rows, writing three million took 541, 430 and 356 MB (25 November 2026)."
+    "A commit stays in memory until it is written, about 235 bytes a row, together with part of"
+    " the commit before. With commits of a million, half and a quarter of a million rows, writing"
+    " three million took 541, 430 and 356 MB (25 November 2026)."
 )
 HELD: Final = (
-    "Rows are held until there are 300 000, eight hours here, so that those of a port are"
-    " written in one stretch. Eight hours, a day and three days took 475, 503 and 511 MB;"
-    " where 36 000 were held, 344, 366 and 367 MB (25 November 2026)."
+    "Rows stay in memory up to 300 000, eight hours here, so that a port's rows are written in"
+    " one stretch. Eight hours, a day and three days took 475, 503 and 511 MB; with 36 000 rows,"
+    " 344, 366 and 367 MB (25 November 2026)."
 )
 WHY: Final[Mapping[tuple[str, str], str]] = {
     **{
@@ -73,11 +72,11 @@ WHY: Final[Mapping[tuple[str, str], str]] = {
 
 HEAD: Final = """# How cost grows
 
-Made by `python tests/bench/bench_growth.py --page`. Each part varies one thing and keeps
-the rest. The last two columns are the straight line through the values: what does not depend on the
-size, and what each unit adds (least squares of relative errors, none below 0). Figures of which a
-value differs by more than 25 % from their line are listed below the table. In the pictures both
-axes are logarithmic, and the dashed line is that line.
+Made by `python tests/bench/bench_growth.py --page`. Each part varies one thing and keeps the rest.
+The last two columns are a straight line through the values: the fixed part, and what each unit adds
+(least squares of relative errors, none below 0). Below a table are the figures of which a value
+differs from its line by more than 25 %. In the pictures both axes are logarithmic and the line is
+dashed.
 """
 
 
