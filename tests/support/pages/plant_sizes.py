@@ -25,39 +25,46 @@ OPEN_FILE_S = 1e-3
 READ_ROWS_A_S = 4.7e6  # by a worker
 
 TEXT = """
-A figure that was measured on one machine says little about a plant. This page multiplies the measured costs of one station, one run and
-one file, so that whoever plans a plant sees what grows and what meets a limit first. **Nothing on it was tried at these sizes**: the largest
-run had 250 stations, the largest store that was read {largest} rows. A test makes the page from its figures (`tests/support/pages/plant_sizes.py`).
-[How cost grows](../reference/growth.md) has the sizes that were tried.
+This page extrapolates the measured costs of one station, one run and one file to a plant, and shows which limit comes first. **Nothing on it
+was tried at these sizes**: the largest run had 250 stations, the largest store that was read {largest} rows.
+[How cost grows](../reference/growth.md) has the sizes that were tried. A test makes the page from its figures
+(`tests/support/pages/plant_sizes.py`).
 
 ## What was measured
 
 {measured}
 
-All on two cores of a virtual machine that did other work, 23 and 24 November 2026: `tests/bench/bench_many_stations.py`, `bench_fleet.py`
-and, by hand, published runs of 300 to 1 million rows of one port.
+Two cores of a virtual machine that did other work, 23 and 24 November 2026: `tests/bench/bench_many_stations.py`, `bench_fleet.py` and, by
+hand, published runs of 300 to 1 million rows of one port.
 
-## What follows
+## Extrapolated
 
-A station has one port at 10 Hz with four reads a tick; {run} stations are one run on one host with two cores; a shift has eight hours, a month
-{month} shifts, a year {year}.
+Assumptions:
+
+- A station has one port at 10 Hz with four reads a tick.
+- One run has {run} stations, on one host with two cores.
+- A shift has eight hours, a month {month} shifts, a year {year}.
 
 {follows}
 
-## What meets a limit first
+## Which limit comes first
 
-| stations | first | what is done about it |
+| stations | limit | remedy |
 | --- | --- | --- |
-| 250 | the recorder: its loop takes {busy} of a core, and 99 % of its ticks are 5 to 11 ms late | nothing; more stations are several runs, on several hosts |
-| 1 000 | files: after a year without upkeep a reader of all would open {files_1000} files of samples, at 1 ms each | `jbclog store compact` each week joins them; filters on line and time leave out whole partitions |
-| 10 000 | reading: a column of a month takes a worker {read_10000} | trends, rankings and capability read `metrics` and `joints`, some rows for each port and run; `statistics` of samples by workers of a scheduler, for a line or a week |
-| 100 000 | the table's log: {files_100000} files of samples a year, of which each reader and each commit needs the list; and {stored_100000} a shift | a store for each site, or each year, of at most some ten thousand stations, and questions to several of them one after another. jbclog does not join stores |
+| 250 | the recorder: its loop takes {busy} of a core, and 99 % of its ticks are 5 to 11 ms late | none; record more stations as several runs, on several hosts |
+| 1 000 | files: after a year without upkeep a reader of all data would open {files_1000} files of samples, at 1 ms each | `jbclog store compact` each week joins them; filters on line and time skip whole partitions |
+| 10 000 | reading: a column of a month takes a worker {read_10000} | trends, rankings and capability read `metrics` and `joints`, some rows for each port and run; for samples, let the workers of a scheduler compute `statistics` of a line or a week |
+| 100 000 | the table's log: {files_100000} files of samples a year, and each reader and each commit needs their list; and {stored_100000} a shift | a store for each site or year, of at most some ten thousand stations, queried one after another. jbclog does not join stores |
 
-Commits are no limit before that: each host publishes its own run, {commits_100000} commits a shift in all at 100 000 stations, one every {pause}. They
-exclude each other only for the moment in which a version gets its number; one that comes second tries again.
+Commits are no limit before that. Each host publishes its own run: {commits_100000} commits a shift in all at 100 000 stations, one every {pause}.
+Commits exclude each other only while a version gets its number; the one that comes second tries again.
 
-What is not known: the time of a commit on S3 and on a share over a real network, the memory of a recorder of 250 stations over a shift,
-joints and metrics of real lines (publishing them takes what a report takes, some 8 µs a row), and a scheduler with more than three workers.
+## Not known
+
+- the time of a commit on S3, and on a share over a real network;
+- the memory of a recorder of 250 stations over a shift;
+- joints and metrics of real lines (publishing them costs as much as a report, some 8 µs a row);
+- a scheduler with more than three workers.
 """
 
 
@@ -160,7 +167,7 @@ def page() -> str:
         commits_100000=_count(most.commits),
         pause=_time(SHIFT_S / most.commits),
     )
-    return f"{MADE}\n\n# How far it goes: 250 to 100 000 stations\n{text}"
+    return f"{MADE}\n\n# Plant sizes: 250 to 100 000 stations\n{text}"
 
 
 def _two(value: float) -> str:
