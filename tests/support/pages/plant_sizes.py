@@ -30,7 +30,7 @@ was tried at these sizes**: the largest run had 250 stations, the largest store 
 [How cost grows](../reference/growth.md) has the sizes that were tried. A test makes the page from its figures
 (`tests/support/pages/plant_sizes.py`).
 
-## What was measured
+## Measured
 
 {measured}
 
