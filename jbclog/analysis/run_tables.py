@@ -330,13 +330,13 @@ class RunTables:
         `text`.
 
         Leaves out damaged stretches, with a warning for each. Raises `UsageError` for an unknown
-        station, `RecordError` for a run without `--wire`.
+        station, `RecordError` for a run without `--capture`.
         """
         path = wire_path(self.folder, station)
         if not path.is_file():
             self.expect_place(station)
             raise RecordError(
-                f"{self.folder}: no serial capture of {station}; `jbclog run --wire` records one"
+                f"{self.folder}: no serial capture of {station}; `jbclog run --capture` records one"
             )
         head = read_head(path)
         rows = [*rows_and_holes(path)]

@@ -186,7 +186,7 @@ def open_recording(folder: Path) -> Recording:
     paths = wire_paths(folder)
     if not paths:
         raise UsageError(
-            f"{folder}: has no serial capture; only a run recorded with --wire can be replayed"
+            f"{folder}: has no serial capture; only a run recorded with --capture can be replayed"
         )
     heads = {head.station: head for head in sealed_files.readable_heads(paths)}
     return Recording(folder, load_line(folder / "line.toml"), heads)

@@ -44,7 +44,7 @@ def replay(
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Replay a run recorded with --wire, or reproduce it.
+    """Replay a run recorded with --capture, or reproduce it.
 
     Serves virtual stations that answer with the recorded bytes after the recorded time, including
     corrupt, late and missing answers and lost links. A station gives no answer from after a

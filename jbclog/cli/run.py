@@ -58,9 +58,10 @@ def run(
     tag: list[str] = typer.Option(
         [], metavar="NAME=VALUE", help="Tag stored with the run; repeatable."
     ),
-    wire: bool = typer.Option(
-        False, "--wire", help="Record a serial capture, for `jbclog replay`."
+    capture: bool = typer.Option(
+        False, "--capture", help="Record a serial capture, for `jbclog replay`."
     ),
+    wire: bool = typer.Option(False, "--wire", hidden=True),  # as older scripts call it
     no_guard: bool = typer.Option(False, "--no-guard", help="Run without the guard process."),
     allow_omega_write: bool = options.ALLOW_OMEGA_WRITE,
     allow_missing: bool = typer.Option(
@@ -104,7 +105,7 @@ def run(
         wanted = replace(
             wanted,
             allow_missing=allow_missing,
-            wire=wire,
+            wire=capture or wire,
             guard=not no_guard,
             until_units=until_units,
             until_joints=until_joints,

@@ -1,4 +1,4 @@
-"""What `--wire` costs: CPU for each exchange, ticks that come late, room on the disk.
+"""What `--capture` costs: CPU for each exchange, ticks that come late, room on the disk.
 
 The same stations are recorded without and with it, four reads a tick at 10 Hz, wires paced at 19200
 8N1. An exchange is three rows of the wire's file: the question, the answer, and what the session
@@ -46,7 +46,7 @@ def main() -> int:
     show(
         f"{STATIONS} stations, {seconds:g} s",
         COLUMNS,
-        [_row("without", bare), _row("--wire", kept)],
+        [_row("without", bare), _row("--capture", kept)],
     )
     return judge(_claims(bare, kept))
 

@@ -91,7 +91,7 @@ def record(
     seal_every_s: float = SEAL_S,
     wire: bool = False,
 ) -> Recorded:
-    """Run the stations of `line` for `seconds`, as ``jbclog run`` does, with ``--wire`` where
+    """Run the stations of `line` for `seconds`, as ``jbclog run`` does, with ``--capture`` where
     `wire` says so.
     """
     plan = make_plan(RunOptions(line, recipe, duration_s=seconds, rate=rate, wire=wire))

@@ -114,7 +114,7 @@ def failing(
         "--line",
         line.path,
     ]
-    command += ["--out", out, "-d", "2s", "--wire"]
+    command += ["--out", out, "-d", "2s", "--capture"]
     environment = os.environ | {name: str(value) for name, value in settings.items()}
     run = subprocess.run(
         list(map(str, command)),

@@ -139,7 +139,7 @@ def _recorded(folder: Path, case: Case) -> tuple[Path, float, float]:
         "-d",
         f"{SECONDS}s",
     ]
-    command += ["--rate", f"{case.rate:g}", *(["--wire"] if case.capture else [])]
+    command += ["--rate", f"{case.rate:g}", *(["--capture"] if case.capture else [])]
     with (folder / "said").open("w") as said:
         process = subprocess.Popen(command, stdout=said, stderr=subprocess.STDOUT)
         _, _, used = os.wait4(process.pid, 0)

@@ -150,7 +150,7 @@ def at_random(
     for trial in range(count):
         phase = rng.choice(phases)
         moment = rng.random() * LATEST_S[phase]
-        command = [*series.command(), *rng.choice([[], ["--wire"]])]
+        command = [*series.command(), *rng.choice([[], ["--capture"]])]
         series.kill(
             f"seed {seed}, trial {trial}, {phase} + {moment:.3f} s",
             command,
@@ -250,7 +250,7 @@ def cut_off(
     """
     home = tmp_path_factory.mktemp("cut-off")
     series = Series(line, home)
-    death = killed([*series.command(), "--wire"], series.out, _Moment(line, "questions", 2.5))
+    death = killed([*series.command(), "--capture"], series.out, _Moment(line, "questions", 2.5))
     assert death.folder is not None
     copy = Path(shutil.copytree(death.folder, home / "copy" / death.folder.name))
     recover(copy)

@@ -153,7 +153,7 @@ def test_the_capture_of_a_flood_is_bounded_and_lived_through_again(tmp_path: Pat
             "6s",
             "--rate",
             "5",
-            "--wire",
+            "--capture",
         )
     folder = Path(run.stdout.splitlines()[-1])
     (captured,) = (folder / "wire").glob("dde-1*")

@@ -163,7 +163,7 @@ def recorded_in(place: Path, cable_out_at_s: float) -> subprocess.CompletedProce
             "--order",
             "A 7",
         )
-        return jbclog("run", RECIPE, *options, "--wire")
+        return jbclog("run", RECIPE, *options, "--capture")
 
 
 def rows(run: Path, station: str) -> pd.DataFrame:
@@ -319,7 +319,7 @@ def calm(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "6s",
             "--rate",
             "fit",
-            "--wire",
+            "--capture",
         )
     assert ended.returncode in (0, 1), ended.stderr
     return only_run(place / "runs")
@@ -430,7 +430,7 @@ def test_a_recorder_that_was_killed_leaves_all_but_the_last_second(tmp_path: Pat
             tmp_path / "runs",
             "--rate",
             str(HZ),
-            "--wire",
+            "--capture",
         )
         recorder = started("run", RECIPE, *options)
         assert until(lambda: is_sampling(tmp_path / "runs"))
@@ -468,7 +468,7 @@ def test_wrong_usage(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
             "--record serves no stations: omit --dir and --tcp",
         ),
         (["nowhere"], "no such folder"),
-        (["empty"], "only a run recorded with --wire can be replayed"),
+        (["empty"], "only a run recorded with --capture can be replayed"),
         ([str(original), "--dir", str(original)], "would be overwritten"),
     ):
         ended = invoked("replay", *arguments)

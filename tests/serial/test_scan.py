@@ -116,7 +116,7 @@ def test_a_run_is_not_disturbed_by_either(bench: Bench, tmp_path: Path) -> None:
         "ucr-1",
         "--rate",
         "2",
-        "--wire",
+        "--capture",
     )
     try:
         assert until(lambda: is_sampling(tmp_path / "runs"))

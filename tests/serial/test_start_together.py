@@ -109,7 +109,7 @@ def test_the_others_run_without_it_where_that_is_allowed(
 def test_a_kept_start_is_lived_through_again_by_each_station_alone(
     tmp_path: Path, sim: str, missing: str
 ) -> None:
-    _, _, manifest, _ = run_of(tmp_path, sim, missing, "--wire")
+    _, _, manifest, _ = run_of(tmp_path, sim, missing, "--capture")
     folder = next((tmp_path / "runs").iterdir())
     kept = pd.read_parquet(folder / "settings").astype(object)
     again, left = relived(folder)

@@ -50,7 +50,7 @@ from jbclog.transport.signals import Signals
 from jbclog.transport.system_ports import SharedPortWatch
 from jbclog.transport.typed_lines import LineSource
 
-if TYPE_CHECKING:  # loaded with --wire
+if TYPE_CHECKING:  # loaded with --capture
     from jbclog.record.capture import Head
     from jbclog.record.capture_recorder import WireRecorder
 

@@ -1,4 +1,4 @@
-"""Runs on a virtual clock whose wires are kept as `run --wire` keeps them, and runs lived through
+"""Runs on a virtual clock that are captured as by `run --capture`, and runs lived through
 once more from that.
 """
 

@@ -28,5 +28,5 @@ def test_every_byte_with_its_time_in_utc(tmp_path: Path) -> None:
 
 
 def test_a_run_whose_wires_were_not_kept(tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match="no serial capture of dde-1; `jbclog run --wire`"):
+    with pytest.raises(RecordError, match="no serial capture of dde-1; `jbclog run --capture`"):
         open_run(make_run(tmp_path, seconds=2.0)).wire("dde-1")

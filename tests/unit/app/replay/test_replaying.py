@@ -140,7 +140,7 @@ def test_another_speed_than_one_is_refused(folder: Path, tmp_path: Path) -> None
 
 
 def test_folders_that_are_no_recording(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="only a run recorded with --wire can be replayed"):
+    with pytest.raises(UsageError, match="only a run recorded with --capture can be replayed"):
         open_recording(tmp_path)
     (tmp_path / "wire").mkdir()
     (tmp_path / "wire" / "dde-1.tsv.gz").write_bytes(b"")
