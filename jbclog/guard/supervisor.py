@@ -280,6 +280,7 @@ class GuardProcess:
             end = time.monotonic() + TAKEN_OVER_S
             while self._can_be_read_within(end - time.monotonic()) and self._has_answered():
                 pass  # until it closes its end
+        await_end(self._process, KILL_S)  # it may try for minutes what it could not make safe
         self._close()
 
     def _can_be_read_within(self, seconds: float) -> bool:

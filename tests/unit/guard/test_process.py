@@ -269,6 +269,13 @@ def test_a_recorder_that_failed_waits_until_it_has_been_taken_over(
     assert read_leases(tmp_path) == [UNKNOWN]  # it goes on trying
 
 
+def test_one_that_took_over_leaves_no_process_that_nobody_awaits(tmp_path: Path) -> None:
+    guard = GuardProcess(tmp_path)
+    guard.await_ready()
+    guard.take_over()  # it holds nothing, so it ends at once
+    assert until(lambda: guard._process.returncode is not None)
+
+
 # -- one after the other ---------------------------------------------------------------------------
 
 
