@@ -24,6 +24,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from jbclog.core.children import kill
 from jbclog.core.errors import RecordError
 
 # A call on a network mount that hangs cannot be interrupted, not even by a signal. So a child
@@ -75,7 +76,7 @@ def _ask(folder: Path) -> None:
     try:
         child.wait(ANSWERS_S)
     except subprocess.TimeoutExpired:
-        child.kill()  # it ends when the mount answers, and is not waited for
+        kill(child, 0.0)  # it ends when the mount answers
         raise RecordError(
             f"{folder} does not answer within {ANSWERS_S:g} s: its network mount hangs"
         ) from None

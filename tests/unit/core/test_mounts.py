@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import subprocess
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -18,6 +21,7 @@ from jbclog.record.find_runs import Found, Unreadable, find
 from jbclog.record.folder import create_run
 from jbclog.record.manifest import Manifest, RunState, write_manifest
 from jbclog.record.recover import recover_all
+from support.command import until
 
 HANGS_S = 200.0
 
@@ -45,9 +49,6 @@ def hanging(remote: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return remote
 
 
-@pytest.mark.filterwarnings(
-    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
-)
 def test_one_that_hangs_is_a_sentence_for_all_who_look_there(hanging: Path, tmp_path: Path) -> None:
     (tmp_path / "runs").symlink_to("on a server/below")
     began = time.monotonic()
@@ -66,9 +67,22 @@ def test_one_that_hangs_is_a_sentence_for_all_who_look_there(hanging: Path, tmp_
     assert time.monotonic() - began < HANGS_S  # no child is waited for
 
 
-@pytest.mark.filterwarnings(
-    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
-)
+def test_the_child_that_looked_is_reaped_when_it_ends(
+    hanging: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    children: list[subprocess.Popen[bytes]] = []
+
+    class Child(subprocess.Popen[bytes]):
+        def __init__(self, command: list[str], **how: Any) -> None:
+            super().__init__(command, **how)
+            children.append(self)
+
+    monkeypatch.setattr(files, "subprocess", SimpleNamespace(**vars(subprocess) | {"Popen": Child}))
+    with pytest.raises(RecordError):
+        expect_answer(hanging)
+    assert until(lambda: children[0].returncode is not None)
+
+
 def test_a_link_to_one_that_hangs_is_a_finding_in_its_place(hanging: Path, tmp_path: Path) -> None:
     """It blocks no other run of its folder."""
     home = tmp_path / "home"

@@ -161,9 +161,6 @@ def not_known(away: Path, name: str) -> LeftOver:
     )
 
 
-@pytest.mark.filterwarnings(
-    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
-)
 def test_a_lease_on_a_network_mount_that_hangs_is_told_and_stops_no_start(
     run: Path, mount: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -186,9 +183,6 @@ def test_a_lease_on_a_network_mount_that_hangs_is_told_and_stops_no_start(
     assert sorted(asked) == [run.parent, mount]
 
 
-@pytest.mark.filterwarnings(
-    "ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"
-)
 def test_so_is_a_link_among_the_runs_that_leads_to_one(run: Path, mount: Path) -> None:
     link = run.parent / "linked"
     link.symlink_to(mount / "a")
