@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, expect_answer, read_foreign, why_link_hangs
+from jbclog.core.foreign.files import Kind, read_foreign, why_hangs, why_link_hangs
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
@@ -171,8 +171,8 @@ def _locked(folder: Path, end: float) -> int:
 
 
 class Leases(NamedTuple):
-    """The folders of runs with open leases: `there`; and `away`, each with the reason, those on a
-    network mount that hangs, which may have one.
+    """The folders of runs with open leases: `there`; and `away`, each with the reason, those that
+    may have one and cannot be looked at, as on a network mount that hangs.
     """
 
     there: list[Path]
@@ -182,15 +182,10 @@ class Leases(NamedTuple):
 def registered_runs() -> Leases:
     """Return the folders of runs with open leases; links to removed folders are deleted."""
     registry, found = _registry(), Leases([], [])
-    asked: dict[Path, str | None] = {}  # by folder of runs: each takes seconds
-    with suppress(OSError):
-        for link in sorted(registry.iterdir()) if registry is not None else []:
-            target = link.readlink() if link.is_symlink() else None
-            if target is None:
-                continue
-            if target.parent not in asked:
-                asked[target.parent] = _why_away(target.parent)
-            why = asked[target.parent]
+    for link in [] if registry is None else _inside(registry):
+        with suppress(OSError):
+            target = link.readlink()
+            why = _why_away(target)
             if why is not None:
                 found.away.append((target, why))
             elif target.is_dir():
@@ -204,10 +199,8 @@ def runs_below(out: Path) -> Leases:
     """Return the folders of runs directly below `out` with open leases. A link may be one to a
     run's folder elsewhere.
     """
-    found, folders = Leases([], []), list[Path]()
-    with suppress(OSError):
-        folders = sorted(out.iterdir())
-    for folder in folders:
+    found = Leases([], [])
+    for folder in _inside(out):
         with suppress(OSError):
             why = why_link_hangs(folder)
             if why is not None:
@@ -217,12 +210,23 @@ def runs_below(out: Path) -> Leases:
     return found
 
 
+def _inside(folder: Path) -> list[Path]:
+    with suppress(OSError):
+        return sorted(folder.iterdir())
+    return []
+
+
 def _why_away(folder: Path) -> str | None:
-    try:
-        expect_answer(folder)
-    except RecordError as error:
-        return str(error)
-    return None
+    """Return why `folder` cannot be looked at; None where it can, and where nothing is there."""
+    why = why_hangs(folder)
+    if why is None:
+        try:
+            folder.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except OSError as error:
+            return f"{folder} cannot be looked at ({error.strerror or error})"
+    return why
 
 
 def _registry() -> Path | None:

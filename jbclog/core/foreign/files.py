@@ -42,24 +42,29 @@ MOST_LINKS: Final = 40
 
 def expect_answer(folder: Path) -> None:
     """Raise `RecordError` where `folder`'s network mount does not answer within `ANSWERS_S`."""
-    if _remote_mount(folder) is not None:
+    if _remote_folder(folder) is not None:
         _ask(folder)
 
 
-def why_link_hangs(path: Path) -> str | None:
-    """Return a sentence where `path` is a link to a network mount that hangs; else None. A folder
-    of runs can have thousands of links: each mount is asked once a minute.
+def why_hangs(path: Path) -> str | None:
+    """Return a sentence where `path` is on a network mount that hangs; else None. Each folder is
+    asked once a minute: one of runs can have thousands of links into another.
     """
+    folder = _remote_folder(path)
+    return None if folder is None else _why_hangs(folder, int(time.monotonic() // 60))
+
+
+def why_link_hangs(path: Path) -> str | None:
+    """Return the same for a link; None for what is none."""
     with suppress(OSError):
-        mount = _remote_mount(path) if path.is_symlink() else None
-        return None if mount is None else _why_hangs(mount, int(time.monotonic() // 60))
+        return why_hangs(path) if path.is_symlink() else None
     return None
 
 
 @lru_cache
-def _why_hangs(mount: Path, _minute: int) -> str | None:
+def _why_hangs(folder: Path, _minute: int) -> str | None:
     try:
-        _ask(mount)
+        _ask(folder)
     except RecordError as error:
         return str(error)
     return None
@@ -82,15 +87,19 @@ def _ask(folder: Path) -> None:
         ) from None
 
 
-def _remote_mount(folder: Path) -> Path | None:
-    """Return the network mount that the path leads to or through; touches nothing below one."""
+def _remote_folder(path: Path) -> Path | None:
+    """Return the folder of what `path` leads to, or a mount itself, where that is on a network
+    mount; touches nothing below one.
+    """
     mounts = _remote_mounts()
-    left, links = [*folder.absolute().parts[1:]][::-1], 0
+    left, links = [*path.absolute().parts[1:]][::-1], 0
     here = Path("/")
     while mounts and left:
         here = Path(os.path.normpath(here / left.pop()))
         if here in mounts:
-            return here
+            # not the mount alone: what an automounter has mounted below it hangs by itself
+            there = Path(os.path.normpath(here.joinpath(*left[::-1])))
+            return there if there in mounts else there.parent
         try:
             target = here.readlink()
         except OSError:

@@ -83,6 +83,18 @@ def test_the_child_that_looked_is_reaped_when_it_ends(
     assert until(lambda: children[0].returncode is not None)
 
 
+def test_of_what_an_automounter_made_the_folder_of_the_run_is_asked(
+    hanging: Path, tmp_path: Path
+) -> None:
+    """Its own mount answers while a server below it hangs."""
+    with (tmp_path / "mountinfo").open("a") as mounts:
+        mounts.write(f"38 36 0:46 / {tmp_path}/net rw - autofs -hosts rw\n")
+        mounts.write(f"39 38 0:47 / {tmp_path}/net/nas rw - nfs4 nas:/ rw\n")
+    for name, asked in (("net/nas/runs/one", "net/nas/runs"), ("net/nas", "net/nas")):
+        why = f"{tmp_path / asked} does not answer within 0.3 s: its network mount hangs"
+        assert files.why_hangs(tmp_path / name) == why
+
+
 def test_a_link_to_one_that_hangs_is_a_finding_in_its_place(hanging: Path, tmp_path: Path) -> None:
     """It blocks no other run of its folder."""
     home = tmp_path / "home"

@@ -188,6 +188,19 @@ def test_open_leases_are_found_wherever_their_runs_lie(
     assert list((tmp_path / "state" / "jbclog" / "open-leases").iterdir()) == []
 
 
+def test_one_that_cannot_be_looked_at_is_told_and_hides_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    write_leases(tmp_path, [lease("a")])
+    away = tmp_path / ("x" * 300)
+    link = tmp_path / "state" / "jbclog" / "open-leases" / "a"  # the first of the two
+    link.symlink_to(away)
+    why = f"{away} cannot be looked at ({os.strerror(errno.ENAMETOOLONG)})"
+    assert registered_runs() == ([tmp_path], [(away, why)])
+    assert link.is_symlink()
+
+
 @pytest.mark.parametrize("state", ["", "no absolute path", "file"])
 def test_without_a_place_for_that_a_lease_is_kept_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, state: str
