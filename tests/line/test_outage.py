@@ -280,6 +280,20 @@ def test_ended_while_it_is_away(at_s: float) -> None:
     assert_account_holds(run)
 
 
+@pytest.mark.parametrize("kind", ["dropout", "silence"])
+@pytest.mark.parametrize("at_s", [4.7, 5.5])
+def test_one_that_was_only_late_when_the_run_was_ended_is_not_gone(kind: str, at_s: float) -> None:
+    """It confirmed its safe state: the signal alone is the run's end."""
+    run = prepare(line_text(fault(kind, at_s=4, for_s=2.0)), duration_s=None)
+    run.at(at_s, lambda: run.driver.end("ended by SIGTERM"))
+    run.go()
+    assert run.facts.safe_state == {1: "verified", 2: "verified"}
+    assert run.facts.outcome == "completed"
+    assert run.facts.reason.startswith("ended by SIGTERM")
+    assert run.memory.of_kind("station.gone") == []
+    assert_account_holds(run)
+
+
 # -- found changed without any outage --------------------------------------------------------------
 
 

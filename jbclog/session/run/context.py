@@ -133,6 +133,7 @@ class SessionContext:
         self.feeder_stopped = False  # at the end, as read back
         self.after_safe: Callable[[], Steps[None]] | None = None  # last reads after sampling
         self.connected = False
+        self.away_when: str | None = None  # why the run ended while the station was away
         self.is_proven = False  # the link has not broken since the station was identified
         # answers read again before being accepted, by command
         self.doubted: Counter[str] = Counter()

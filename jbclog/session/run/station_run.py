@@ -199,6 +199,7 @@ def _ended(context: SessionContext, why: str) -> tuple[StationOutcome, str]:
         return StationOutcome.COMPLETED, why
     if context.facts.first_tick is None:
         return StationOutcome.COMPLETED, f"{context.name}: {why} before it had answered"
+    context.away_when = why
     return StationOutcome.GONE, f"{context.name}: not reachable when the run ended"
 
 
@@ -238,10 +239,24 @@ def _sample(context: SessionContext, sampler: Sampler) -> Steps[None]:
 def _close(context: SessionContext) -> Steps[None]:
     at_work = [port for port in context.ports.values() if is_at_work(context, port)]
     yield from _make_safe_uninterrupted(context)
+    _note_return(context)
     if context.connected and not isinstance(context.journal, NoJournal):
         yield from _read_last(context, at_work)
     _report_end(context)
     context.publish()
+
+
+def _note_return(context: SessionContext) -> None:
+    """Count a station as there that was away when the run was ended, and confirmed since then that
+    its tools are safe. A run that reaches its own end waits for one (`outage.py`); here hot tools
+    come first.
+    """
+    facts = context.facts
+    if context.away_when is None or facts.outcome != StationOutcome.GONE:
+        return
+    if facts.safe_state and not facts.unsafe:
+        context.connected, facts.outcome = True, StationOutcome.COMPLETED
+        facts.reason = f"{context.away_when} while it did not answer; its tools answered after that"
 
 
 def _read_last(context: SessionContext, at_work: list[PortState]) -> Steps[None]:
