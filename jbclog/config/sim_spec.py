@@ -1,7 +1,8 @@
 """The optional table `[station.sim]` of a line file: what the virtual station of that name is like.
 
 `run` and everything on its path ignore it; `jbclog sim` and the tests serve it. Times of faults
-count from the first question that the virtual station hears.
+count from the first question that the virtual station hears, or from its first order to a tool
+(`faults_from`), which is close to a run's first sample however long the start takes.
 """
 
 from __future__ import annotations
@@ -145,4 +146,5 @@ class SimSpec(Table):
     settings: dict[str, int | float | str] = Field(default_factory=dict)
     counters: dict[str, float] = Field(default_factory=dict)
     seed: int | None = None
+    faults_from: Literal["question", "order"] = "question"  # not omega, which has no such order
     fault: Annotated[tuple[FaultSpec, ...], FromList] = ()

@@ -1,6 +1,6 @@
 """Applies faults by name to answers, to the cable and to the physics. Data-driven, no I/O.
 
-Times count from the first request that the station receives. `FaultSpec` describes each kind.
+Times count from `start`; nothing happens before. `FaultSpec` describes each kind.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class FaultSchedule:
         self.zero: float | None = None
 
     def start(self, now: float) -> None:
-        """Start the schedule at the first request."""
+        """Start the schedule."""
         self.zero = now
         for fault in self._faults:
             begin, end = self._window(fault)
@@ -73,7 +73,7 @@ class FaultSchedule:
 
     def strikes(self, asked: TableRequest | None, header: str, now: float) -> list[FaultSpec]:
         """Return the faults that affect the answer to this request."""
-        if not self._on_answers:
+        if not self._on_answers or self.zero is None:
             return []
         return [
             fault

@@ -236,6 +236,7 @@ class VirtualStation(FaultyStation):
         line = LineFormat(spec.baudrate, spec.format)
         self.device = build_device(spec, now, self.seed)
         self._pace = LineTiming(line.character_s if sim.wire else 0.0, sim.turnaround_ms / 1000)
+        self._faults_from = sim.faults_from
         self._reader = FrameReader()
         self._whole = True  # the reader holds no partial frame
         self._known: dict[bytes, Frame] = {}
@@ -315,10 +316,16 @@ class VirtualStation(FaultyStation):
         return _encoded(*answer, *self.device.quirks.addresses(usual, own, moves=answer == MOVED))
 
     def _let_faults_happen(self, heard: float) -> None:
-        if self.faults.zero is None:
-            self.faults.start(heard)
+        if self.faults.zero is None and (zero := self._zero(heard)) is not None:
+            self.faults.start(zero)
         for change in self.faults.changes(heard):
             apply_fault(change, self.device)
+
+    def _zero(self, heard: float) -> float | None:
+        """Return what the times of the faults count from; None until it has come."""
+        if self._faults_from == "question":
+            return heard
+        return next((write.at for write in self.log.written("status")), None)
 
     def _send(self, clean: bytes, struck: list[FaultSpec], heard: float) -> Reply | None:
         """Send an answer, after applying its faults."""

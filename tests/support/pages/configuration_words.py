@@ -203,8 +203,12 @@ _LINE = {
     "station.sim.settings": "settings that it begins with, by command name",
     "station.sim.counters": "counters that it begins with, by command name",
     "station.sim.seed": "seed of joints, noise and flipped bits; without it the station's name",
+    "station.sim.faults_from": (
+        "what the times of its faults count from: its first question, or its first order to a tool"
+        " to work or rest (not `omega`)"
+    ),
     "station.sim.fault.kind": "the fault, see below",
-    "station.sim.fault.at_s": "begin, in seconds from the first question",
+    "station.sim.fault.at_s": "begin, in seconds from the first question, or as `faults_from` says",
     "station.sim.fault.for_s": "how long; without it to the end",
     "station.sim.fault.command": "only answers of this command",
     "station.sim.fault.port": "only this port",

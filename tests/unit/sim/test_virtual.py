@@ -14,6 +14,7 @@ T0 = 1000.0
 READ = Frame("R", "TT1", 0, 1).encode()
 FLAGS = Frame("R", "TA1", 0, 1).encode()
 WRITE = Frame("W", "ST100330", 0, 1).encode()
+ORDER = Frame("W", "PS100001", 0, 1).encode()
 
 
 def station(
@@ -205,6 +206,13 @@ def test_a_tool_is_pulled_out_and_put_back() -> None:
         "ACT200000",
         "ACT200002",
     ]
+
+
+def test_faults_can_count_from_the_first_order_to_a_tool() -> None:
+    asked = station({"kind": "silence", "at_s": 1.0}, faults_from="order")
+    for question, seconds in ((READ, 0.0), (WRITE, 30.0), (ORDER, 60.0), (ORDER, 60.9)):
+        assert len(told(asked, question, seconds)) == 1
+    assert told(asked, READ, 61.1) == []
 
 
 def test_faults_of_the_physics_happen_in_their_order_though_nobody_asks() -> None:
