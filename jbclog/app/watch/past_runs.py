@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from contextlib import suppress
 from functools import lru_cache
 from io import BufferedReader
 from pathlib import Path
@@ -58,9 +59,11 @@ def past_runs(path: Path) -> list[dict[str, object]]:
 
 
 def _run(run: Path) -> dict[str, object]:
-    if why_link_hangs(run) is not None:
-        return {"name": run.name, "text": NOT_READABLE, "report": False}
-    return {"name": run.name, "text": _text(run), "report": (run / REPORT).is_file()}
+    text, has_report = NOT_READABLE, False
+    if why_link_hangs(run) is None:
+        with suppress(OSError):  # a folder that this user may not enter
+            text, has_report = _text(run), (run / REPORT).is_file()
+    return {"name": run.name, "text": text, "report": has_report}
 
 
 def open_report(path: Path, name: str) -> BufferedReader:
@@ -74,10 +77,7 @@ def open_report(path: Path, name: str) -> BufferedReader:
 def _text(run: Path) -> str:
     if (run / LOCK).exists():
         return "open"
-    try:
-        manifest = (run / MANIFEST).lstat()
-    except OSError:
-        return NOT_READABLE
+    manifest = (run / MANIFEST).lstat()
     return _manifest_text(run, manifest.st_ino, manifest.st_mtime_ns, manifest.st_size)
 
 

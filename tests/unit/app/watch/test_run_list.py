@@ -54,6 +54,25 @@ def test_a_folder_that_cannot_be_read_is_tried_again(tmp_path: Path) -> None:
     assert asyncio.run(asking()) == "[]"
 
 
+def test_a_run_that_may_not_be_entered_hides_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other, exists = RUN.replace("k7qd", "abcd"), Path.exists
+    for name in (RUN, other):
+        (tmp_path / name).mkdir()
+        write_manifest(tmp_path / name, Manifest(name, state="sealed"))
+
+    def refused(path: Path) -> bool:
+        if path.parent.name == other:
+            raise PermissionError(13, "Permission denied")
+        return exists(path)
+
+    monkeypatch.setattr(Path, "exists", refused)
+    listed = {one["name"]: one["text"] for one in past_runs.past_runs(tmp_path)}
+    assert listed.pop(RUN) != "not readable"
+    assert listed == {other: "not readable"}
+
+
 def test_what_a_manifest_says_is_cut(tmp_path: Path) -> None:
     (tmp_path / RUN).mkdir()
     said = Metadata(order="x" * 1_000_000)
