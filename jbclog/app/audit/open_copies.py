@@ -17,6 +17,8 @@ from jbclog.record.manifest import RunState
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
 
+UNREADABLE: Final = (JbclogError, OSError, ValueError, sqlite3.Error, ArrowException)
+"""What reading a run raises that is not as it should be."""
 FROM_THE_START: Final = (
     *("run", "schema", "rules", "started", "t0_mono", "t0_utc", "line", "recipes", "metadata"),
     *("host", "rate", "previous"),
@@ -37,7 +39,7 @@ def was_open(copy: Copy) -> bool:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an event that is left out is missing below
             return _is_beginning(open_run(copy.folder), open_run(copy.counted))
-    except (JbclogError, OSError, ValueError, sqlite3.Error, ArrowException):
+    except UNREADABLE:
         return False
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sqlite3
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -12,14 +11,12 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from pyarrow import ArrowException
-
-from jbclog.app.audit.open_copies import was_open
+from jbclog.app.audit.open_copies import UNREADABLE, was_open
 from jbclog.app.audit.questions import SurveyTarget, is_parameter, parameter_name
 from jbclog.config.tasks_file import Task
 from jbclog.core.clock import utc_ms
 from jbclog.core.durable_files import damage_in
-from jbclog.core.errors import JbclogError, RecordError
+from jbclog.core.errors import RecordError
 from jbclog.core.rows import StationFacts
 from jbclog.core.serial_line import is_one_port
 from jbclog.maintenance.counter_totals.observed import (
@@ -181,7 +178,7 @@ def _count(found: Found, past: PastRuns) -> None:
             and _is_within(found, past.since[place], past.until)
             and (found.state != CRASHED or _has_rows(run, place[1], past.since[place]))
         }
-    except (JbclogError, OSError, ValueError) as error:
+    except UNREADABLE as error:
         past.trouble.append(f"{found.folder}: its errors cannot be read: {error}")
         return
     past.folders.add(Path(os.path.realpath(found.folder)))
@@ -260,7 +257,7 @@ def observed_in(folder: Path, wanted: SurveyTarget, now: datetime) -> Observatio
         if record is None or (not counts and record.family is not None and record.family.counters):
             return replace(wanted.unseen(utc_ms(now), _nothing_yet(folder, record)), source=source)
         return _observation(wanted, record, counts, source)
-    except (JbclogError, OSError, sqlite3.Error, ArrowException) as error:
+    except UNREADABLE as error:
         return replace(
             wanted.unseen(
                 utc_ms(now), f"the run {folder} holds it, and its record cannot be read: {error}"

@@ -4,6 +4,7 @@ verified count as done.
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -11,7 +12,9 @@ from pathlib import Path
 from shutil import copytree, rmtree
 
 import pytest
+from pyarrow import ArrowException
 
+from jbclog.app.audit import records
 from jbclog.app.audit.records import LAG, PastRuns, past_runs
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.maintenance.counter_totals.observed import Errors, Observation
@@ -328,6 +331,20 @@ def test_a_run_that_cannot_be_read_is_told_and_takes_no_other_with_it(ledger: Le
     past = past_runs(ledger.out, {PLACE: iso(-24)}, iso(0))
     assert ["its manifest cannot be read" in text for text in past.trouble] == [True]
     assert past.events[PLACE] == {"port.error": 1}
+
+
+@pytest.mark.parametrize("error", [sqlite3.DatabaseError("malformed"), ArrowException("odd")])
+def test_nor_does_one_whose_store_cannot_be_read(
+    ledger: Ledger, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    run(ledger.out, -5).say((-4, "port.error"))
+
+    def refused(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(records, "error_events", refused)
+    (text,) = past_runs(ledger.out, {PLACE: iso(-24)}, iso(0)).trouble
+    assert text.endswith(f"its errors cannot be read: {error}")
 
 
 def test_without_a_folder_nothing_changes() -> None:
