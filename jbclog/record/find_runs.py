@@ -15,6 +15,7 @@ import json
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -389,12 +390,15 @@ def runs_in(folder: Path) -> list[Path]:
 
 
 def _is_run(home: Path, name: str) -> bool:
-    """Whether it is a run's folder, by its name or, if renamed, by its content; or if nobody can
-    look.
+    """Whether it is a run's folder, by its name or, if renamed, by its content; or if it leads to a
+    network mount that hangs. A folder of another name that may not be entered is none: a disk has
+    `lost+found`.
     """
     if RUN_NAME.fullmatch(name) or why_link_hangs(home / name) is not None:
         return True
-    return (home / name / NAME).exists()
+    with suppress(OSError):
+        return (home / name / NAME).exists()
+    return False
 
 
 def _fits(sought: str, texts: Iterable[str | None]) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
@@ -139,12 +140,18 @@ class Recovery:
 
 
 def is_run(folder: Path) -> bool:
-    """Whether `folder` is a run's folder, also one that a crash left empty."""
+    """Whether `folder` is a run's folder, also one that a crash left empty. One of another name
+    that may not be entered is none.
+    """
     if why_link_hangs(folder) is not None:
         return True  # perhaps; `recover` says so
-    return folder.is_dir() and (
-        bool(RUN_NAME.fullmatch(folder.name)) or (folder / NAME).exists() or bool(segments(folder))
-    )
+    with suppress(OSError):
+        return folder.is_dir() and (
+            bool(RUN_NAME.fullmatch(folder.name))
+            or (folder / NAME).exists()
+            or bool(segments(folder))
+        )
+    return False
 
 
 def recover_all(folder: Path, patience_s: float = PATIENCE_S) -> list[Recovery]:
@@ -159,6 +166,9 @@ def _tried(folder: Path, patience_s: float) -> Recovery:
         return recover(folder, patience_s)
     except RecordError as error:
         return Recovery(folder, Outcome.REFUSED, str(error))
+    except OSError as error:
+        text = f"{folder} cannot be recovered: {error.strerror or error}"
+        return Recovery(folder, Outcome.REFUSED, text)
 
 
 def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -170,6 +171,22 @@ def test_a_serial_that_was_told_late_finds_the_run(runs: Path) -> None:
 def test_what_else_lies_there_is_no_run(runs: Path) -> None:
     (runs / "notes").mkdir()
     (runs / "notes.txt").write_text("x")
+    assert len(list(find(runs))) == 2
+
+
+def test_a_folder_that_may_not_be_entered_hides_no_run(
+    runs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk has one, `lost+found`."""
+    (runs / "lost+found").mkdir()
+    exists = Path.exists
+
+    def refused(path: Path) -> bool:
+        if path.parent.name == "lost+found":
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return exists(path)
+
+    monkeypatch.setattr(Path, "exists", refused)
     assert len(list(find(runs))) == 2
 
 

@@ -4,6 +4,7 @@ changes nothing.
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -21,7 +22,7 @@ from jbclog.record.folder import create_run, keep_text
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
-from jbclog.record.recover import Outcome, recover, recover_all
+from jbclog.record.recover import Outcome, Recovery, recover, recover_all
 from jbclog.record.seal import seal_rows
 from jbclog.record.store import META, Segment, segments
 from support.faults.crash import contents
@@ -285,6 +286,26 @@ def test_many_runs_at_once(tmp_path: Path) -> None:
     alive.close()
     alive.release()
     assert [done.outcome for done in recover_all(alive.folder)] == [Outcome.RECOVERED]
+
+
+def test_a_folder_that_may_not_be_entered_stops_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crashed, closed = few_rows.abandoned(tmp_path), tmp_path / "20260101T000000Z-bench-abcd"
+    for folder in (closed, tmp_path / "lost+found"):
+        folder.mkdir()
+    exists = Path.exists
+
+    def refused(path: Path) -> bool:
+        if path.parent.name in (closed.name, "lost+found"):
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return exists(path)
+
+    monkeypatch.setattr(Path, "exists", refused)
+    found = {done.folder: done for done in recover_all(tmp_path, 0.0)}
+    assert found.pop(crashed).outcome is Outcome.RECOVERED
+    text = f"{closed} cannot be recovered: Permission denied"
+    assert found == {closed: Recovery(closed, Outcome.REFUSED, text)}
 
 
 # -- damage ----------------------------------------------------------------------------------------
