@@ -16,7 +16,7 @@ from typing import Final
 from jbclog.app.publish.folder import Skipped, publish_all
 from jbclog.app.publish.publisher import Outcome, Publisher
 from jbclog.core.errors import StoreError
-from jbclog.core.foreign.files import entries_below
+from jbclog.core.foreign.files import entries_below, why_link_hangs
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.manifest import NAME as MANIFEST
 
@@ -71,9 +71,15 @@ class Follower:
         """Publish what changed; where the store failed last, so that it blocks no other."""
         for path in sorted(self._folder.iterdir(), key=lambda path: (self._failed[path], path)):
             look, before = self._seen.get(path, (_state, ()))
-            now = look(path)
-            if now and now != before:
+            hangs = why_link_hangs(path)
+            now = look(path) if hangs is None else (hangs,)
+            if not now or now == before:
+                continue
+            if hangs is None:
                 yield from self._publish(path)
+            else:
+                self._seen[path] = look, now
+                yield Skipped(path, hangs)
 
     def _publish(self, path: Path) -> Iterator[Outcome | Skipped | Trouble]:
         before = {look: look(path) for look in (_state, _all_files)}
@@ -111,7 +117,9 @@ def _state(folder: Path) -> State:
 def _all_files(folder: Path) -> State:
     """Return what changes when somebody mends a run that was refused; empty if not known."""
     try:
-        paths = sorted(entry.path for entry in entries_below(folder) if not entry.is_dir())
+        paths = sorted(
+            entry.path for entry in entries_below(folder) if not entry.is_dir(follow_symlinks=False)
+        )
     except OSError:
         return ()
     return tuple((path, _facts(Path(path))) for path in paths)
@@ -119,7 +127,7 @@ def _all_files(folder: Path) -> State:
 
 def _facts(file: Path) -> State:
     try:
-        found = file.stat()
+        found = file.lstat()
     except OSError:
         return ()
     return found.st_ino, found.st_mtime_ns, found.st_size
