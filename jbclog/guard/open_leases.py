@@ -43,28 +43,31 @@ def settle(out: Path, urls: Collection[str], is_recording: IsRecording) -> list[
     ]
     return [
         *settled,
-        *(_not_known(folder, why) for folder, why in _unreadable(found.there, is_recording)),
-        *(_away(folder, why) for folder, why in found.away),
+        *_unreadable(found.there, is_recording),
+        *(_not_known(folder, why) for folder, why in found.away),
     ]
 
 
-def _unreadable(folders: Iterable[Path], is_recording: IsRecording) -> Iterator[tuple[Path, str]]:
-    """Yield folders whose lease cannot be read, and why."""
+def _unreadable(folders: Iterable[Path], is_recording: IsRecording) -> Iterator[LeftOver]:
     for folder in folders:
         why = lease.why_unreadable(folder)
-        if why and not is_recording(folder):
-            yield folder, why
+        if why and not _goes_on(folder, is_recording):
+            why = f"{folder / lease.NAME} cannot be read ({why})"
+            yield _not_known(folder, why, ", then remove that file")
 
 
-def _away(folder: Path, why: str) -> LeftOver:
+def _not_known(folder: Path, why: str, then: str = "") -> LeftOver:
     text = f"{why}: whether run {folder.name} left tools hot is not known."
-    return LeftOver(False, f"{text} Make them safe with `jbclog safe`.")
+    return LeftOver(False, f"{text} Make them safe with `jbclog safe`{then}.")
 
 
-def _not_known(folder: Path, why: str) -> LeftOver:
-    path = folder / lease.NAME
-    text = f"{path} cannot be read ({why}): whether run {folder.name} left tools hot is not known."
-    return LeftOver(False, f"{text} Make them safe with `jbclog safe`, then remove that file.")
+def _goes_on(folder: Path, is_recording: IsRecording) -> bool:
+    """Whether a run is in progress. Where its lock is no file, or may not be read, the lock of its
+    guard decides.
+    """
+    with suppress(OSError):
+        return is_recording(folder)
+    return False
 
 
 def unclosed(out: Path | None, urls: Collection[str]) -> Iterator[Path]:
@@ -94,7 +97,7 @@ def _is_wanted(station: StationLease, urls: Collection[str]) -> bool:
 
 def _settle(folder: Path, urls: Collection[str], is_recording: IsRecording) -> LeftOver | None:
     end = time.monotonic() + PATIENCE_S
-    while not is_recording(folder):
+    while not _goes_on(folder, is_recording):
         try:
             with guard_lock(folder):
                 return _take_over(folder, urls)
@@ -159,7 +162,7 @@ def close(
     return [
         folder
         for folder in unclosed(None, urls)
-        if not is_recording(folder) and _close(folder, look, who)
+        if not _goes_on(folder, is_recording) and _close(folder, look, who)
     ]
 
 

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from jbclog.core.foreign import files
+from jbclog.core.foreign.files import NotReadable
 from jbclog.guard import lease, open_leases
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease, guard_lock, read_leases, write_leases
@@ -138,6 +139,21 @@ def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(
     assert settled == [LeftOver(False, settled[0].text)]
     assert "Run run left tools hot, and they could not be made safe: " in settled[0].text
     assert "Read-only file system" in settled[0].text
+
+
+def test_a_run_whose_lock_is_no_file_keeps_nobody(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def is_pipe(_: Path) -> bool:
+        raise NotReadable("is a pipe, not a file")
+
+    seen = {LEASE: SAFE}
+    assert close([URL], seen.get, is_pipe, "jbclog safe") == [run]
+    monkeypatch.setattr(open_leases, "_take_over", lambda folder, *_: LeftOver(True, folder.name))
+    assert settle(run.parent, [OTHER.url], is_pipe) == [LeftOver(True, "run")]
+    (run / lease.NAME).write_text("{", encoding="utf-8")
+    (left,) = settle(run.parent, [OTHER.url], is_pipe)
+    assert left.text.endswith("Make them safe with `jbclog safe`, then remove that file.")
 
 
 @pytest.fixture
