@@ -80,7 +80,7 @@ def compare(first: Run, second: Run, margin_c: float = MARGIN_C) -> Comparison:
     0.
     """
     for run in (first, second):
-        if run.manifest.state != "sealed":
+        if not run.manifest.is_sealed:
             raise RecordError(
                 f"{run.folder} is not sealed; compare it when it has ended (`jbclog recover` ends a"
                 " crashed run)"

@@ -314,7 +314,7 @@ def _live_differences(
 
 def acknowledged_in(run: RunTables) -> dict[str, Acknowledgement]:
     """Return the first acknowledgement of each episode, by name; empty for an open run."""
-    if run.manifest.state != "sealed":
+    if not run.manifest.is_sealed:
         return {}
     given: dict[str, Acknowledgement] = {}
     for one in read_annotations(run.folder).said:

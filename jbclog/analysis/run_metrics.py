@@ -126,7 +126,7 @@ def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
 def _stored(run: RunTables, read: Callable[[Path, str], T | None]) -> T | None:
     """Return what `read` finds stored with a sealed run; None where that cannot be read."""
     try:
-        if run.manifest.state != "sealed":
+        if not run.manifest.is_sealed:
             return None
         return read(run.folder, manifest_sha256(run.folder))
     except RecordError:
@@ -219,7 +219,7 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
 
 def _reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
     steps = clock_steps(run) if any(not facts.period_s for facts in stations) else []
-    is_sealed = run.manifest.state == "sealed"  # else rows move from the live store to a part
+    is_sealed = run.manifest.is_sealed  # else rows move from the live store to a part
     return PortReader(
         stations,
         lambda columns: run.groups("samples", columns, coded=True),

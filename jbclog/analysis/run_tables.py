@@ -197,7 +197,7 @@ class RunTables:
         identity = self._manifest_identity()
         if self._sealed is None or identity is None or self._sealed[0] != identity:
             manifest = self._read_manifest()
-            if manifest.state != "sealed" or identity is None:
+            if not manifest.is_sealed or identity is None:
                 return manifest
             self._sealed = identity, manifest
         return self._sealed[1]
@@ -213,16 +213,13 @@ class RunTables:
         Raises `RecordError`.
         """
         manifest = self.manifest
-        if manifest.state == "sealed":
+        if manifest.is_sealed:
             return manifest.stations
         with StoreReader(self.folder) as store:
             # read after the store: a run that is sealed in between has them in its manifest
             manifest = self.manifest
-            return (
-                manifest.stations
-                if manifest.state == "sealed"
-                else known_stations(store, manifest.stations)
-            )
+            known = manifest.stations
+            return known if manifest.is_sealed else known_stations(store, known)
 
     @property
     def duration(self) -> pd.Timedelta | None:
@@ -400,7 +397,7 @@ class RunTables:
         return table.assign(**times)
 
     def _late_serials(self, manifest: Manifest) -> list[str]:
-        return late_serials(self.folder) if manifest.state == "sealed" else []
+        return late_serials(self.folder) if manifest.is_sealed else []
 
     def published(self, table: str) -> pa.Table | None:
         """Return its joints or metrics as a store has them; None for a run in a folder."""
@@ -465,7 +462,7 @@ class RunTables:
             store = opened.enter_context(StoreReader(self.folder))
             manifest = self.manifest
             parts = part_paths(self.folder, selection.table)
-            if manifest.state == "sealed":
+            if manifest.is_sealed:
                 expect_unchanged(self.folder, manifest, selection.table, parts)
             numbers = store.numbers_of(selection.table, parts_through(parts))
             live: Iterator[pa.Table] = (

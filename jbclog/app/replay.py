@@ -316,7 +316,7 @@ class Held:
 def compare(recording: Recording, again: Again) -> Held | None:
     """Compare a run with its reproduction; None if the run is not sealed and has no tables yet."""
     manifest = recording.manifest
-    if manifest is None or manifest.state != "sealed":
+    if manifest is None or not manifest.is_sealed:
         return None
     was_cut = manifest.lost is not None and not recording.is_damaged
     unkept = [one.name for one in manifest.stations if one.name not in recording.heads]

@@ -64,7 +64,7 @@ def check(
             *(Finding(REPORT, text) for text in differing),
         ]
         notes, bare = verdict.notes, [(REPORT, text) for text in not_compared]
-    if read_manifest(run).state == "sealed":
+    if read_manifest(run).is_sealed:
         bare += uncovered(run, head)
     notes += [f"not covered: {file}: {text}" for file, text in bare]
     if head is not None and digits(head) < SHOWN:

@@ -39,7 +39,7 @@ from jbclog.live.run_follower import stations_of
 from jbclog.live.states import OF_TIPS_ONLY
 from jbclog.live.store_follower import Sealed, StoreFollower
 from jbclog.record.folder import joints_asked
-from jbclog.record.manifest import RunState, read_manifest
+from jbclog.record.manifest import read_manifest
 from jbclog.record.parts import groups_of, part_paths, parts_through
 
 ENDED_S: Final = 1.5
@@ -171,7 +171,7 @@ def _found(folder: Path, through: int | None, *, is_last: bool = False) -> _Foun
         began = time.monotonic()
         rows = OpenRows(folder, through or commit_status(folder).last or None)
         manifest = read_manifest(folder)
-        is_final = is_last or manifest.state == RunState.SEALED
+        is_final = is_last or manifest.is_sealed
         if is_final:
             rows = OpenRows(folder, None)
         stations, t0_utc = stations_of(folder, manifest), manifest.t0_utc

@@ -26,7 +26,6 @@ from jbclog.live.view import RunView
 from jbclog.record.batches import keep_pandas_out
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, facts_in, merged_facts, read_manifest
-from jbclog.record.manifest import RunState as RecordState
 from jbclog.record.parts import group_of, groups_of, part_paths, parts_through
 
 NEWEST_BATCHES: Final = 90  # of samples: more than a minute of commits
@@ -119,7 +118,7 @@ class RunFollower:
 
     @property
     def _is_sealed(self) -> bool:
-        return self._manifest is not None and self._manifest.state == RecordState.SEALED
+        return self._manifest is not None and self._manifest.is_sealed
 
     def _phase(self) -> tuple[Phase, str]:
         if not self.folder.is_dir():

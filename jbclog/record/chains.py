@@ -19,7 +19,6 @@ from jbclog.record.manifest import (
     NAME,
     Manifest,
     Previous,
-    RunState,
     manifest_sha256,
     read_manifest,
 )
@@ -154,7 +153,7 @@ def previous_run(out: Path, line: str, own: Path | None = None) -> Previous:
     newest_first = sorted(others, key=lambda folder: folder.name, reverse=True)
     for folder in newest_first:
         with suppress(RecordError, OSError):
-            if read_manifest(folder).state == RunState.SEALED:
+            if read_manifest(folder).is_sealed:
                 return Previous(
                     folder.name, manifest_sha256(folder), f"The run before this one on line {line}."
                 )

@@ -28,7 +28,6 @@ from jbclog.record.manifest import (
     NAME,
     Ledger,
     Manifest,
-    RunState,
     SealedFile,
     fitting_units,
     read_manifest,
@@ -62,7 +61,7 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
     manifest = read_manifest(folder)
     digest = wrong_digest(folder)
     findings = [Finding(NAME, digest)] if digest else []
-    if manifest.state != RunState.SEALED:
+    if not manifest.is_sealed:
         return [
             *findings,
             Finding(

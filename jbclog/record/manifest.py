@@ -238,6 +238,10 @@ class Manifest:
     goals: list[Goal] = field(default_factory=list)
 
     @property
+    def is_sealed(self) -> bool:
+        return self.state == RunState.SEALED
+
+    @property
     def t0_utc_us(self) -> int:
         """`t0_utc` in µs, as the origin of a time axis: 0 where it is not known."""
         return round((self.t0_utc or 0.0) * 1e6)

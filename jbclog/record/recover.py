@@ -184,7 +184,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
         raise RecordError(f"{folder} is not a run")
     expect_no_links(folder)
     manifest = _draft(folder)
-    if manifest.state == RunState.SEALED and not live_files(folder):
+    if manifest.is_sealed and not live_files(folder):
         return _recovery(
             folder,
             Outcome.WHOLE,
@@ -196,7 +196,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     try:
         with guard_actions.without_guard(folder, patience_s):
             manifest = _draft(folder)  # the recorder may have finished while we waited
-            if manifest.state == RunState.SEALED and not changed_parts(folder, manifest):
+            if manifest.is_sealed and not changed_parts(folder, manifest):
                 remove_live(folder, lock)
                 text = f"{folder.name}: already sealed; its live store is now removed."
                 return _recovery(folder, Outcome.RECOVERED, text, manifest)

@@ -14,7 +14,7 @@ from typing import Final
 from jbclog.core.errors import RecordError
 from jbclog.record.capture import FOLDER, Head, Hole, holes, is_done, read_head, wire_paths
 from jbclog.record.conclude import sealed_file
-from jbclog.record.manifest import NAME, Manifest, RunState, wrong_digest
+from jbclog.record.manifest import NAME, Manifest, wrong_digest
 
 
 def expect_manifest_unchanged(folder: Path) -> None:
@@ -132,7 +132,7 @@ def doubts(folder: Path, manifest: Manifest | None) -> list[str]:
     try:
         changed = (
             [*changed_since(folder, manifest)]
-            if manifest is not None and manifest.state == RunState.SEALED
+            if manifest is not None and manifest.is_sealed
             else []
         )
     except OSError as error:

@@ -85,7 +85,7 @@ def report_files(folder: Path) -> dict[str, bytes]:
     open.
     """
     run = open_run(folder)
-    if run.manifest.state != "sealed":
+    if not run.manifest.is_sealed:
         raise RecordError(
             f"{folder} is still open: it is being recorded, or a crash left it open; run `jbclog"
             " recover` to finish it"

@@ -74,7 +74,7 @@ def identity_of(folder: Path) -> Identity:
     sealed, or not whole.
     """
     manifest = read_manifest(folder)
-    if manifest.state != "sealed":
+    if not manifest.is_sealed:
         raise RecordError(
             f"{folder} is not sealed: it is being recorded, or it crashed; then run `jbclog"
             " recover`"

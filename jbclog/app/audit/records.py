@@ -282,7 +282,7 @@ def _facts(folder: Path) -> list[StationFacts]:
     if stored or not (folder / MANIFEST).exists():
         return stored
     manifest = read_manifest(folder)
-    return manifest.stations if manifest.state == "sealed" else []
+    return manifest.stations if manifest.is_sealed else []
 
 
 def _nothing_yet(folder: Path, record: _Record | None) -> str:

@@ -258,7 +258,7 @@ def _ended(run: Path) -> Manifest | None:
         manifest = read_manifest(run)
     except RecordError:
         return None
-    return manifest if manifest.state == "sealed" else None
+    return manifest if manifest.is_sealed else None
 
 
 def _by_code(code: int, text: str, run: Path, verdict: str | None) -> AttemptResult:

@@ -20,7 +20,7 @@ from jbclog.record.annotations import late_serials
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.check import check
 from jbclog.record.find_runs import SEALED, ending
-from jbclog.record.manifest import RunState, manifest_sha256
+from jbclog.record.manifest import manifest_sha256
 from jbclog.record.schema import SCHEMAS, TEXT
 
 SCHEMA_OF: Final[Mapping[str, pa.Schema]] = {
@@ -92,7 +92,7 @@ class Source:
 
     def _run_facts(self) -> dict[str, str]:
         manifest = self.run.manifest
-        is_sealed = manifest.state == RunState.SEALED
+        is_sealed = manifest.is_sealed
         recipes = [
             f"{one.name} revision {one.revision} (SHA-256 {one.sha256})" for one in manifest.recipes
         ]
@@ -129,14 +129,14 @@ class Source:
         )
 
     def _serials(self) -> list[str]:
-        late = late_serials(self.run.folder) if self.run.manifest.state == RunState.SEALED else []
+        late = late_serials(self.run.folder) if self.run.manifest.is_sealed else []
         return list(dict.fromkeys([*self.run.manifest.serials(), *late]))
 
     def _notes(self) -> dict[str, str]:
         """Return the annotations of a sealed run: what was added later. Acknowledgements also stand
         in the table of alarms.
         """
-        if self.run.manifest.state != RunState.SEALED:
+        if not self.run.manifest.is_sealed:
             return {}
         said = read_annotations(self.run.folder).said
         return {

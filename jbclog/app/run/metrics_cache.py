@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.record.manifest import Manifest, RunState, manifest_sha256
+from jbclog.record.manifest import Manifest, manifest_sha256
 
 OFF: Final = "JBCLOG_NO_METRICS"
 NICENESS: Final = 19
@@ -33,7 +33,7 @@ def start_metrics(folder: Path, manifest: Manifest) -> subprocess.Popen[bytes] |
     it would end with this one.
     """
     has_samples = any(facts.first_tick is not None for facts in manifest.stations)
-    if os.environ.get(OFF) or manifest.state != RunState.SEALED or not has_samples:
+    if os.environ.get(OFF) or not manifest.is_sealed or not has_samples:
         return None
     child = None
     with suppress(OSError, subprocess.TimeoutExpired):  # a cache is no reason to fail
