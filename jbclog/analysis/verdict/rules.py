@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from jbclog.analysis.verdict.acceptance import (
     BARE,
@@ -16,6 +16,7 @@ from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.samples import TEMPERATURE, WITHOUT_TIP
 from jbclog.core.goal import Goal
 from jbclog.core.rows import StationFacts
+from jbclog.core.states import StationOutcome
 from jbclog.core.text import count_text
 
 if TYPE_CHECKING:  # pydantic is not loaded for a verdict
@@ -36,15 +37,15 @@ RUN_ENDINGS = {
         "A crash ended the run: the last second before it is missing from the record.",
     ),
 }
-STATION_ENDINGS = {
-    "completed": (Result.PASS, "Recorded to the end."),
-    "stopped": (Result.FAIL, "Stopped: a setting was changed during the run."),
-    "refused": (Result.MISSING, "Refused before sampling began."),
-    "gone": (Result.MISSING, "No answer at the end."),
-    "not_started": (Result.MISSING, "Ready, but not started."),
-    "left_out": (Result.DEVIATION, "The run started without it, as allowed."),
-    "failed": (Result.MISSING, "Its recording failed."),
-    "running": (Result.MISSING, "The record broke off while it was recorded."),
+STATION_ENDINGS: Final[dict[str, tuple[Result, str]]] = {
+    StationOutcome.COMPLETED: (Result.PASS, "Recorded to the end."),
+    StationOutcome.STOPPED: (Result.FAIL, "Stopped: a setting was changed during the run."),
+    StationOutcome.REFUSED: (Result.MISSING, "Refused before sampling began."),
+    StationOutcome.GONE: (Result.MISSING, "No answer at the end."),
+    StationOutcome.NOT_STARTED: (Result.MISSING, "Ready, but not started."),
+    StationOutcome.LEFT_OUT: (Result.DEVIATION, "The run started without it, as allowed."),
+    StationOutcome.FAILED: (Result.MISSING, "Its recording failed."),
+    StationOutcome.RUNNING: (Result.MISSING, "The record broke off while it was recorded."),
 }
 CONFIDENCE = "confidence"
 JUDGED_BARE = 'The recipe judges figures without their bounds (confidence = "none").'
@@ -127,14 +128,14 @@ def station_rules(
     result, text = STATION_ENDINGS.get(
         facts.outcome, (Result.MISSING, "How it ended is not known.")
     )
-    if facts.outcome == "gone" and facts.first_tick is None:
+    if facts.outcome == StationOutcome.GONE and facts.first_tick is None:
         text = NEVER_ANSWERED
     reason = facts.reason.removeprefix(f"{facts.name}: ").rstrip(".")
     if reason and result is not Result.PASS:
         text = f"{text} {reason[:1].upper()}{reason[1:]}."
-    seen = "cut off" if facts.outcome == "running" else facts.outcome
-    yield Rule("station", facts.name, None, "completed", seen, "", result, text)
-    if facts.outcome == "left_out":
+    seen = "cut off" if facts.outcome == StationOutcome.RUNNING else facts.outcome
+    yield Rule("station", facts.name, None, StationOutcome.COMPLETED, seen, "", result, text)
+    if facts.outcome == StationOutcome.LEFT_OUT:
         return
     yield settings_rule(facts, outcomes)
     if acceptance.alarms_max is not None:
@@ -158,7 +159,7 @@ def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
         result, text = Result.FAIL, "A setting differs from the recipe."
     elif confirmed + len(lacking) < stated:
         result, text = Result.MISSING, "A setting could not be read back."
-    elif not stated and facts.first_tick is None and facts.outcome != "completed":
+    elif not stated and facts.first_tick is None and facts.outcome != StationOutcome.COMPLETED:
         observed = None
         result = Result.MISSING
         text = "The record holds no setting of this station."
@@ -168,7 +169,8 @@ def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
         text = (
             f"The station does not have: {names}. All other settings of the recipe are confirmed."
         )
-    elif facts.outcome == "running":  # the record broke off; the recipe may have had more
+    elif facts.outcome == StationOutcome.RUNNING:
+        # the record broke off; the recipe may have had more
         result, text = Result.PASS, "Every setting in the record is confirmed."
     else:
         result = Result.PASS

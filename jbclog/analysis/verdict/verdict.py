@@ -43,6 +43,7 @@ from jbclog.analysis.verdict.rules import (
 )
 from jbclog.analysis.verdict.samples import TEMPERATURE, Measures, Measuring, measure
 from jbclog.core.rows import StationFacts
+from jbclog.core.states import StationOutcome
 
 if TYPE_CHECKING:  # pydantic is not loaded for a verdict
     from jbclog.config.recipe_sections import Acceptance
@@ -161,7 +162,7 @@ def _station(
 ) -> Iterator[Rule]:
     outcomes = settings.outcomes.get(facts.name, Outcomes())
     yield from station_rules(facts, acceptance, evidence, events, outcomes)
-    if facts.outcome == "left_out":
+    if facts.outcome == StationOutcome.LEFT_OUT:
         return
     yield from bare_rule(facts, acceptance)
     ports = used_ports(facts, evidence)
@@ -200,7 +201,7 @@ def _no_facts(station: str) -> Rule:
         "station",
         station,
         None,
-        "completed",
+        StationOutcome.COMPLETED,
         None,
         "",
         Result.MISSING,
