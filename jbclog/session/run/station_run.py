@@ -256,7 +256,9 @@ def _note_return(context: SessionContext) -> None:
         return
     if facts.safe_state and not facts.unsafe:
         context.connected, facts.outcome = True, StationOutcome.COMPLETED
-        facts.reason = f"{context.away_when} while it did not answer; its tools answered after that"
+        facts.reason = (
+            f"{context.away_when} while it did not answer; it confirmed its safe state after that"
+        )
 
 
 def _read_last(context: SessionContext, at_work: list[PortState]) -> Steps[None]:
