@@ -18,7 +18,7 @@ from jbclog.analysis.store.reader import Published, Store, actions_of, opened
 from jbclog.analysis.store.rows import chosen_rows
 from jbclog.analysis.store.schema import DATA, RUNS, TABLES
 from jbclog.app.publish.commits import committed, properties, writer
-from jbclog.app.publish.lease import FOLDER, leases, live
+from jbclog.app.publish.lease import FOLDER, VALID, leases, live
 from jbclog.app.publish.leftovers import swept
 from jbclog.app.publish.safe_place import PROBE
 from jbclog.core.errors import RecordError, StoreError, UsageError
@@ -100,23 +100,36 @@ def _sort_out(
 
 
 def _sweep(place: Place, found: Checked, left: Mapping[str, set[str]]) -> None:
-    """Remove leftovers, dead leases and probes, unless a publisher is at work."""
-    at_work = live(place)
+    """Remove leftovers, dead leases and old trials, unless a publisher is at work."""
+    held = [*leases(place)]  # once: one that starts behind this keeps its own
+    at_work = [one for one in held if one.is_live]
     if at_work:
         found.notes += [f"a publisher is at work, so nothing was removed: {one}" for one in at_work]
         return
     found.removed += [
         f"{table}: rows of {publication}" for table, publication in swept(place, left)
     ]
-    for folder in [*(f"{FOLDER}/{one.publisher}" for one in leases(place)), *_probes(place)]:
+    trials = _trials(place)
+    young = sorted(name for name, age in trials.items() if age < VALID)
+    found.notes += [f"{name}: a trial of the place, younger than {_hours(VALID)}" for name in young]
+    old = sorted(trials.keys() - {*young})
+    for folder in [*(f"{FOLDER}/{one.publisher}" for one in held), *old]:
         place.remove(folder)
         found.removed.append(folder)
 
 
-def _probes(place: Place) -> list[str]:
-    return sorted(
-        {file.name.partition("/")[0] for file in place.listed("") if file.name.startswith(PROBE)}
-    )
+def _trials(place: Place) -> dict[str, timedelta]:
+    """Return the age of each trial of the place. A publisher that makes one may have no lease yet,
+    so only its files show that it is at work.
+    """
+    now = datetime.now(UTC)
+    ages: dict[str, timedelta] = {}
+    for file in place.listed(""):
+        name = file.name.partition("/")[0]
+        if name.startswith(PROBE):
+            age = now - (file.written or now)
+            ages[name] = min(age, ages.get(name, age))
+    return ages
 
 
 def _counted(store: Store, table: str) -> Counter[str]:

@@ -8,6 +8,7 @@ import json
 import os
 import shutil
 import socket
+import time
 from collections import Counter
 from collections.abc import Iterator
 from datetime import timedelta
@@ -26,11 +27,11 @@ from jbclog.analysis.store import contents, reader, rows, schema
 from jbclog.analysis.store.place import Place, place_of
 from jbclog.analysis.store.reader import Store
 from jbclog.analysis.store.schema import DATA, PARTITIONS, PROPERTY, RUNS, TABLES
-from jbclog.app.publish import commits, lease, publisher
+from jbclog.app.publish import commits, lease, publisher, safe_place, upkeep
 from jbclog.app.publish.commits import create_tables, fence
 from jbclog.app.publish.lease import Lease, live
 from jbclog.app.publish.publisher import Publisher, Result
-from jbclog.app.publish.upkeep import check, compact, vacuum
+from jbclog.app.publish.upkeep import Checked, check, compact, vacuum
 from jbclog.core.errors import RecordError, StoreError, UsageError
 from jbclog.record import annotations
 from support.invoked import invoked
@@ -168,14 +169,68 @@ def test_leftovers_count_for_nobody_and_are_removed(
     assert len(jbclog.open_runs(place.url)[0].samples()) == before
 
 
-@pytest.mark.parametrize("name", ["_probe-12ab34cd.a", "_probe-12ab34cd/0/_delta_log/x.json"])
-def test_what_a_killed_trial_of_the_place_left_is_removed(place: Place, name: str) -> None:
+TRIALS = ["_probe-12ab34cd.a", "_probe-12ab34cd/0/_delta_log/x.json"]
+
+
+def tried(place: Place, name: str, age: timedelta) -> Path:
+    """A file of a trial of the place, written so long ago."""
     path = Path(place.of(name))
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(b"1")
+    written = time.time() - age.total_seconds()
+    os.utime(path, (written, written))
+    return path
+
+
+@pytest.mark.parametrize("name", TRIALS)
+def test_what_a_killed_trial_of_the_place_left_is_removed(place: Place, name: str) -> None:
+    tried(place, name, lease.VALID * 2)
     found = check(place, AT_ONCE)
-    assert (found.findings, found.removed) == ([], [name.partition("/")[0]])
+    assert (found.findings, found.notes, found.removed) == ([], [], [name.partition("/")[0]])
     assert [*Path(place.url).glob("_probe*")] == []
+
+
+@pytest.mark.parametrize("name", TRIALS)
+def test_a_trial_of_a_publisher_that_starts_stays(place: Place, name: str) -> None:
+    """It has no lease yet. Its newest file counts: a trial goes on."""
+    tried(place, name.replace("x.json", "w.json"), lease.VALID * 2)
+    path = tried(place, name, lease.VALID / 2)
+    found = check(place, AT_ONCE)
+    assert (found.findings, found.removed, path.is_file()) == ([], [], True)
+    (said,) = found.notes
+    assert said == f"{name.partition('/')[0]}: a trial of the place, younger than 1 h"
+
+
+def test_a_check_in_the_midst_of_a_trial_does_not_disturb_it(
+    place: Place, runs: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    race = safe_place._race
+    asked: list[Checked] = []
+
+    def beside(at: Place, name: str) -> None:
+        race(at, name)
+        asked.append(check(at, AT_ONCE))
+
+    monkeypatch.setattr(safe_place, "_race", beside)
+    with Publisher(place) as one:
+        assert one.publish(runs[0]).result is Result.THERE
+    assert [one.removed for one in asked] == [[]] * safe_place.ROUNDS
+    assert [*Path(place.url).glob("_probe*")] == []
+
+
+def test_a_lease_of_the_moment_of_the_check_stays(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is taken after the check has looked who is at work."""
+    taken: list[Lease] = []
+
+    def swept(at: Place, left: object) -> list[tuple[str, str]]:
+        taken.append(Lease(at))
+        return []
+
+    monkeypatch.setattr(upkeep, "swept", swept)
+    assert check(place, AT_ONCE).removed == []
+    assert [one.publisher for one in live(place)] == [taken[0].publisher]
 
 
 def test_a_name_with_a_quote_removes_no_other_rows(place: Place) -> None:
