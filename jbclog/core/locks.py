@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, expect_regular
+from jbclog.core.foreign.files import Kind, open_foreign
 from jbclog.core.foreign.json_reader import read_json
 
 
@@ -41,16 +41,14 @@ def try_lock(path: Path) -> int | None:
 def is_locked(path: Path) -> bool:
     """Whether a process holds the lock at `path`; changes nothing. Raises OSError."""
     try:
-        expect_regular(path, Kind.LOCK)
-        descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+        file = open_foreign(path, Kind.LOCK)
     except FileNotFoundError:
         return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:
-        return True
-    finally:
-        os.close(descriptor)
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except OSError:
+            return True
     return False
 
 

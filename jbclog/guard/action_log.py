@@ -17,7 +17,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any, Final
 
-from jbclog.core.foreign.files import Kind, expect_opened
+from jbclog.core.foreign.files import Kind, cut_blank_end, open_to_write
 from jbclog.core.foreign.json_reader import read_json
 from jbclog.core.text import clean
 
@@ -26,7 +26,6 @@ MANIFEST: Final = "manifest.json"
 BLANK: Final = b"\n"
 LEAST_BYTES: Final = 65536
 LINE_BYTES: Final = 512  # of one line, at most
-FLAGS: Final = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 STDERR = 2
 
 
@@ -91,7 +90,7 @@ class ActionLog:
         """Release unused space when the run is over, and remove an empty file. Does not raise."""
         with suppress(OSError), self._lock:
             if not is_sealed(self._folder):
-                tidy(self._folder / NAME)
+                cut_blank_end(self._folder / NAME, Kind.ACTION_LOG)
 
     def _append(self, line: bytes) -> None:
         with self._opened() as descriptor:
@@ -100,9 +99,8 @@ class ActionLog:
 
     @contextmanager
     def _opened(self) -> Iterator[int]:
-        descriptor = os.open(self._folder / NAME, FLAGS, 0o644)
+        descriptor = open_to_write(self._folder / NAME, Kind.ACTION_LOG)
         try:
-            expect_opened(descriptor, Kind.ACTION_LOG)
             yield descriptor
         finally:
             os.close(descriptor)
@@ -132,21 +130,6 @@ def is_sealed(folder: Path) -> bool:
         return bool(read_json(folder / MANIFEST, Kind.MANIFEST)["state"] == "sealed")
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return False
-
-
-def tidy(path: Path) -> None:
-    """Cut off trailing blank lines; remove a file that has no others. Raises OSError."""
-    with suppress(FileNotFoundError):
-        descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
-        try:
-            content = _content(descriptor)
-            if not content:
-                path.unlink()
-            elif os.fstat(descriptor).st_size > len(content) + 1:
-                os.ftruncate(descriptor, len(content) + 1)
-                os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def _content(descriptor: int) -> bytes:

@@ -32,15 +32,22 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from io import BufferedReader
 from itertools import islice
 from pathlib import Path
 from typing import Final
 
 from jbclog.core.capture_rows import CaptureRow
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, expect_regular, is_plain_folder, open_foreign
+from jbclog.core.foreign.files import (
+    Kind,
+    NotReadable,
+    is_plain_folder,
+    open_foreign,
+    open_to_write,
+)
 from jbclog.core.foreign.json_reader import builder, expect_moment, json_of
-from jbclog.record.capture_file import FIXED, Block, Gap, blocks, row_of
+from jbclog.record.capture_file import FIXED, Block, Gap, blocks, blocks_in, row_of
 
 FOLDER: Final = "wire"
 SUFFIX: Final = ".tsv.gz"
@@ -261,22 +268,30 @@ def is_done(path: Path) -> bool:
 def mend(path: Path) -> int:
     """Cut off an incomplete block at the end; return the number of bytes. Raises OSError.
 
-    Cuts only if nothing intact follows, nothing that exceeds a limit, and never a whole file that
-    may be something else.
+    Cuts only if nothing intact follows, nothing that exceeds a limit, never a whole file that may
+    be something else, and never another file than the one that was read.
     """
     last: Block | Gap | None = None
-    for last in blocks(path):  # noqa: B007  # the last one counts
-        pass
-    if not isinstance(last, Gap) or last.is_refused or not (last.start or _has_begun(path)):
-        return 0
-    expect_regular(path, Kind.WIRE)
-    with path.open("r+b") as file:
-        file.truncate(last.start)
-        os.fsync(file.fileno())
+    with open_foreign(path, Kind.WIRE) as file:
+        for last in blocks_in(file.fileno()):  # noqa: B007  # the last one counts
+            pass
+        if not isinstance(last, Gap) or last.is_refused or not (last.start or _has_begun(file)):
+            return 0
+        _cut(path, last.start, os.fstat(file.fileno()))
     return last.end - last.start
 
 
-def _has_begun(path: Path) -> bool:
+def _has_begun(file: BufferedReader) -> bool:
     """Whether the file begins like a block."""
-    with open_foreign(path, Kind.WIRE) as file:
-        return FIXED.startswith(file.read(len(FIXED)))
+    return FIXED.startswith(os.pread(file.fileno(), len(FIXED), 0))
+
+
+def _cut(path: Path, size: int, looked_at: os.stat_result) -> None:
+    descriptor = open_to_write(path, Kind.WIRE, makes=False)
+    try:
+        if not os.path.samestat(os.fstat(descriptor), looked_at):
+            raise NotReadable("was replaced while it was read; nothing was cut off")
+        os.ftruncate(descriptor, size)
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -221,11 +221,16 @@ def _crc(head: bytes) -> int:
 def blocks(path: Path) -> Iterator[Block | Gap]:
     """Yield the file's blocks in order, with gaps for what is damaged. Raises OSError."""
     with open_foreign(path, Kind.WIRE) as file:
-        data = _Bytes(file.fileno())
-        if len(data):
-            labels = _labels(data)
-            first = next(labels, None)
-            yield from _singles(data) if first is None else _numbered(data, first, labels)
+        yield from blocks_in(file.fileno())
+
+
+def blocks_in(descriptor: int) -> Iterator[Block | Gap]:
+    """Yield the blocks of an open file, as `blocks`."""
+    data = _Bytes(descriptor)
+    if len(data):
+        labels = _labels(data)
+        first = next(labels, None)
+        yield from _singles(data) if first is None else _numbered(data, first, labels)
 
 
 class _Bytes:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.files import Kind, cut_blank_end, read_foreign
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.rows import EventRow, Severity, StationFacts
@@ -76,17 +76,8 @@ def was_lost(folder: Path) -> bool:
 
 def tidy(folder: Path) -> None:
     """Release unused space of the action log; remove an empty one. Raises OSError."""
-    path = folder / ACTION_LOG
     with suppress(FileNotFoundError):
-        written = read_foreign(path, Kind.ACTION_LOG).rstrip(BLANK)
-        if not written:
-            path.unlink()
-            return
-        descriptor = os.open(path, os.O_WRONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
-        try:
-            os.ftruncate(descriptor, len(written) + 1)
-        finally:
-            os.close(descriptor)
+        cut_blank_end(folder / ACTION_LOG, Kind.ACTION_LOG)
 
 
 def action_log(folder: Path) -> list[EventRow]:

@@ -264,12 +264,16 @@ def open_foreign(path: Path, kind: Kind, *, links: bool = False) -> BufferedRead
         raise
 
 
-def open_to_write(path: Path, kind: Kind, *, appends: bool = False) -> int:
-    """Open the regular file at `path`, made if missing, and return its descriptor. Raises OSError
-    as `expect_regular` does: in a folder of others' even a file of our own may be a pipe or a link.
+def open_to_write(path: Path, kind: Kind, *, appends: bool = False, makes: bool = True) -> int:
+    """Open the regular file at `path`, made if missing (`makes`), and return its descriptor. Raises
+    OSError as `expect_regular` does: in a folder of others' even a file of our own may be a pipe or
+    a link.
     """
+    if not makes:
+        expect_regular(path, kind)
     how = os.O_WRONLY | os.O_APPEND if appends else os.O_RDWR
-    flags = how | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+    how |= os.O_CREAT if makes else 0
+    flags = how | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_NOCTTY
     descriptor = os.open(path, flags, 0o644)
     try:
         expect_opened(descriptor, kind)
@@ -278,6 +282,23 @@ def open_to_write(path: Path, kind: Kind, *, appends: bool = False) -> int:
         os.close(descriptor)
         raise
     return descriptor
+
+
+def cut_blank_end(path: Path, kind: Kind) -> None:
+    """Cut off the blank lines at the end of a file; remove one that has no others. Raises OSError
+    as `expect_regular` does. What takes its name meanwhile is not cut.
+    """
+    descriptor = open_to_write(path, kind, makes=False)
+    try:
+        size = os.fstat(descriptor).st_size
+        written = len(os.pread(descriptor, size, 0).rstrip(b"\n"))
+        if not written:
+            path.unlink()
+        elif size > written + 1:
+            os.ftruncate(descriptor, written + 1)
+            os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:

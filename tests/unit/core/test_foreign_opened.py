@@ -59,9 +59,7 @@ ALLOWED = {
     "report/typeset.py:read_bytes": "fonts of this package",
     "cli/streams.py:open": "the three streams by their numbers, and the null device",
     "cli/streams.py:os.open": "the null device",
-    "guard/action_log.py:os.open": (
-        "the log that this guard has written, to cut its end off; the null device"
-    ),
+    "guard/action_log.py:os.open": "the null device",
     "app/doctor.py:read_text": "the kernel's own, below /sys",
     "transport/system_ports.py:read_text": "the kernel's own, below /proc",
     "core/locks.py:read_text": "the kernel's own, below /proc",
@@ -70,13 +68,10 @@ ALLOWED = {
     "transport/typed_lines.py:open": (
         "a source of units, which is a pipe or a device by its nature; it is polled"
     ),
-    "record/capture.py:open": "looked at by `expect_regular` in the line before",
     "core/durable_files.py:os.open": (
         "what was just written, to sync it; to add a line, looked at by `expect_opened`"
     ),
-    "core/locks.py:os.open": "looked at by `expect_regular` in the line before; nothing is read",
     "sim/links.py:os.open": "a pseudo terminal of a virtual station",
-    "record/guard_actions.py:os.open": "read through `read_foreign` before",
     "analysis/store/place.py:DeltaTable": "looked through by `_expect_plain_log` before",
     "analysis/store/reader.py:make_fragment": "looked at by `expect_files` in the line before",
     "analysis/store/rows.py:open_input_file": "looked at by `Store.bounded` before",

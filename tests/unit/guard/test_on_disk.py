@@ -12,6 +12,7 @@ import shutil
 import stat
 import threading
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import LIMITS, Kind
 from jbclog.guard import __main__ as guard_itself
 from jbclog.guard import lease as leases
 from jbclog.guard.action_log import LEAST_BYTES, LINE_BYTES, ActionLog
@@ -351,6 +353,44 @@ def test_a_diary_that_nothing_was_written_into_is_none(tmp_path: Path) -> None:
     action_log.tidy()
     action_log.tidy()
     assert list(tmp_path.iterdir()) == []
+
+
+def tidied_by_a_guard(folder: Path) -> None:
+    ActionLog(folder).tidy()
+
+
+TIDIES = (guard_actions.tidy, tidied_by_a_guard)
+
+
+@pytest.mark.parametrize("tidy", TIDIES)
+def test_what_takes_the_diarys_name_while_it_is_tidied_is_not_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tidy: Callable[[Path], None]
+) -> None:
+    path, other, really = tmp_path / guard_actions.ACTION_LOG, tmp_path / "other", os.open
+    path.write_text("{}\n\n\n")
+    other.write_text("a longer line than that\n")
+
+    def swapping(name: Path, *how: int, **more: int) -> int:
+        descriptor = really(name, *how, **more)
+        if name == path and other.exists():
+            other.replace(path)
+        return descriptor
+
+    monkeypatch.setattr(os, "open", swapping)
+    tidy(tmp_path)
+    monkeypatch.undo()
+    assert path.read_text() == "a longer line than that\n"
+
+
+@pytest.mark.parametrize("tidy", TIDIES)
+def test_a_diary_that_no_guard_has_written_is_not_tidied(
+    tmp_path: Path, tidy: Callable[[Path], None]
+) -> None:
+    path, size = tmp_path / guard_actions.ACTION_LOG, LIMITS[Kind.ACTION_LOG] + 1
+    path.write_bytes(b"\n" * size)
+    with suppress(OSError):
+        tidy(tmp_path)
+    assert path.stat().st_size == size
 
 
 def test_a_line_behind_one_that_was_torn_off_is_whole(tmp_path: Path) -> None:

@@ -251,6 +251,36 @@ def test_what_is_none_of_ours_is_not_cut(tmp_path: Path) -> None:
         assert path.read_bytes() == data
 
 
+@pytest.mark.parametrize("kind", ["a file", "a link", "a pipe"])
+def test_what_takes_its_name_while_it_is_read_is_not_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    path, aside, foreign = written(tmp_path, ROWS, close=False), tmp_path / "a", tmp_path / "b"
+    torn = path.read_bytes()[:-1]
+    path.write_bytes(torn)
+    content = torn * 2  # longer than what is left of the capture
+    foreign.write_bytes(content)
+    really = os.pread
+
+    def swapping(descriptor: int, size: int, at: int) -> bytes:
+        if not aside.exists():
+            path.rename(aside)
+            if kind == "a link":
+                path.symlink_to(foreign)
+            elif kind == "a pipe":
+                os.mkfifo(path)
+            else:
+                foreign.replace(path)
+        return really(descriptor, size, at)
+
+    monkeypatch.setattr(os, "pread", swapping)
+    with pytest.raises(OSError, match="replaced" if kind == "a file" else f"is {kind}, not"):
+        mend(path)
+    monkeypatch.undo()
+    assert aside.read_bytes() == torn
+    assert (path if kind == "a file" else foreign).read_bytes() == content
+
+
 def test_half_a_second_is_what_a_cut_takes_at_most(tmp_path: Path) -> None:
     """Up to each write all rows are there without what follows."""
     recorder = WireRecorder(tmp_path)
