@@ -8,7 +8,6 @@ that only the live store has.
 from __future__ import annotations
 
 import struct
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -25,7 +24,7 @@ from jbclog.core.capture_rows import LinkRow
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.tables import bounds_of
 from jbclog.core.rows import StationFacts
-from jbclog.core.text import shortened
+from jbclog.core.text import shortened, warn
 from jbclog.record.annotations import late_serials
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
 from jbclog.record.conclude import known_stations
@@ -339,7 +338,7 @@ class RunTables:
         rows = [*rows_and_holes(path)]
         passed = [row for row in rows if isinstance(row, LinkRow)]
         for hole in (row for row in rows if isinstance(row, Hole)):
-            warnings.warn(f"{path}: {hole.describe(head)}", stacklevel=2)
+            warn(f"{path}: {hole.describe(head)}")
         table = pd.DataFrame(passed, columns=["time", "what", "data", "text"])
         micros = (table["time"] + (head.t0_utc - head.t0_mono)).mul(1e6).round()
         return table.assign(
@@ -489,7 +488,7 @@ class RunTables:
     def _say_once(self, text: str) -> None:
         if text not in self._said:
             self._said.add(text)
-            warnings.warn(f"{self.folder}: {text}", stacklevel=2)
+            warn(f"{self.folder}: {text}")
 
 
 def _micros(times: pd.Series) -> pd.Series:

@@ -1,4 +1,4 @@
-"""Text for people: terminal, page, table, CSV."""
+"""Text for people: terminal, page, table, CSV, warnings of Python."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import json
 import math
 import re
 import unicodedata
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
@@ -43,6 +44,13 @@ def shortened(text: str, most: int) -> str:
         if len(text) <= most
         else f"{text[:most]}… ({len(text) - most} characters are left out)"
     )
+
+
+def warn(text: str) -> None:
+    """Warn whoever called the method that calls this. Python prints a warning as it is, and the
+    name of a folder can be any text.
+    """
+    warnings.warn(clean(text), stacklevel=3)
 
 
 def json_line(data: object, *, only_ascii: bool = False) -> str:

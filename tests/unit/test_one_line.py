@@ -1,9 +1,10 @@
 """Text from outside makes no line of its own, on any way out: terminal, CSV, JSON lines, the
-guard's words, a finding.
+guard's words, a finding, a warning of the Python API.
 """
 
 from __future__ import annotations
 
+import ast
 import csv
 import errno
 import io
@@ -12,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +21,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import jbclog
+from jbclog.analysis.run import Run
 from jbclog.cli import output
 from jbclog.cli.app import NO_FILES as NO_FILES_TEXT
 from jbclog.core.text import clean, csv_text, json_line
@@ -26,9 +30,14 @@ from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.report.write import write_report
 from support.invoked import invoked
+from support.readers.repository import parsed
+from support.records.few_rows import abandoned
 from support.records.small_run import make_run
+from support.virtual.captured_run import recorded
+from support.virtual.virtual_run import line_text
 
 ROOT = Path(__file__).parents[2]
+PACKAGE = Path(jbclog.__file__).parent
 ENDS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
 HOSTILE = st.text(
     st.one_of(
@@ -92,6 +101,47 @@ def test_a_planted_lease_makes_no_line(capfd: pytest.CaptureFixture[str]) -> Non
 
     action_log.show("dde-1\njbclog guard: all tools are safe")
     assert capfd.readouterr().err == "jbclog guard: dde-1 jbclog guard: all tools are safe\n"
+
+
+HOSTILE_NAME = "x\nUserWarning: all is well\x1b[2K\u202e\u2066\u200b"
+
+
+def damaged_store(below: Path) -> None:
+    below.mkdir()
+    folder = abandoned(below)
+    (folder / "live.sqlite").write_bytes(b"no database" * 1000)
+    (folder / "live.sqlite-wal").unlink()
+    jbclog.open_run(folder).samples()
+
+
+def cut_capture(folder: Path) -> None:
+    recorded(folder, line_text(), duration_s=2)
+    (capture,) = (folder / "wire").iterdir()
+    capture.write_bytes(capture.read_bytes()[:-1])
+    Run(folder).wire("dde-1")
+
+
+@pytest.mark.parametrize("read", [damaged_store, cut_capture])
+def test_a_warning_is_one_line(tmp_path: Path, read: Callable[[Path], None]) -> None:
+    with pytest.warns(UserWarning, match="UserWarning: all is well") as warned:
+        read(tmp_path / HOSTILE_NAME)
+    texts = [str(one.message) for one in warned]
+    assert texts == [clean(text) for text in texts]
+
+
+def test_every_warning_is_cleaned() -> None:
+    warning = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(parsed(path))
+        if (isinstance(node, ast.ImportFrom) and node.module == "warnings")
+        or (
+            isinstance(node, ast.Attribute)
+            and node.attr.startswith("warn")
+            and ast.unparse(node.value) == "warnings"
+        )
+    }
+    assert warning == {"core/text.py"}
 
 
 WRONG = ("runs --x{}", "{}", "runs --since={} --state {}", "trend --port={}", "--{}")
