@@ -9,13 +9,15 @@ request before it returns. Opening a port can block, so it happens in a thread.
 from __future__ import annotations
 
 import logging
+import os
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from math import inf
 
 from jbclog.core import clock
-from jbclog.core.errors import cause
+from jbclog.core.errors import cause, unexpected_error_text
 from jbclog.transport.blocking import OpenPort
 from jbclog.transport.event_loop import EpollLoop, EventLoop, LoopLag
 from jbclog.transport.session_runner import Session, SessionRunner
@@ -24,6 +26,7 @@ from jbclog.transport.start_barrier import Barrier
 OPENERS = 8  # ports opened at the same time
 # for sessions to make their tools safe after a failure of the program; then it is the guard's job
 ENDING_S = 5.0
+MOST_REPORTED = 10  # errors of periodic calls
 _log = logging.getLogger(__name__)
 
 
@@ -39,23 +42,29 @@ def make_loop() -> EventLoop:
 class Reactor:
     """Runs sessions until all have ended."""
 
-    def __init__(self, *, allow_missing: bool = False) -> None:
-        """`allow_missing`: sessions that are ready start without the others."""
+    def __init__(
+        self, *, allow_missing: bool = False, report: Callable[[str], None] = _log.error
+    ) -> None:
+        """`allow_missing`: sessions that are ready start without the others. `report` gets the
+        first of equal errors of periodic calls.
+        """
         self.now = clock.elapsed
         self.loop = make_loop()
         self.openers = ThreadPoolExecutor(OPENERS, thread_name_prefix="open-port")
         self._runners: set[SessionRunner] = set()
         self.loop_lag = LoopLag(self.loop)
         self._failure: Exception | None = None
+        self._report = report
+        self._reported: set[str] = set()
         self.barrier = Barrier(self.now, self.loop.call_at, allow_missing=allow_missing)
 
     def add(self, session: Session, open_port: OpenPort, name: str = "") -> None:
         """Add a session; `open_port` is called in a thread for each `Reopen`."""
         self._runners.add(SessionRunner(self, session, open_port, name))
 
-    def every(self, seconds: float, call: Callable[[], None]) -> None:
-        """Call `call` periodically while sessions run, whatever it raises. It must return
-        quickly.
+    def every(self, seconds: float, call: Callable[[], None], what: str) -> None:
+        """Call `call` periodically while sessions run, whatever it raises. It must return quickly.
+        `what` it does begins the report of an error.
         """
 
         def again() -> None:
@@ -63,9 +72,20 @@ class Reactor:
             try:
                 call()
             except Exception as error:  # no session depends on it
-                _log.error("%s failed", call, exc_info=error)
+                with suppress(Exception):
+                    self._report_once(
+                        f"{what}: internal error, {unexpected_error_text(error)}", error
+                    )
 
         self.loop.call_later(seconds, again)
+
+    def _report_once(self, text: str, error: Exception) -> None:
+        if text in self._reported or len(self._reported) == MOST_REPORTED:
+            return
+        self._reported.add(text)
+        wants_traceback = os.environ.get("JBCLOG_TRACEBACK")
+        _log.log(logging.ERROR if wants_traceback else logging.DEBUG, text, exc_info=error)
+        self._report(text)
 
     def end(self, why: str) -> None:
         """End every session, once: each makes its tools safe before it returns. Call it from the

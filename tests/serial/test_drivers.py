@@ -80,7 +80,9 @@ def test_a_whole_run_of_two_stations_of_which_one_drops_out(served: Callable[...
     for context, spec in zip(contexts, line.stations, strict=True):
         reactor.add(run_station(context), opener(spec))
     # the run ends when that one is back, whenever that is
-    reactor.every(0.3, lambda: reactor.end("seen") if "link.back" in memory.kinds() else None)
+    reactor.every(
+        0.3, lambda: reactor.end("seen") if "link.back" in memory.kinds() else None, "Look"
+    )
     reactor.run()
     assert [context.facts.outcome for context in contexts] == ["completed", "completed"]
     assert [context.facts.outages for context in contexts] == [0, 1]

@@ -99,7 +99,9 @@ class Recorder:
         )
         self._note = self._run_record.note
         self._contexts = self._run_record.contexts
-        self._reactor = Reactor(allow_missing=plan.starts_without_missing)
+        self._reactor = Reactor(
+            allow_missing=plan.starts_without_missing, report=self._note_failed_look
+        )
         self._sharers = SharedPortWatch(context.order.url for context in self._contexts)
         self._wires = self._capturing() if plan.wanted.wire else None
         self._units = None if units is None else self._unit_feed(units)
@@ -187,11 +189,12 @@ class Recorder:
             self._add(context)
         if self._wires is not None:
             self._wires.start()
-        self._reactor.every(LOOK_EVERY_S, self._look)
-        self._reactor.every(LOOK_AT_PORTS_EVERY_S, self._sharers.look)
-        self._reactor.every(RENEW_S, self._guarding.renew)
+        every = self._reactor.every
+        every(LOOK_EVERY_S, self._look, "Look at clock, disk and goals")
+        every(LOOK_AT_PORTS_EVERY_S, self._sharers.look, "Look for other programs on the ports")
+        every(RENEW_S, self._guarding.renew, "Sign of life to the guard")
         if self._units is not None:
-            self._reactor.every(LOOK_FOR_UNITS_S, self._look_for_units)
+            every(LOOK_FOR_UNITS_S, self._look_for_units, "Look for serials of units")
         try:
             self._reactor.run(self._guarding.end)
         except Exception as error:  # the record so far must still be closed
@@ -263,6 +266,10 @@ class Recorder:
         self._run_record.show(
             lambda: self._run_record.observer.second(self._contexts, self._goals.so_far())
         )
+
+    def _note_failed_look(self, text: str) -> None:
+        hint = "it is tried again (set JBCLOG_TRACEBACK=1 to see where; please report it)"
+        self._note("run.look_failed", f"{text}. The run continues, and {hint}.", Severity.WARNING)
 
     def _note_sharers(self) -> None:
         for url, who in self._sharers.news():

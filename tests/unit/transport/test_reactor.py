@@ -489,10 +489,18 @@ def test_sessions_that_do_not_end_then_are_left_with_their_ports_closed(
     assert port.is_closed
 
 
+@pytest.mark.parametrize("wants_traceback", ["", "1"])
 def test_what_is_called_every_so_often_is_called_whatever_it_raised(
-    caplog: pytest.LogCaptureFixture,
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch, wants_traceback: str
 ) -> None:
-    calls = []
+    """It is told in one line, once; of a traceback, whoever asks for it."""
+    monkeypatch.setenv("JBCLOG_TRACEBACK", wants_traceback)
+    calls: list[float] = []
+    told: list[str] = []
+
+    def report(text: str) -> None:
+        told.append(text)
+        raise OSError("nobody listens")
 
     def call() -> None:
         calls.append(time.monotonic())
@@ -502,13 +510,14 @@ def test_what_is_called_every_so_often_is_called_whatever_it_raised(
         while len(calls) < 4:
             yield Wait(soon(0.01))
 
-    reactor = Reactor()
+    reactor = Reactor(report=report)
     reactor.add(session(), PairPort)
-    reactor.every(0.05, call)
+    reactor.every(0.05, call, "Look at nothing")
     reactor.run()
     # the third and the fourth follow each other quickly where the second was late
     assert calls[3] - calls[0] >= 2 * 0.05
-    assert "injected" in caplog.text
+    assert told == ["Look at nothing: internal error, ZeroDivisionError: injected"]
+    assert caplog.text.count("Traceback") == len(wants_traceback)
 
 
 def test_ticks_of_many_sessions_ring_in_order() -> None:
