@@ -10,6 +10,7 @@ import math
 from collections import Counter as Counted
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 
 from jbclog.config.task_names import REPLACED, RESET
 from jbclog.maintenance.counter_totals.advance import (
@@ -61,11 +62,12 @@ def traces_of(history: History) -> Traces:
     first = _Pass(history, readings, {}, {})
     first.run()
     is_unsure = any(one.rule in UNSURE for judged in first.judged for one in judged)
-    if not is_unsure and not first.late:
+    late = first.late
+    if not is_unsure and not late:
         return first.traces
-    judged = [*first.judged, *first.plain()]
-    paces, ratios = (_paces(judged), ratios_of(judged)) if is_unsure else ({}, {})
-    second = _Pass(history, readings, paces, ratios, first.late)
+    paces, ratios = _learned(chain(first.judged, first.plain())) if is_unsure else ({}, {})
+    del first  # of a long ledger each pass takes hundreds of megabytes
+    second = _Pass(history, readings, paces, ratios, late)
     second.run()
     return second.traces
 
@@ -79,14 +81,24 @@ def _doubted_looks(left_out: Iterable[Collection[int]]) -> Iterator[int]:
             yield from (look, look + 1)
 
 
-def _paces(looks: Sequence[Sequence[Judged]]) -> dict[Key, float]:
-    """Return the greatest advance of each counter per hour of its hour counter, with a margin."""
+def _learned(looks: Iterable[Sequence[Judged]]) -> tuple[dict[Key, float], Ratios]:
+    """Return the greatest advance of each counter per hour of its hour counter, with a margin, and
+    the ratios to companions. Takes each look once and keeps none.
+    """
     seen: dict[Key, list[float]] = {}
-    for one in (one for judged in looks for one in judged):
-        hours = one.span.most / one.span.trait.fastest
-        if one.is_known and not one.span.trait.is_time and hours >= LEAST_HOURS:
-            seen.setdefault((one.span.port, one.span.counter), []).append(one.delta.high / hours)
-    return {key: MARGIN * max(paces) for key, paces in seen.items() if len(paces) >= LEAST_SEEN}
+
+    def noted() -> Iterator[Sequence[Judged]]:
+        for judged in looks:
+            for one in judged:
+                hours = one.span.most / one.span.trait.fastest
+                if one.is_known and not one.span.trait.is_time and hours >= LEAST_HOURS:
+                    key = one.span.port, one.span.counter
+                    seen.setdefault(key, []).append(one.delta.high / hours)
+            yield judged
+
+    ratios = ratios_of(noted())
+    paces = {key: MARGIN * max(found) for key, found in seen.items() if len(found) >= LEAST_SEEN}
+    return paces, ratios
 
 
 class _Pass:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from weakref import WeakSet
 
 import pytest
 
 from jbclog.config.task_names import REPLACED, RESET
+from jbclog.maintenance.counter_totals import tracing
 from jbclog.maintenance.counter_totals.judgement import RULES
 from jbclog.maintenance.counter_totals.span import Elapsed, Interval
 from jbclog.maintenance.counter_totals.totals import DifferenceKind
@@ -236,6 +238,21 @@ def test_unknown_roll_overs_between_audits_are_bounded() -> None:
     )
     assert last(trace).delta.low == pytest.approx(24_857.5)
     assert math.isfinite(last(trace).delta.high)
+
+
+def test_of_a_history_that_is_traced_twice_the_first_pass_is_not_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    passes, alive, run = WeakSet[tracing._Pass](), list[int](), tracing._Pass.run
+
+    def noted(one: tracing._Pass) -> None:
+        alive.append(len(passes))
+        passes.add(one)
+        run(one)
+
+    monkeypatch.setattr(tracing._Pass, "run", noted)
+    series(4380, plugged_h=[9000, 12_000], work_h=[5000, 7400], dispensed_mm=[100_000.0, 20_000.0])
+    assert alive == [0, 0]
 
 
 def test_what_goes_with_it_tells_how_often_it_rolled_over() -> None:
