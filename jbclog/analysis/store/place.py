@@ -38,10 +38,17 @@ if TYPE_CHECKING:
 
 S3: Final = re.compile(r"s3a?:/+(.+)", re.DOTALL)  # a `Path` has lost one of the slashes
 URL: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):/")
-OPTIONS: Final = {"conditional_put": "etag", "max_retries": "3", "retry_timeout": "20s"}
+OPTIONS: Final = {
+    "conditional_put": "etag",
+    "max_retries": "3",
+    "retry_timeout": "20s",
+    "timeout": "30s",
+}
 """Of S3: commits by conditional writes only, whatever the environment says; a server that is gone
-is an error, not a wait.
+is an error, not a wait. `timeout` is for one request, from its connection to the end of its answer;
+the library has no limit for the bytes of an answer, nor for the pages of a list.
 """
+TIMEOUT: Final = "AWS_TIMEOUT"  # for a server that is slow
 UNSAFE: Final = "AWS_S3_ALLOW_UNSAFE_RENAME"
 SECRETS: Final = ("AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN", "AWS_ACCESS_KEY_ID")
 NOT_INSTALLED: Final = "{}: `pip install 'jbclog[plant]'` installs what a store needs"
@@ -93,7 +100,7 @@ class Place:
 
     @property
     def options(self) -> dict[str, str] | None:
-        return dict(OPTIONS) if self.is_remote else None
+        return options_of_s3() if self.is_remote else None
 
     def __str__(self) -> str:
         return self.url
@@ -219,6 +226,11 @@ class Place:
                 files.delete_dir(name)
 
 
+def options_of_s3() -> dict[str, str]:
+    """Return the options of the library, with the time for a request that the environment gives."""
+    return OPTIONS | {"timeout": os.environ.get(TIMEOUT) or OPTIONS["timeout"]}
+
+
 def place_of(given: str | os.PathLike[str]) -> Place:
     """Return the place that a user names. Raises `UsageError` for another kind of URL, or one with
     credentials in it.
@@ -278,7 +290,7 @@ def explained(url: str) -> Iterator[None]:
 
     try:
         if S3.match(url):
-            expect_list(url, OPTIONS)
+            expect_list(url, options_of_s3())
         yield
     except (DeltaError, OSError, ArrowException, ValueError) as error:
         text = one_line(error)

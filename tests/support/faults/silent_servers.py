@@ -24,9 +24,7 @@ def _silent(opened: socket.socket) -> None:
 
 def _a_byte_a_second(opened: socket.socket) -> None:
     opened.recv(1 << 16)  # bytes that nobody has asked for yet are another mistake
-    for letter in b"HTTP/1.1 200 OK\r\nX: " + b"x" * 600:
-        opened.sendall(bytes([letter]))
-        time.sleep(1)
+    _head_by_bytes(opened)
 
 
 def _closes(opened: socket.socket) -> None:
@@ -55,6 +53,45 @@ SERVERS: dict[str, Callable[[socket.socket], None]] = {
     "noise": _noise,
     "lists without end": _pages_without_end,
 }
+EMPTY_LIST = (
+    b'<?xml version="1.0"?><ListBucketResult><IsTruncated>false</IsTruncated></ListBucketResult>'
+)
+EMPTY_LIST_ANSWER = b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n\r\n" % len(EMPTY_LIST) + EMPTY_LIST
+
+
+def _then(answer: Callable[[socket.socket], None]) -> Callable[[socket.socket], None]:
+    """Lists the folder that is asked for first, as a server should; then answers so."""
+
+    def speaks(opened: socket.socket) -> None:
+        while asked := opened.recv(1 << 16):
+            if b"_nothing" not in asked.partition(b"\r\n")[0]:
+                answer(opened)
+                return
+            opened.sendall(EMPTY_LIST_ANSWER)
+
+    return speaks
+
+
+def _head_by_bytes(opened: socket.socket) -> None:
+    _by_bytes(opened, b"HTTP/1.1 200 OK\r\nX: " + b"x" * 600)
+
+
+def _body_by_bytes(opened: socket.socket) -> None:
+    opened.sendall(b"HTTP/1.1 200 OK\r\nContent-Length: 600\r\n\r\n")
+    _by_bytes(opened, b"<" * 600)
+
+
+def _by_bytes(opened: socket.socket, text: bytes) -> None:
+    for letter in text:
+        opened.sendall(bytes([letter]))
+        time.sleep(1)
+
+
+LATER: dict[str, Callable[[socket.socket], None]] = {
+    "a head by bytes": _then(_head_by_bytes),
+    "a body by bytes": _then(_body_by_bytes),
+}
+"""Servers that answer the first question, and no other within ten minutes."""
 NO_ANSWER = ("silent", "a byte a second", "lists without end")
 """Of these no answer is ever whole."""
 
@@ -93,4 +130,4 @@ class SilentServer:
 
     def _answer(self, opened: socket.socket) -> None:
         with suppress(OSError), opened:
-            SERVERS[self.kind](opened)
+            (SERVERS | LATER)[self.kind](opened)

@@ -1,16 +1,19 @@
 """A store at a server that never answers, or never ends to, is an error after the time for one
-answer.
+answer; one that does so later, after the time for one request.
 """
 
 from __future__ import annotations
 
+import time
+from pathlib import Path
+
 import pytest
 
-from jbclog.analysis.store import endpoint
+from jbclog.analysis.store import endpoint, place
 from jbclog.analysis.store.place import place_of
 from jbclog.app.publish.safe_place import expect_safe
 from jbclog.core.errors import StoreError
-from support.faults.silent_servers import NO_ANSWER, PROXIES, SERVERS, SilentServer
+from support.faults.silent_servers import LATER, NO_ANSWER, PROXIES, SERVERS, SilentServer
 
 PLACE = place_of("s3://plant-runs/soldering")
 HANGS = "import signal, sys, time; signal.setitimer(0, float(sys.argv[1])); time.sleep(60)"
@@ -96,6 +99,32 @@ def test_any_answer_is_the_library_s_to_judge(kind: str, monkeypatch: pytest.Mon
     with SilentServer(kind, monkeypatch) as server:
         PLACE.expect_answer()
         assert server.connections
+
+
+def test_a_request_has_half_a_minute_unless_the_environment_gives_it_more(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv(place.TIMEOUT, raising=False)
+    assert (PLACE.options or {})["timeout"] == "30s"
+    monkeypatch.setenv(place.TIMEOUT, "2m")
+    assert (PLACE.options or {})["timeout"] == "2m"
+    assert place_of(tmp_path).options is None
+
+
+@pytest.mark.parametrize("kind", LATER)
+def test_a_server_that_is_slow_only_later_is_an_error(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(endpoint, "ANSWERS_S", LONG_S)
+    monkeypatch.setenv(place.TIMEOUT, "1s")
+    with SilentServer(kind, monkeypatch) as server:
+        PLACE.expect_answer()
+        assert server.connections
+        began = time.monotonic()
+        with pytest.raises(StoreError) as slow:
+            PLACE.has_table("runs")
+        assert time.monotonic() - began < LONG_S
+    assert "does not answer" not in str(slow.value)  # that is the first question's error
 
 
 @pytest.mark.parametrize(

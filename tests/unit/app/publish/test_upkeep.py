@@ -299,6 +299,19 @@ def test_leases_of_other_hosts_end_after_an_hour(
     held.release()
 
 
+def test_the_holders_of_many_leases_are_not_asked_for_without_end(
+    place: Place, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held, asked, holder = [Lease(place) for _ in range(3)], list[str](), lease._holder
+    monkeypatch.setattr(lease, "_holder", lambda at, name: asked.append(name) or holder(at, name))
+    assert {one.holder is None for one in live(place)} == {False}
+    assert sorted(asked) == sorted(one.publisher for one in held)
+    asked.clear()
+    monkeypatch.setattr(lease, "ASKED_S", 0.0)
+    assert [one.holder for one in live(place)] == [None] * len(held)  # renewed within the hour
+    assert asked == []
+
+
 # -- compact and vacuum ----------------------------------------------------------------------------
 
 
