@@ -420,11 +420,9 @@ def steps_of(group: Sequence[Trace]) -> list[Step]:
     """Return the known advances between looks, of several ports together."""
     found: dict[tuple[float, float], float] = {}
     for trace in group:
-        for one, before, after in zip(
-            trace.differences, trace.points, trace.points[1:], strict=False
-        ):
-            begin, end = seconds(one.begin), seconds(one.end)
-            if one.is_known and begin < end:
+        for one, before, after in zip(trace.kept, trace.points, trace.points[1:], strict=False):
+            begin, end = seconds(before.time), seconds(after.time)
+            if (one is None or one.is_known) and begin < end:
                 found[begin, end] = (
                     found.get((begin, end), 0.0) + after.shown.middle - before.shown.middle
                 )

@@ -11,10 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from jbclog.maintenance.counter_totals.history import Key
-from jbclog.maintenance.counter_totals.judgement import RULES
 from jbclog.maintenance.counter_totals.observed import DRIFT, FIVE_DIGITS, HOURS, Trait
 from jbclog.maintenance.counter_totals.span import LEAST_HOURS, Interval, Reading, top_of
-from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind
 
 LAST_HOUR = top_of(FIVE_DIGITS, HOURS)
 Readings = Mapping[Key, Reading]
@@ -101,26 +99,3 @@ def _continues(counter: Counter, before: Interval, after: Interval, lasted: floa
     if grown > most + counter.step:
         return False
     return (usual + counter.step - grown) / counter.modulus < 1.0
-
-
-def difference(
-    counter: Counter, before: Reading, after: Reading, begin: str, end: str
-) -> Difference:
-    """Return the difference of a counter that continues."""
-    low, high = after.shown.low - before.shown.high, after.shown.high - before.shown.low
-    is_unchanged = low <= 0 <= high
-    rule = "unchanged" if is_unchanged else "went_on"
-    worked = Interval(max(0.0, low - counter.step), max(0.0, high) + counter.step)
-    kind = DifferenceKind.ZERO if is_unchanged else DifferenceKind.NORMAL
-    return Difference(
-        *counter.key,
-        begin,
-        end,
-        before.shown.low,
-        after.shown.low,
-        kind,
-        rule,
-        RULES[rule],
-        worked,
-        is_known=True,
-    )

@@ -9,7 +9,7 @@ from typing import Final
 import msgspec
 
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval, Span
-from jbclog.maintenance.counter_totals.totals import DifferenceKind, Join
+from jbclog.maintenance.counter_totals.totals import CONTINUED, DifferenceKind, Join
 
 
 class Judged(msgspec.Struct, frozen=True, gc=False):
@@ -56,8 +56,7 @@ def loose(
 
 
 RULES: Final = {
-    "unchanged": "Unchanged.",
-    "went_on": "It advanced at a plausible rate.",
+    **CONTINUED,
     "fell_from_near_its_top": (
         "Only this counter fell: at its usual rate it rolled over exactly once since the last"
         " reading."

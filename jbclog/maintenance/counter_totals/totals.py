@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Final
+from typing import Final, overload
 
 import msgspec
 
@@ -59,6 +59,40 @@ class Difference(msgspec.Struct, frozen=True, gc=False):
         return self.kind in DOUBTFUL
 
 
+CONTINUED: Final = {"unchanged": "Unchanged.", "went_on": "It advanced at a plausible rate."}
+"""The rules of a counter that continues without an event, and their texts."""
+
+
+def continued(
+    port: int,
+    counter: str,
+    step: float,
+    before: Interval,
+    after: Interval,
+    begin: str,
+    end: str,
+) -> Difference:
+    """Return the difference of a counter that continues from what it showed at `begin` to what it
+    showed at `end`.
+    """
+    low, high = after.low - before.high, after.high - before.low
+    is_unchanged = low <= 0 <= high
+    rule = "unchanged" if is_unchanged else "went_on"
+    return Difference(
+        port,
+        counter,
+        begin,
+        end,
+        before.low,
+        after.low,
+        DifferenceKind.ZERO if is_unchanged else DifferenceKind.NORMAL,
+        rule,
+        CONTINUED[rule],
+        Interval(max(0.0, low - step), max(0.0, high) + step),
+        is_known=True,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class CounterTotal:
     """The advance from `since` (UTC) to the last reading: `total` contains the true value;
@@ -100,16 +134,21 @@ class Trace:
     """A counter of one station from its first reading: its points, and the difference that leads to
     each but the first.
 
-    `aside` are differences outside the sum: to ignored readings, and from the station that was
-    replaced.
+    `kept` has the differences: None for one of a counter that continues and has not rolled over. A
+    long ledger has millions of these, so they are made of their points when asked for. `aside` are
+    differences outside the sum: to ignored readings, and from the station that was replaced.
     """
 
     port: int
     counter: str
     step: float
     points: list[Point] = field(default_factory=list)
-    differences: list[Difference] = field(default_factory=list)
+    kept: list[Difference | None] = field(default_factory=list)
     aside: list[Difference] = field(default_factory=list)
+
+    @property
+    def differences(self) -> Differences:
+        return Differences(self)
 
     @property
     def is_time(self) -> bool:
@@ -146,18 +185,53 @@ class Trace:
 
     def is_known(self, begin: int, end: int) -> bool:
         """Whether no difference between two points is in doubt."""
-        return all(one.is_known for one in self.differences[begin:end])
+        return all(one is None or one.is_known for one in self.kept[begin:end])
 
     @property
     def counter_total(self) -> CounterTotal:
         last = len(self.points) - 1
-        marks = [one for one in self.differences if one.kind not in PLAIN or not one.is_known]
+        marks = [one for one in self.kept if one and (one.kind not in PLAIN or not one.is_known)]
         return CounterTotal(
             total=self.between(0, last),
             since=self.points[0].time,
             first=self.points[0].shown.low,
             is_known=self.is_known(0, last),
             marks=tuple(sorted([*marks, *self.aside], key=lambda one: one.end)),
+        )
+
+
+class Differences(Sequence[Difference]):
+    """All differences of a trace, each made when it is asked for if it is not kept."""
+
+    __slots__ = ("_trace",)
+
+    def __init__(self, trace: Trace) -> None:
+        self._trace = trace
+
+    def __len__(self) -> int:
+        return len(self._trace.kept)
+
+    @overload
+    def __getitem__(self, place: int) -> Difference: ...
+    @overload
+    def __getitem__(self, place: slice) -> list[Difference]: ...
+    def __getitem__(self, place: int | slice) -> Difference | list[Difference]:
+        if isinstance(place, slice):
+            return [self[one] for one in range(*place.indices(len(self)))]
+        trace = self._trace
+        kept = trace.kept[place]
+        if kept is not None:
+            return kept
+        at = place % len(self)
+        before, after = trace.points[at], trace.points[at + 1]
+        return continued(
+            trace.port,
+            trace.counter,
+            trace.step,
+            before.shown,
+            after.shown,
+            before.time,
+            after.time,
         )
 
 

@@ -21,7 +21,7 @@ from jbclog.maintenance.counter_totals.advance import (
     misread,
     ratios_of,
 )
-from jbclog.maintenance.counter_totals.fast_path import Counter, difference, is_plain, lasted_h
+from jbclog.maintenance.counter_totals.fast_path import Counter, is_plain, lasted_h
 from jbclog.maintenance.counter_totals.history import History, Key
 from jbclog.maintenance.counter_totals.judgement import RULES, Judged
 from jbclog.maintenance.counter_totals.judging import (
@@ -40,7 +40,14 @@ from jbclog.maintenance.counter_totals.span import (
     Span,
     seconds,
 )
-from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind, Join, Point, Trace
+from jbclog.maintenance.counter_totals.totals import (
+    Difference,
+    DifferenceKind,
+    Join,
+    Point,
+    Trace,
+    continued,
+)
 
 MARGIN = 10.0  # factor by which other work may advance a counter faster than ever seen
 LEAST_SEEN = 6  # fewer may all be from quiet weeks
@@ -164,10 +171,12 @@ class _Pass:
         for key, one in readings.items():
             trace, by = self.traces.now[key], self._rolled.get(key, 0.0)
             shown = Interval(one.shown.low + by, one.shown.high + by) if by else one.shown
-            trace.points.append(Point(look, end, shown))
-            trace.differences.append(
-                difference(self._counters[key], self._last[key], one, begin, end)
+            before = self._last[key].shown
+            # without roll-overs, the points show what was read
+            trace.kept.append(
+                continued(*key, trace.step, before, one.shown, begin, end) if by else None
             )
+            trace.points.append(Point(look, end, shown))
         self._last |= readings
         self._plain.append(look)
 
@@ -278,7 +287,7 @@ class _Pass:
                 span.after.look, self.history.looks[span.after.look].time, shown, one.join, one.lost
             )
         )
-        trace.differences.append(self._difference(one))
+        trace.kept.append(self._difference(one))
         self._last[key] = span.after
 
     def _note(self, key: Key, reading: Reading, rule: str | None) -> None:

@@ -25,7 +25,7 @@ def went(counter: str, readings: Sequence[tuple[float, float]], port: int = 1) -
     trace = Trace(port, counter, 1.0 if counter.endswith("_h") else 0.0)
     for look, (days_ago, value) in enumerate(readings):
         trace.points.append(Point(look, ago(days_ago), Interval(value, value)))
-    trace.differences += [between(counter, *pair, port=port) for pair in pairwise(readings)]
+    trace.kept += [between(counter, *pair, port=port) for pair in pairwise(readings)]
     return trace
 
 

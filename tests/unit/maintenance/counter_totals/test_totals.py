@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from weakref import WeakSet
 
 import pytest
@@ -12,7 +13,7 @@ from jbclog.config.task_names import REPLACED, RESET
 from jbclog.maintenance.counter_totals import tracing
 from jbclog.maintenance.counter_totals.judgement import RULES
 from jbclog.maintenance.counter_totals.span import Elapsed, Interval
-from jbclog.maintenance.counter_totals.totals import DifferenceKind
+from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind
 from support.fleets.looks import WHO, at, last, rules, seen, series, told, traced
 
 DAY, WEEK = 24.0, 168.0
@@ -33,6 +34,38 @@ def test_counts_are_exact() -> None:
     trace = series(DAY, plugged_h=[5000, 5008, 5016], sleep_cycles=[700, 731, 731])["sleep_cycles"]
     assert trace.counter_total.total == Interval(31, 31)
     assert [one.kind for one in trace.differences] == [DifferenceKind.NORMAL, DifferenceKind.ZERO]
+
+
+def test_differences_without_an_event_are_not_kept_but_made() -> None:
+    """A long ledger has millions of them. A counter that has rolled over shows less than its
+    points.
+    """
+    shown = [(one * 8.0) % 100_000 for one in range(12_480, 12_520)]
+    traces = series(DAY, plugged_h=shown, work_h=range(3000, 3160, 4))
+    work, plugged = traces["work_h"], traces["plugged_h"]
+    rolled = shown.index(0) - 1
+    assert [place for place, one in enumerate(work.kept) if one is not None] == [rolled]
+    assert work.differences[3] == Difference(
+        port=1,
+        counter="work_h",
+        begin=at(3 * DAY),
+        end=at(4 * DAY),
+        before=3012,
+        after=3016,
+        kind=DifferenceKind.NORMAL,
+        rule="went_on",
+        text=RULES["went_on"],
+        delta=Interval(3, 5),
+        is_known=True,
+    )
+    assert work.differences[-36] == work.differences[3]
+    assert work.differences[36:] == [*work.differences][-3:]
+    with pytest.raises(IndexError):
+        work.differences[39]
+    assert [(one.before, one.after) for one in plugged.differences] == [*pairwise(shown)]
+    assert rules(plugged) == [
+        "fell_from_near_its_top" if place == rolled else "went_on" for place in range(39)
+    ]
 
 
 def test_two_audits_within_a_minute_differ_in_nothing() -> None:
