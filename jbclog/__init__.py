@@ -1,8 +1,8 @@
 """jbclog: a production-line logger and process recorder for soldering stations.
 
 ``jbclog.open_run("runs/...")`` opens a recorded run as pandas DataFrames,
-``jbclog.open_runs("runs")`` many of them. Importing this package loads nothing of that; names come
-when they are first used.
+``jbclog.open_runs("runs")`` many of them. Importing this package imports no dependency: public
+names are imported at first use.
 """
 
 from importlib import import_module
@@ -26,7 +26,7 @@ _HOMES = {
     "open_run": "jbclog.analysis.opening",
     "open_runs": "jbclog.analysis.opening",
 }
-"""Public names and the modules that define them."""
+"""Public name -> module that defines it."""
 
 __all__ = [
     "JbclogError",

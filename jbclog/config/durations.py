@@ -13,8 +13,8 @@ _PARTS: Final = re.compile(
 
 
 def span_s(text: str) -> float | None:
-    """Return the seconds in ``90s``, ``15m``, ``8h``, ``1h30m`` or a bare number; None if it is no
-    duration or over a year.
+    """Parse a duration such as ``90s``, ``15m``, ``8h``, ``1h30m`` or a bare number of seconds;
+    None if it is no duration or over a year.
     """
     found = _PARTS.fullmatch(text.strip())
     parts = [float(part or 0) for part in found.groups()] if found else []

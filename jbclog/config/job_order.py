@@ -1,4 +1,4 @@
-"""When and in which order the jobs of a batch may start."""
+"""Start times and order of the jobs of a batch."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from datetime import date, datetime, time, timedelta
 from enum import StrEnum
 from typing import Final, Protocol
 
-# Times of day are local. ``22:00`` is the next 22:00; one that has just passed counts as now, for a
-# batch started a little late. Jobs in sequence form a timetable: a later job's time comes after
-# those before it, so ``02:00`` behind ``22:00`` is the next morning's. Daylight saving: a skipped
-# time is the moment of the skip, as in cron; of a repeated one the next counts.
+# Times of day are local. ``22:00`` is the next 22:00; a time that has just passed counts as now,
+# for a batch started a little late. Jobs in sequence form a timetable: a later job's time is never
+# before an earlier job's, so ``02:00`` after ``22:00`` means the next morning. Daylight saving: a
+# skipped time means the moment of the skip, as in cron; a repeated time means its next occurrence.
 
 JUST_PASSED_S: Final = 600.0
-DAYS: Final = 3  # a day may have no such time, or have had it
+DAYS: Final = 3  # a day may lack the time, or be past it
 AT_ALLOWED: Final = 'a time of day such as "22:00", or a date with it such as "2026-11-22 02:30"'
 _AT: Final = re.compile(r"(?:(\d{4}-\d{2}-\d{2})[ T])?(\d{2}:\d{2}(?::\d{2})?)", re.ASCII)
 
 
 class Zone(Protocol):
-    """Local time. Its two ways are those of the system, or of a zone by name in a test."""
+    """Local time: the system's, or that of a named zone in tests."""
 
     def utc(self, wall: datetime) -> float:
-        """Return seconds since 1970 UTC of a local time; `fold` selects one of two."""
+        """Convert a local time to seconds since 1970 UTC; `fold` selects one of two."""
 
     def wall(self, utc_s: float) -> datetime:
-        """Return the local time, without a zone."""
+        """Convert to local time, without a zone."""
 
 
 class SystemZone:
-    """Return this computer's local time."""
+    """The local time of this computer."""
 
     @staticmethod
     def utc(wall: datetime) -> float:
@@ -39,12 +39,12 @@ class SystemZone:
 
     @staticmethod
     def wall(utc_s: float) -> datetime:
-        return datetime.fromtimestamp(utc_s)  # noqa: DTZ006  # what the clock on the wall shows is what is wanted
+        return datetime.fromtimestamp(utc_s)  # noqa: DTZ006  # local time is intended
 
 
 @dataclass(frozen=True, slots=True)
 class At:
-    """A time of day, on a date or on any."""
+    """A time of day, on a given date or on any."""
 
     time: time
     date: date | None = None
@@ -88,7 +88,9 @@ def _moments(wall: datetime, zone: Zone) -> list[float]:
 
 
 def _skip(wall: datetime, before: float, behind: float, zone: Zone) -> float:
-    """Return the first whole second between the two with a later local time."""
+    """Return the first whole second from `before` to `behind` whose local time is not before
+    `wall`.
+    """
     low, high = int(before) - 1, int(behind) + 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -100,7 +102,7 @@ def _skip(wall: datetime, before: float, behind: float, zone: Zone) -> float:
 
 
 class OnFailure(StrEnum):
-    """What happens to jobs not yet begun if a job fails."""
+    """What a failed job does to jobs not yet started."""
 
     STOP = "stop"
     SKIP = "skip"
@@ -109,7 +111,9 @@ class OnFailure(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A job in the queue. `places`: what it needs for itself: stations, its units' reader."""
+    """A job in the queue. `places`: resources that it needs exclusively (stations, its units'
+    reader).
+    """
 
     name: str
     places: frozenset[str]
@@ -119,11 +123,11 @@ class Turn:
 
 
 def in_turn(turns: Iterable[Turn]) -> list[Turn]:
-    """The jobs in the order in which they take a place: that of the file, but behind those that
-    they wait for.
+    """Return the jobs in the order in which they take places: file order, but after the jobs they
+    wait for.
 
-    The first of them that has not ended can always begin, once what runs has ended and its time has
-    come: no two wait for each other. `after` must not go in a circle (`circle`).
+    So the first unfinished job can always start once running jobs have ended and its time has come;
+    no two wait for each other. `after` must have no cycle (`circle`).
     """
     left, placed, found = list(turns), set[str](), list[Turn]()
     while left:
@@ -135,7 +139,9 @@ def in_turn(turns: Iterable[Turn]) -> list[Turn]:
 
 
 def circle(after: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return jobs that wait for each other in a circle, the first again at the end; else empty."""
+    """Return a cycle of jobs that wait for each other, with the first repeated at the end; empty if
+    there is none.
+    """
     left = dict(after)
     while True:
         free = [name for name, others in left.items() if not any(one in left for one in others)]
@@ -154,10 +160,10 @@ def _around(left: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 def due_times(turns: Sequence[Turn], begin_s: float, zone: Zone) -> dict[str, float | None]:
-    """When each of the jobs that wait for a time is due, seconds since 1970 UTC; None where its
+    """Return the due time of each job that waits for a time, in seconds since 1970 UTC; None if its
     date is over.
 
-    `turns` in the order of `in_turn`. A job's time is not before that of any that it comes after.
+    `turns` in the order of `in_turn`. A job is never due before the jobs it comes after.
     """
     found: dict[str, float | None] = {}
     earliest: dict[str, float] = {}

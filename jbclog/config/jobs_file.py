@@ -1,4 +1,4 @@
-"""A jobs file: a batch's jobs, their stations and times, and what a failure means for others."""
+"""Jobs files: the jobs of a batch, their stations and start times, and the effect of a failure."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from jbclog.protocol.commands.family import FAMILIES
 IS_NO_BATCH: Final = (
     "this is not a jobs file; one has [batch] with the line, and a [[job]] for each job"
 )
-GOALS: Final = ("units", "joints")  # a duration beside one of them is the bound
+GOALS: Final = ("units", "joints")  # a duration beside one of them is the upper bound
 END_ALLOWED: Final = (
     'give one end: duration = "15m", units = 40 or joints = 200; a duration given with units or'
     " joints is the time limit"
@@ -76,7 +76,7 @@ class BatchTable(Table):
 
 
 class JobTable(Table):
-    """A table `[[job]]` of the file."""
+    """A table `[[job]]`."""
 
     name: Name = Field(description=NAME_ALLOWED)
     recipe: Path | None = Field(
@@ -152,24 +152,26 @@ class JobsFile:
         return None if job.units_from is None else str(self.path.absolute().parent / job.units_from)
 
     def asked(self, job: JobTable) -> str:
-        """Return a job's request as a line of JSON: stored, and compared when the batch resumes."""
+        """Format a job's request as a line of JSON, which is stored, and compared when the batch
+        resumes.
+        """
         given = job.model_dump(mode="json", exclude_defaults=True) | {
             "on_failure": self.policy(job).value
         }
         return json.dumps({"line": str(self.line)} | given, ensure_ascii=False, sort_keys=True)
 
     def problem(self, place: int, key: KeyPath, text: str) -> Problem:
-        """Return a problem of the job at `place`."""
+        """Return a problem of job number `place`."""
         return self.source.problem(("job", place, *key), text)
 
 
 def load_jobs(path: Path, line: Path | None = None) -> JobsFile:
-    """Read a jobs file, for another `line` if given. Raises Problems with all its mistakes."""
+    """Read a jobs file, optionally for another `line`. Raises Problems with all its mistakes."""
     return parse_jobs(read_text(path), path, line)
 
 
 def parse_jobs(text: str, path: Path, line: Path | None = None) -> JobsFile:
-    """Parse a jobs file; relative paths start at the folder of `path`."""
+    """Parse a jobs file; relative paths are relative to the folder of `path`."""
     source = parse(text, str(path))
     if not {"batch", "job"} & source.tables.keys():
         raise Problems([Problem(source.file, None, "", IS_NO_BATCH)])
@@ -217,7 +219,7 @@ def _of_one(source: TomlText, at: KeyPath, table: dict[str, object]) -> Iterator
 
 
 def _between(source: TomlText) -> Iterator[Problem]:
-    """Yield names given twice, and jobs that wait for unknown jobs or for each other."""
+    """Yield duplicate names, and jobs that wait for unknown jobs or for each other."""
     tables = list(source.rows("job"))
     names = [(place, table.get("name")) for place, table in tables]
     places: dict[str, int] = {}

@@ -1,4 +1,4 @@
-"""Line files: the stations and their ports; read and written."""
+"""Read and write line files: the stations and their ports."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ _WINDOWS_PORT = re.compile(r"COM\d{1,3}|\\\\\.\\.+", re.IGNORECASE)
 
 
 def is_path(url: str) -> bool:
-    """Whether the URL is a device path, without a scheme and no COM port."""
+    """Return True if the URL is a device path: no scheme, no COM port."""
     return "://" not in url and not _WINDOWS_PORT.fullmatch(url)
 
 
 def checked_url(value: str) -> str:
-    """Return a valid device path or pyserial URL unchanged; a relative path stays below the line
-    file's folder.
+    """Validate a device path or pyserial URL and return it unchanged; a relative path must stay
+    below the line file's folder.
     """
     if "://" not in value:
         path = PurePosixPath(value)
@@ -58,7 +58,7 @@ def checked_url(value: str) -> str:
 
 
 def url_problem(value: str) -> str | None:
-    """Return what is wrong with a URL that has a scheme; None for a valid one, or a path."""
+    """Return what is wrong with a URL that has a scheme; None for a valid URL or a path."""
     scheme = scheme_of(value)
     if "://" not in value:
         return None
@@ -70,15 +70,17 @@ def url_problem(value: str) -> str | None:
 
 
 def is_served_here(url: str) -> bool:
-    """Whether the URL can serve stations on this machine: a relative path, or a local TCP port."""
+    """Return True if the URL can serve stations on this machine: a relative path, or a local TCP
+    port.
+    """
     if is_path(url):
         return not PurePosixPath(url).is_absolute()
     return scheme_of(url) == "socket" and is_this_host(urlsplit(url).hostname or "")
 
 
 def tcp_port(url: str) -> str | None:
-    """Return ``host:port`` of socket:// and rfc2217://, with one name for this machine; None for
-    other URLs. Resolves no names.
+    """Return ``host:port`` of socket:// and rfc2217:// URLs, with one name for this machine; None
+    for other URLs. Resolves no names.
     """
     if scheme_of(url) not in ("socket", "rfc2217") or not _has_host_and_port(url):
         return None
@@ -88,7 +90,7 @@ def tcp_port(url: str) -> str | None:
 
 
 def is_this_host(host: str) -> bool:
-    """Whether the host is this machine for certain."""
+    """Return True if the host is certainly this machine."""
     try:
         return host == "localhost" or ip_address(host).is_loopback
     except ValueError:
@@ -128,7 +130,7 @@ def _family(name: str) -> str:
 
 
 def _model(name: str) -> str:
-    """Return the name as R-SMN is read, without leading blanks."""
+    """Return the name in the form R-SMN reports it, without leading blanks."""
     bare = name.strip(" ")
     if not (1 <= len(bare) <= LONGEST_MODEL and bare.isascii() and bare.isprintable()):
         raise said(
@@ -159,7 +161,7 @@ PortNumber = Annotated[int, Field(ge=1, le=4)]
 
 
 class StationTable(Table):
-    """A table `[[station]]` of the file."""
+    """A table `[[station]]`."""
 
     name: Name = Field(description=NAME_ALLOWED)
     url: Annotated[str, AfterValidator(checked_url)] = Field(
@@ -194,10 +196,10 @@ class StationTable(Table):
 
 
 class StationSpec(StationTable):
-    """One control unit on one serial line.
+    """One control unit on one serial link.
 
-    `url` and `recipe` are absolute where they are paths; `written_url` is the url as it stands in
-    the file. `address` None means frames without addresses. `ports` None means the family's own.
+    `url` and `recipe` are absolute if they are paths; `written_url` is the URL as the file has it.
+    `address` None: frames without addresses. `ports` None: those of the family.
     """
 
     written_url: str = ""
@@ -208,12 +210,12 @@ class StationSpec(StationTable):
 
     @property
     def is_device(self) -> bool:
-        """Whether the URL is a device path."""
+        """True if the URL is a device path."""
         return is_path(self.url)
 
     @property
     def is_relative(self) -> bool:
-        """Whether the file has a device path relative to its own folder (virtual stations)."""
+        """True if the file's device path is relative to the file's folder (virtual stations)."""
         return is_path(self.written_url) and not Path(self.written_url).is_absolute()
 
 
@@ -222,12 +224,11 @@ class LineTable(Table):
 
 
 class Replay(Table):
-    """What `jbclog replay` writes into the line file for the run: the stations are a recorded run,
-    and this is its pace.
+    """Set by `jbclog replay`: the stations replay a recorded run at this pace.
 
-    `rate_hz` are the rates of the recorded run, by station, `first_tick` the number of the first
-    tick and `first_in_s` the time from the last request before it until it was due. `speed` is 1;
-    other speeds existed before release 3.
+    `rate_hz` has the recorded rates by station, `first_tick` the number of the first tick and
+    `first_in_s` the seconds from the last request before it until it was due. `speed` is 1;
+    releases before 3 had other speeds.
     """
 
     speed: float = Field(1.0, ge=1.0, le=1.0, description="1")
@@ -242,7 +243,7 @@ class Replay(Table):
     )
 
     def begin(self, station: str) -> tuple[int, float] | None:
-        """Return the number of a station's first tick, and the seconds until it was due."""
+        """Return the number of a station's first tick, and the seconds until it is due."""
         tick, in_s = self.first_tick.get(station), self.first_in_s.get(station)
         return None if tick is None or in_s is None else (tick, in_s)
 
@@ -256,14 +257,14 @@ class LineTables(Table):
 
 
 class Line(CheckedFile):
-    """The stations that one recorder drives, in the file's order, and the file's text."""
+    """The stations of one recorder in file order, and the file's text."""
 
     name: str
     stations: tuple[StationSpec, ...]
     replay: Replay | None = None
 
     def station(self, name: str) -> StationSpec:
-        """Return the station `name`. Raises KeyError."""
+        """Return a station by name. Raises KeyError."""
         return {station.name: station for station in self.stations}[name]
 
 
@@ -273,7 +274,7 @@ def load_line(path: Path) -> Line:
 
 
 def parse_line(text: str, path: Path) -> Line:
-    """Parse a line file; relative paths start at the folder of `path`."""
+    """Parse a line file; relative paths are relative to the folder of `path`."""
     source = parse(text, str(path))
     if "recipe" in source.tables and not {"line", "station"} & source.tables.keys():
         raise Problems([Problem(source.file, None, "", IS_A_RECIPE)])
@@ -284,7 +285,7 @@ def parse_line(text: str, path: Path) -> Line:
     problems += _between_stations(source, path)
     if problems or tables is None:
         raise Problems(shortened(problems))
-    found = tuple(_placed(station, path) for station in stations if station is not None)
+    found = tuple(_resolved(station, path) for station in stations if station is not None)
     return Line.model_construct(
         name=tables.line.name, stations=found, source=source, replay=tables.replay
     )
@@ -307,7 +308,7 @@ def _read_station(
 def _accepted_model(
     source: TomlText, at: KeyPath, table: dict[str, object], family: Family | None
 ) -> Iterator[Problem]:
-    """Yield a problem of a model that the family cannot drive."""
+    """Yield a problem if the family does not include the model."""
     model = table.get("model")
     if not isinstance(model, str):
         return
@@ -331,7 +332,7 @@ def _without_addresses(
 def _within_family(
     source: TomlText, at: KeyPath, family: Family, ports: object
 ) -> Iterator[Problem]:
-    """Yield problems of ports that the family does not have."""
+    """Yield problems of ports that the family lacks."""
     if family.ports is None or not isinstance(ports, list):
         return
     for place, port in enumerate(ports):
@@ -344,7 +345,7 @@ def _within_family(
 
 
 def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
-    """Yield names and ports that two stations share."""
+    """Yield names and ports used by two stations."""
     tables = list(source.rows("station"))
     names = [(place, table.get("name")) for place, table in tables]
     urls = [(place, _same_port(table.get("url"), path)) for place, table in tables]
@@ -353,14 +354,16 @@ def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
 
 
 def _same_port(url: object, path: Path) -> object:
-    """Return a key equal for URLs of one port: links are followed, options of TCP ignored."""
+    """Return a key that is equal for URLs of the same port: follows links, ignores options of TCP
+    URLs.
+    """
     if not isinstance(url, str) or not url:
         return url
     if not is_path(url):
         return tcp_port(url) or url
     try:
         return os.path.realpath(_folder(path) / url)
-    except (OSError, ValueError):  # no name that a file can have
+    except (OSError, ValueError):  # not a possible file name
         return url
 
 
@@ -368,8 +371,8 @@ def _folder(path: Path) -> Path:
     return path.absolute().parent
 
 
-def _placed(table: StationTable, path: Path) -> StationSpec:
-    """Return the station with absolute paths, and its family's defaults."""
+def _resolved(table: StationTable, path: Path) -> StationSpec:
+    """Return the station with absolute paths and its family's defaults."""
     folder, family = _folder(path), FAMILIES.get(table.family)
     values = {name: getattr(table, name) for name in StationTable.model_fields}
     values["url"] = str(folder / table.url) if is_path(table.url) else table.url
@@ -382,13 +385,15 @@ def _placed(table: StationTable, path: Path) -> StationSpec:
 
 
 Described = tuple[StationTable, str]
-"""A station, and a comment above it or nothing."""
+"""A station, and the comment above it, or ""."""
 
 
 def line_text(
     name: str, stations: Iterable[Described], heading: str, replay: Replay | None = None
 ) -> str:
-    """Format a line file that `parse_line` reads as the same stations; texts become comments."""
+    """Format a line file that `parse_line` reads back as the same stations; texts become
+    comments.
+    """
     parts = ["\n".join(_station(station, said)) for station, said in stations]
     return f"{line_comment(heading)}[line]\nname = {quoted(name)}\n{_replay(replay)}" + "".join(
         parts
@@ -417,7 +422,7 @@ def line_comment(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return the text without control and invisible characters, which a comment must not hold."""
+    """Remove control and invisible characters, which a TOML comment must not contain."""
     return "".join(sign if sign == "\n" or sign.isprintable() else "?" for sign in text)
 
 
@@ -427,7 +432,7 @@ def _station(station: StationTable, said: str) -> Iterator[str]:
 
 
 def station_text(station: StationTable) -> str:
-    """Format the table of one station."""
+    """Format one station as a `[[station]]` table."""
     return "\n".join(("[[station]]", *_keys(station)))
 
 
@@ -452,5 +457,5 @@ def _keys(station: StationTable) -> Iterator[str]:
 
 
 def quoted(text: str) -> str:
-    """Format a TOML basic string; its escapes are JSON's, except for DEL."""
+    """Format a TOML basic string: JSON's escapes, plus one for DEL."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

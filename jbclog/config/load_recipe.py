@@ -1,4 +1,4 @@
-"""Reads and checks a recipe file; reports all its mistakes."""
+"""Read and check a recipe file, reporting all its mistakes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from jbclog.protocol.commands.ranges import range_problem
 
 # Checks beyond the schema: the families' ranges and steps, and conflicts between keys.
 #
-# Only what a manual prints is held against a value (`Command.limits`); what the station alone
-# knows, its highest and lowest temperature, is checked live (`recipe_settings.live_problems`).
+# Only values printed in a manual limit a setting (`Command.limits`). The station alone knows its
+# highest and lowest temperature; `recipe_settings.live_problems` checks those once they are read.
 
 SOLDERING: Final = tuple(
     name for name, family in FAMILIES.items() if "sleep_delay" in family.commands
@@ -38,7 +38,7 @@ SECTION_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
         name for name, family in FAMILIES.items() if "store_condition" in family.commands
     ),
 }
-"""The families that a section of settings speaks to."""
+"""Families to which a section of settings applies."""
 
 LIMIT_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
     "recovery_p95_s": SOLDERING,
@@ -47,7 +47,7 @@ LIMIT_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = {
     "reached_within_c": (*SOLDERING, *SECTION_FAMILIES["air"]),
     "at_work_percent": (*SOLDERING, *SECTION_FAMILIES["air"]),
 }
-"""The families that a limit of `[acceptance]` is about."""
+"""Families to which a limit of `[acceptance]` applies."""
 
 SAFE_STATES: Final[Mapping[str, tuple[str, ...]]] = {
     name: family.safe_states for name, family in FAMILIES.items()
@@ -56,7 +56,7 @@ STATUSES: Final[Mapping[str, tuple[str, ...]]] = {
     name: family.run_statuses for name, family in FAMILIES.items()
 }
 WITH_SUCTION: Final = tuple(name for name, family in FAMILIES.items() if family.status.has_suction)
-# no joint takes ten minutes of wire; a slip of the decimal point does
+# no joint takes ten minutes of solder wire; a misplaced decimal point does
 LONGEST_FEED_S: Final = 600.0
 COOLING_DELAYS: Final = ("sleep.delay_min", "hibernation.delay_min")
 
@@ -81,8 +81,8 @@ def problems_between(recipe: Recipe) -> Iterator[Problem]:
 
 
 def no_cooldown(recipe: Recipe) -> Iterator[Problem]:
-    """Yield the delays that the recipe switches off although its safe state, or the fallback, may
-    be stand, which never cools.
+    """Yield the delays that the recipe switches off while its safe state, or the fallback, may be
+    stand, which would then never cool.
     """
     families = [FAMILIES[name] for name in recipe.families if name in FAMILIES]
     if not any(family.may_stand_at_last(recipe.safe_state(family.name)) for family in families):
@@ -188,7 +188,7 @@ def _state(
 
 
 def _temperatures(recipe: Recipe, asked: Mapping[str, Asked]) -> Iterator[Problem]:
-    """Yield a port's limits and temperatures that contradict each other; ignores alarms off."""
+    """Yield contradictions between a port's limits and temperatures; ignores disabled alarms."""
     select, sleep = asked.get("temperature.select_c"), asked.get("sleep.temperature_c")
     high, low = _armed(asked, "high"), _armed(asked, "low")
     yield from _below(recipe, select, high, "must be above", "must be below")
@@ -211,7 +211,9 @@ def _below(
     *,
     equal: bool = False,
 ) -> Iterator[Problem]:
-    """Yield a problem if `low` is not below `high`, at the port's own key, else at the limit's."""
+    """Yield a problem unless `low` is below `high`: at the port's own key if it has one, else at
+    the limit's.
+    """
     if (
         low is None
         or high is None
@@ -234,7 +236,7 @@ def _rank(one: Asked) -> tuple[bool, bool]:
 
 
 def _feeder(recipe: Recipe) -> Iterator[Problem]:
-    """Yield lengths and speeds that contradict each other."""
+    """Yield contradictory lengths and speeds."""
     feeder = recipe.feeder
     if (
         feeder.length_mm is not None
@@ -248,7 +250,7 @@ def _feeder(recipe: Recipe) -> Iterator[Problem]:
 
 
 def long_feed(recipe: Recipe) -> str | None:
-    """That one feed takes very long, for a plan: no manual prints how long it may take."""
+    """Return a warning for the plan if one feed takes very long: no manual prints a maximum."""
     feeder = recipe.feeder
     if (
         feeder.length_mm is None
@@ -264,12 +266,16 @@ def long_feed(recipe: Recipe) -> str | None:
 
 
 def warnings(recipe: Recipe) -> list[Problem]:
-    """Yield warnings of allowed but unusual values, for before a run."""
+    """Return warnings about allowed but unusual values, for display before a run."""
     return list(dict.fromkeys(no_cooldown(recipe))) if recipe.run.allow_no_cooldown else []
 
 
 IS_A_LINE: Final = "this is a line file; a recipe has [recipe] and what is asked of the stations"
-_STAND_IN: Final[dict[str, object]] = {"name": "unnamed", "revision": 0, "families": list(FAMILIES)}
+_PLACEHOLDER: Final[dict[str, object]] = {
+    "name": "unnamed",
+    "revision": 0,
+    "families": list(FAMILIES),
+}
 
 
 def load_recipe(path: Path, *, links: bool = True) -> Recipe:
@@ -283,7 +289,7 @@ def parse_recipe(text: str, path: Path = Path("recipe.toml")) -> Recipe:
     if "recipe" not in source.tables and {"line", "station"} & source.tables.keys():
         raise Problems([Problem(source.file, None, "", IS_A_LINE)])
     tables, problems, keys = read_file(RecipeTables, source)
-    whole = tables if tables is not None else _what_is_left(source, keys)
+    whole = tables if tables is not None else _valid_part(source, keys)
     if whole is not None:
         problems += problems_between(_recipe(whole, source))
     if problems or tables is None:
@@ -297,18 +303,22 @@ def _recipe(tables: RecipeTables, source: TomlText) -> Recipe:
     )
 
 
-def _what_is_left(source: TomlText, wrong: list[KeyPath]) -> RecipeTables | None:
-    """Return the recipe without wrong keys, so that conflicts of the others are reported, too."""
+def _valid_part(source: TomlText, wrong: list[KeyPath]) -> RecipeTables | None:
+    """Return the recipe without its wrong keys, so that conflicts of the others are reported,
+    too.
+    """
     data = copy.deepcopy(source.tables)
-    for key in reversed(wrong):  # from the end, so that places in lists stay what they were
+    for key in reversed(wrong):  # from the end, so that indexes of lists stay valid
         _drop(data, source.known(key))
     head = data.get("recipe")
-    data["recipe"] = {**_STAND_IN, **(head if isinstance(head, dict) else {})}
+    data["recipe"] = {**_PLACEHOLDER, **(head if isinstance(head, dict) else {})}
     return read_table(RecipeTables, source, (), data)[0]
 
 
 def _drop(tables: dict[str, object], key: KeyPath) -> None:
-    """Take `key` out of `tables`. A head that only lacks something is kept: a stand-in fills it."""
+    """Remove `key` from `tables`. Keep a `[recipe]` table that only lacks a key: a stand-in fills
+    it.
+    """
     if not key or (key == ("recipe",) and isinstance(tables.get("recipe"), dict)):
         return
     table: object = tables

@@ -1,6 +1,6 @@
-"""A recipe, and the order in which its keys are written to a station.
+"""A recipe, and the order in which its settings are written to a station.
 
-Its tables are in `recipe_sections.py`; `load_recipe.py` checks the families' ranges and conflicts
+`recipe_sections.py` has its tables; `load_recipe.py` checks the families' ranges and conflicts
 between keys.
 """
 
@@ -16,22 +16,22 @@ from jbclog.core.foreign.toml_reader import KeyPath
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.family import FAMILIES, Family
 
-# The order of writing lets a run stop anywhere without leaving the tool in a worse state:
+# The writing order lets a run stop anywhere without leaving the tool in a worse state:
 #
-# 1. Sleep and hibernation delay, the way to cool down: a safe state works whatever fails later.
-# 2. Alarms, armed before heat. One switched off loses its delay first, so that a moved limit cannot
-#    raise it; one switched on gets its limit first, and is armed by its delay.
+# 1. Sleep and hibernation delay, the way to cool down: the safe state works whatever fails later.
+# 2. Alarms, armed before heat. To switch one off, the delay goes first, so that a moved limit
+#    cannot raise it; to switch one on, the limit goes first, and the delay arms it.
 # 3. The sleep temperature, which is the setpoint of a sleeping tool, and adjust, which moves the
 #    tip by up to 50 °C.
 # 4. The selected temperature.
 #
 # Hot air: the work mode first, which defines the rest, then the flow, because a heater without air
-# burns, and the temperature last. The session orders the tool's status after all settings. The
-# feeder comes before the ports: clog detection, the solder wire and its motion, and the mode, which
+# burns, and the temperature last. The session sets the tool's status after all settings. The feeder
+# comes before the ports: clog detection, the solder wire and its motion, and the mode, which
 # defines those numbers; no setting starts it.
 #
-# `CAN_HEAT` lists commands that can heat a working tool, `CANNOT_HEAT` the others: a run writes the
-# others on all stations before the first of these on any (`session/run/station_run.py`).
+# `CAN_HEAT` lists commands that can heat a working tool, `CANNOT_HEAT` the others. A run writes the
+# latter on all stations before the former on any (`session/run/station_run.py`).
 
 COMMAND_OF: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -56,10 +56,10 @@ COMMAND_OF: Final[Mapping[str, str]] = MappingProxyType(
         "feeder.mode": "feeder_mode",
     }
 )
-"""The setting's key in a recipe (without ``port.N.``) and its command, in the order of writing."""
+"""Recipe key of each setting (without ``port.N.``) and its command, in writing order."""
 
 WHEN_OFF: Final = ("alarm.high", "alarm.low")
-"""Alarms whose delay is written before their limit if it switches them off."""
+"""Alarms whose delay is written before their limit when it switches them off."""
 
 CANNOT_HEAT: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -98,21 +98,21 @@ CAN_HEAT: Final[Mapping[str, str]] = MappingProxyType(
 
 
 USUAL_HZ = 10.0
-PORTS = (1, 2, 3, 4)  # that any station can have
+PORTS = (1, 2, 3, 4)  # ports that a station can have
 NO_SAFE_STATE = "none"
-"""Settings of a family without a safe order of writing (omega)."""
+"""Settings of a family without a safe writing order (omega)."""
 
 
 class Asked(NamedTuple):
-    """One value of a recipe: the setting's key, its place in the file, and the value."""
+    """One value of a recipe: the setting's key, its position in the file, and the value."""
 
-    setting: str  # "alarm.high.limit_c", whichever table it comes from
+    setting: str  # "alarm.high.limit_c", for any table that contains it
     key: KeyPath  # ("port", "2", "alarm", "high", "limit_c")
     value: Value
 
 
 def asked_in(table: Table, at: KeyPath = ()) -> Iterator[Asked]:
-    """Yield the values given in a table of settings and below, in the schema's order."""
+    """Yield the values given in a table of settings and its subtables, in schema order."""
     for name in type(table).model_fields:
         value = getattr(table, name)
         if isinstance(value, Table):
@@ -138,14 +138,14 @@ class Recipe(RecipeTables, CheckedFile):
         return self.recipe.families
 
     def ports_named(self) -> tuple[int, ...]:
-        """Return the ports with tables of their own."""
+        """The ports with tables of their own."""
         return tuple(sorted(int(name) for name in self.port))
 
     def asked(self, port: int | None = None) -> dict[str, Asked]:
-        """What the port is asked to hold, by setting (``"alarm.high.limit_c"``); its own tables
-        win.
+        """Return the values for a port, by setting (``"alarm.high.limit_c"``); the port's own
+        tables take precedence.
 
-        Without a port: what a port without tables of its own is asked to hold.
+        Without a port: the values for a port without tables of its own.
         """
         common = PortSettings.model_construct(
             **{name: getattr(self, name) for name in PortSettings.model_fields}
@@ -154,13 +154,13 @@ class Recipe(RecipeTables, CheckedFile):
         return {asked.setting: asked for asked in (*asked_in(common), *own)}
 
     def asked_of(self, port: int) -> Iterator[Asked]:
-        """Return the values of the port's own tables."""
+        """Yield the values in the port's own tables."""
         for name, table in self.port.items():
             if int(name) == port:
                 yield from asked_in(table, ("port", name))
 
     def heated_ports(self) -> frozenset[int]:
-        """Return the ports whose temperature the recipe sets."""
+        """The ports whose temperature the recipe sets."""
         if self.air.temperature_c is not None:
             return frozenset(PORTS)
         return frozenset(port for port in PORTS if "temperature.select_c" in self.asked(port))
@@ -173,16 +173,22 @@ class Recipe(RecipeTables, CheckedFile):
         return known.safe_states[0] if known.safe_states else NO_SAFE_STATE
 
     def asked_rate(self, family: Family | None) -> float | str:
-        """Return the rate of the fast signals: Hz or ``auto``; by default the family's."""
+        """Return the rate of the fast signals: Hz or ``auto``; the family's unless the recipe sets
+        one.
+        """
         return self.sampling.rate_hz or self._usual_hz(family)
 
     @property
     def suction(self) -> str:
-        """Return what a start does to a hot air station's suction: ``keep``, ``on`` or ``off``."""
+        """What the start of a run does to a hot air station's suction: ``keep``, ``on`` or
+        ``off``.
+        """
         return self.air.suction or "keep"
 
     def rate_hz(self, family: Family | None) -> float:
-        """Return their highest rate: the recipe's, or the family's (None for most)."""
+        """Return the highest rate of the fast signals: the recipe's, or the family's (None for
+        most).
+        """
         asked = self.sampling.rate_hz
         return asked if isinstance(asked, float) else self._usual_hz(family)
 

@@ -1,5 +1,5 @@
-"""The tables of a recipe file: each table a class, each key a field. A setting that the file does
-not name is None.
+"""The tables of a recipe file: a class for each table, a field for each key. None means that the
+file does not set the key.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Alarms(Table):
 
 
 class PortSettings(Table):
-    """The tables that hold for every port of a station, or below `[port.N]` for one."""
+    """Settings for every port of a station, or below `[port.N]` for one."""
 
     temperature: Temperature = Temperature.model_construct()
     sleep: Sleep = Sleep.model_construct()
@@ -91,7 +91,7 @@ class Feeder(Table):
 
 
 class Air(Table):
-    """Hot air (jtse). No manual prints ranges; the station's own limits are checked live."""
+    """Hot air (jtse). No manual prints ranges; the session checks the station's own limits."""
 
     temperature_c: int | None = Field(None, description="whole °C")
     flow_permille: int | None = Field(
@@ -104,7 +104,7 @@ class Air(Table):
 
 
 class Omega(Table):
-    """One solder condition (omega): its whole record of fifteen fields."""
+    """One solder condition (omega): the whole record of fifteen fields."""
 
     condition: Condition = Field(description=CONDITIONS)
     mode: int = Field(
@@ -130,8 +130,8 @@ class Omega(Table):
 
 
 class Sampling(Table):
-    """Hz of the fast signals (None: the family's own; ask `Recipe.asked_rate`), and the ceilings of
-    the slow ones in seconds.
+    """Rate of the fast signals in Hz (None: the family's; use `Recipe.asked_rate`), and the longest
+    periods of the slow ones in seconds.
     """
 
     rate_hz: Rate | None = Field(None, description=RATES)
@@ -140,8 +140,8 @@ class Sampling(Table):
 
 
 class Run(Table):
-    """How the run treats the tools. `status` None: not changed at the start. Ask
-    `Recipe.safe_state` for a family's own.
+    """How the run treats the tools. `status` None: unchanged at the start. Use `Recipe.safe_state`
+    for the family's default.
     """
 
     status: Literal["working", "stand", "extractor", "on", "off"] | None = Field(
@@ -159,8 +159,8 @@ class Run(Table):
 
 
 class Episodes(Table):
-    """What the evaluation of samples adds to a station's alarm limits and delays. `off_delay_s`
-    None: as long as the delay.
+    """Additions to a station's alarm limits and delays when samples are evaluated. `off_delay_s`
+    None: the same as the alarm's delay.
     """
 
     dead_band_c: float = Field(2.0, ge=0, le=100, description="°C from 0 to 100")
@@ -168,12 +168,12 @@ class Episodes(Table):
     stale_s: float = Field(60.0, gt=0, le=86400, description="seconds, more than 0 and up to 86400")
 
     def rules(self) -> dict[str, float]:
-        """By name, without what is not given."""
+        """Return the given rules by name."""
         return {name: float(value) for name, value in self if value is not None}
 
 
 class Units(Table):
-    """Serials read during the run. `repeat`: what to do with one that was read before."""
+    """Serials read during the run. `repeat`: what to do with a serial read before."""
 
     repeat: Literal["continue", "refuse"] = Field("continue", description="continue or refuse")
 
@@ -183,7 +183,7 @@ class Metadata(Table):
 
 
 class Acceptance(Table):
-    """What the verdict rests on; a rule that is None is not applied."""
+    """Limits of the verdict; None disables a rule."""
 
     coverage_percent: float | None = Field(None, ge=0, le=100, description="0 to 100")
     longest_gap_s: float | None = Field(None, ge=0, description="seconds from 0 on")
@@ -204,7 +204,7 @@ class Acceptance(Table):
 
 
 class Joints(Table):
-    """What counts as a joint. None: learnt from the run, and shown in the report."""
+    """What counts as a joint. None: derived from the run, and shown in the report."""
 
     least_dwell_s: float | None = Field(None, ge=0.1, le=60, description="seconds from 0.1 to 60")
     merge_gap_s: float | None = Field(None, ge=0, le=10, description="seconds from 0 to 10")
@@ -219,7 +219,7 @@ PortName = Literal["1", "2", "3", "4"]
 
 
 class RecipeTables(PortSettings):
-    """The whole file, table by table."""
+    """The whole file."""
 
     recipe: RecipeTable = Field(description="a table [recipe] with name, revision and families")
     port: Mapping[PortName, PortSettings] = Field(

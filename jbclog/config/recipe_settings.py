@@ -1,4 +1,4 @@
-"""The settings that a recipe writes: an ordered list for each port, and one for the station."""
+"""The settings of a recipe as an ordered list for each port, and one for the station."""
 
 from __future__ import annotations
 
@@ -19,12 +19,10 @@ _PLACE: Final = {setting: place for place, setting in enumerate(COMMAND_OF)}
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One value to be written. `port` is None for the whole station; the tool is known at run time
-    only.
+    """One value to write. `port` None: the whole station. The tool is known only during the run.
 
-    `command.name` is what stands in the column `setting`; `key` is where the value stands in the
-    recipe. A share (`is_share`) is in per mille until `as_counted` has made of it what the station
-    counts in.
+    `command.name` is the name in the table `settings`; `key` is the key in the recipe. A share
+    (`is_share`) is in per mille until `as_counted` converts it to the station's unit.
     """
 
     command: Command
@@ -35,7 +33,7 @@ class Setting:
 
     @property
     def unit(self) -> str:
-        """Return the value's unit, with the base of a percentage."""
+        """The value's unit, with the base of a percentage."""
         return (
             f"‰ of the station's {str(self.command.share_of).replace('_', ' ')}"
             if self.is_share
@@ -47,8 +45,8 @@ class Setting:
         return f"{self.value} {self.unit}" if self.is_share else self.command.shown(self.value)
 
     def as_counted(self, held: Mapping[str, Value]) -> Setting | None:
-        """Return the setting with the number to send, given what the station holds; None if that is
-        not known.
+        """Return the setting with the number to send, computed from the station's values `held`;
+        None if the base is unknown.
         """
         if not self.is_share:
             return self
@@ -59,30 +57,32 @@ class Setting:
 
 
 def settings_for(recipe: Recipe, family: Family, port: int) -> list[Setting]:
-    """What is written on `port` of a station of `family`, in the order explained in `recipe.py`."""
+    """Return the settings for `port` of a station of `family`, in the order explained in
+    `recipe.py`.
+    """
     return [setting for _, setting in _for_port(recipe, family, port)]
 
 
 def station_settings_for(recipe: Recipe, family: Family) -> list[Setting]:
-    """Return the settings of the whole station: ale's feeder. Empty for families without one."""
+    """Return the settings of the whole station: ale's feeder. Empty for other families."""
     wanted = sorted(asked_in(recipe.feeder, ("feeder",)), key=lambda one: _PLACE[one.setting])
     return [setting for one in wanted if (setting := _setting(one, family, None)) is not None]
 
 
 def condition_of(recipe: Recipe, family: Family) -> ConditionRecord | None:
-    """Return the solder condition that the recipe sets on this `family`, None if it sets none."""
+    """Return the solder condition that the recipe sets on this `family`; None if it sets none."""
     if recipe.omega is None or family.name not in SECTION_FAMILIES["omega"]:
         return None
     return ConditionRecord(*(getattr(recipe.omega, one.name) for one in fields(ConditionRecord)))
 
 
 def foreign_keys(recipe: Recipe, family: Family, ports: Collection[int] | None = None) -> list[str]:
-    """What the recipe asks for and this station does not have, as it stands in the column `setting`
+    """Return the settings of the recipe that this station lacks, named as in the column `setting`
     (`unsupported`).
 
-    Keys of other families' sections by their command's name (``feeder_length``) or, where no driven
-    family has one, by their key (``omega.condition``); and keys of ports beyond `ports` (default:
-    the family's), whole: ``port.3.temperature.select_c``.
+    Keys of other families' sections, by their command's name (``feeder_length``) or, if no driven
+    family has that command, by their key (``omega.condition``); and keys of ports beyond `ports`
+    (default: the family's), in full: ``port.3.temperature.select_c``.
     """
     return [
         *_of_other_families(recipe, family),
@@ -93,7 +93,7 @@ def foreign_keys(recipe: Recipe, family: Family, ports: Collection[int] | None =
 def live_problems(
     recipe: Recipe, family: Family, port: int, held: Mapping[str, Value]
 ) -> list[str]:
-    """Return the problems of settings beyond what the station allows, as read into `held`."""
+    """Return problems of settings outside the limits that the station reported in `held`."""
     found = (
         (one, _live_problem(setting, held)) for one, setting in _for_port(recipe, family, port)
     )
@@ -125,7 +125,7 @@ def _live_problem(setting: Setting, held: Mapping[str, Value]) -> str | None:
 
 
 def _for_port(recipe: Recipe, family: Family, port: int) -> list[tuple[Asked, Setting]]:
-    # suction is in the status
+    # suction is part of the status
     air = {one.setting: one for one in asked_in(recipe.air, ("air",)) if one.setting in COMMAND_OF}
     asked = recipe.asked(port) | air
     wanted = sorted(asked.values(), key=lambda one: _place(one, asked))
@@ -146,13 +146,12 @@ def _setting(one: Asked, family: Family, port: int | None) -> Setting | None:
     command = family.commands.get(COMMAND_OF[one.setting])
     if command is None or not command.writable or not _belongs(one, family):
         return None
-    # as the station reads it back, so that the comparison is exact
+    # in the form the station reports it, so that the comparison is exact
     value = command.quantity.decode(command.quantity.encode(one.value))
     return Setting(command, port, value, dotted(one.key), command.share_of is not None)
 
 
 def _belongs(one: Asked, family: Family) -> bool:
-    """Whether its section applies to this family."""
     return family.name in SECTION_FAMILIES[one.setting.partition(".")[0]]
 
 

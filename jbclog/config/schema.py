@@ -1,6 +1,6 @@
-"""Checks tables of TOML against typed models, and words what is wrong.
+"""Validate TOML tables against typed models, and word the mistakes.
 
-A field's `description` states what is allowed; it ends every message about that key.
+A field's `description` states what is allowed; every message about that key ends with it.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ _WORDED = ("worded", "value_error")
 
 
 class Table(BaseModel):
-    """A table of a file: no unknown keys, no conversion between types, immutable."""
+    """A table of a file: immutable, no unknown keys, no type conversion."""
 
-    # a model is built when it checks something first: most stand only within another
+    # defer the build to first use: most models only serve as parts of others
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
     )
@@ -70,7 +70,7 @@ Row = TypeVar("Row", bound=Table)
 
 
 def said(text: str) -> PydanticCustomError:
-    """Return an error of a field with this whole message."""
+    """Return a validation error with this text as its whole message."""
     return PydanticCustomError("worded", "{text}", {"text": text})
 
 
@@ -79,7 +79,7 @@ def _as_tuple(value: object) -> object:
 
 
 FromList = BeforeValidator(_as_tuple)
-"""Marks a tuple that a TOML list fills."""
+"""Converts a TOML list to a tuple."""
 
 NAME_PATTERN = r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}"
 Name = Annotated[str, Field(pattern=rf"^{NAME_PATTERN}\z")]
@@ -89,7 +89,7 @@ NAME_ALLOWED = (
 
 
 def read_file(row: type[Row], source: TomlText) -> tuple[Row | None, list[Problem], list[KeyPath]]:
-    """Return what `read_table` does of the whole file; its hidden characters are problems, too."""
+    """Apply `read_table` to the whole file; also report hidden characters."""
     tables, wrong, keys = read_table(row, source, (), source.tables)
     return tables, hidden(source) + wrong, keys
 
@@ -114,8 +114,9 @@ def shared(
     text: str,
     why: str = "",
 ) -> Iterator[Problem]:
-    """Yield a problem of each table ``[[rows]]`` whose value at `key` an earlier one has, too;
-    `values` are compared, by their places.
+    """Yield a problem for each table ``[[rows]]`` whose value at `key` repeats an earlier one.
+
+    `values` are the values to compare, with the indexes of their tables.
     """
     first: dict[str, int] = {}
     tables = dict(source.rows(rows))
@@ -164,14 +165,14 @@ def unknown(name: str, names: list[str]) -> str:
 
 
 def _nearest(name: str, names: Iterable[str]) -> str | None:
-    """Return the most similar of `names`, whatever its case; None if none is similar."""
+    """Return the most similar of `names`, ignoring case; None if none is similar."""
     folded = {one.casefold(): one for one in names}
     near = difflib.get_close_matches(name[:64].casefold(), folded, n=1)
     return folded[near[0]] if near else None
 
 
 def shown(value: object) -> str:
-    """Return a value as the file has it, shortened and without control characters."""
+    """Format a value as in the file, shortened and without control characters."""
     if isinstance(value, bool):
         return "true" if value else "false"
     text = '"' + repr(value)[1:-1] + '"' if isinstance(value, str) else repr(value)
@@ -194,7 +195,7 @@ def _allowed(row: type[Table], key: KeyPath) -> str | None:
 
 
 def _choices(row: type[Table], key: KeyPath) -> list[str]:
-    """Return the texts that the field at `key` allows, if it allows only some."""
+    """Return the texts that the field at `key` allows; empty if it allows any."""
     field = _field(row, key)
     found = get_args(field.annotation) if field is not None else ()
     return [text for one in found for text in get_args(one) or (one,) if isinstance(text, str)]
@@ -233,7 +234,7 @@ def _is_mapping(annotation: object) -> bool:
     return isinstance(origin, type) and issubclass(origin, Mapping)
 
 
-# Kinds of values in a recipe. They check types only; `load_recipe.py` checks ranges by the command
+# Types of values in a recipe. They check types only; `load_recipe.py` checks ranges by the command
 # tables.
 
 FIVE_DIGITS: Final = "as far as five digits go; no manual prints a range"

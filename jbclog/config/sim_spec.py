@@ -1,4 +1,4 @@
-"""The optional table `[station.sim]` of a line file: what the virtual station of that name is like.
+"""The optional table `[station.sim]` of a line file: properties of the virtual station.
 
 `run` and everything on its path ignore it; `jbclog sim` and the tests serve it. Times of faults
 count from the first question that the virtual station hears, or from its first order to a tool
@@ -30,13 +30,13 @@ FaultKind = Literal[
     "out_of_range",
 ]
 
-_TELLING: Final = frozenset({"command", "port", "only", "every"})  # which answers it strikes
+_SELECTORS: Final = frozenset({"command", "port", "only", "every"})  # which answers it affects
 KEYS_OF_FAULT: Final[dict[str, frozenset[str]]] = {
-    "silence": _TELLING,
-    "noise": _TELLING | {"bytes_count"},
-    "flip": _TELLING | {"bits"},
-    "late": _TELLING | {"by_s"},
-    "nak": _TELLING | {"code"},
+    "silence": _SELECTORS,
+    "noise": _SELECTORS | {"bytes_count"},
+    "flip": _SELECTORS | {"bits"},
+    "late": _SELECTORS | {"by_s"},
+    "nak": _SELECTORS | {"code"},
     "dropout": frozenset(),
     "restart": frozenset(),
     "stuck": frozenset({"port"}),
@@ -47,7 +47,7 @@ KEYS_OF_FAULT: Final[dict[str, frozenset[str]]] = {
     "not_ready": frozenset(),
     "out_of_range": frozenset(),
 }
-"""What a fault takes beside `kind`, `at_s` and `for_s`."""
+"""Keys of a fault beside `kind`, `at_s` and `for_s`."""
 
 NEEDS_END: Final = frozenset({"dropout", "restart"})
 
@@ -57,29 +57,29 @@ Tool = Annotated[int, Field(ge=0, le=9)]
 
 
 class FaultSpec(Table):
-    """One fault, in force from `at_s` for `for_s` seconds; without `for_s` to the end.
+    """One fault, in force from `at_s` for `for_s` seconds, or to the end without `for_s`.
 
     ===============  =============================================================================
-    silence          the station hears and acts, and its answer does not come
-    noise            `bytes_count` random bytes come before the answer
-    flip             `bits` bits of the answer are the wrong way round
+    silence          the station receives and acts, but does not answer
+    noise            `bytes_count` random bytes precede the answer
+    flip             `bits` bits of the answer are inverted
     late             the answer comes `by_s` seconds late
-    nak              the question is refused with `code` (1 to 6, 99999) and not acted upon; omega
+    nak              the request is refused with `code` (1 to 6, 99999) and not executed; omega
                      ignores it
-    dropout          the cable is out: the port disappears and comes back after `for_s`
-    restart          the station restarts: what is volatile is lost, and it is silent for `for_s`
-    stuck            the temperature reading stays what it was
-    overheat         tip or air runs away to `by_c` above the upper alarm limit (above the setting
-                     if none is set)
-    tool             the tool is exchanged for the one with number `code`; 0 pulls it out
+    dropout          the cable is pulled: the port disappears and comes back after `for_s`
+    restart          the station restarts: it loses volatile values and is silent for `for_s`
+    stuck            the temperature reading does not change
+    overheat         tip or air runs away to `by_c` above the upper alarm limit (above the setpoint
+                     if no limit is set)
+    tool             the tool is replaced by the one with number `code`; 0 removes it
     solder_shortage  omega: there is no solder left
-    clog             omega: the solder is clogged
+    clog             omega: the nozzle is clogged
     not_ready        omega: the controller prepares, or has an error
     out_of_range     omega: the temperature is out of its alarm range
     ===============  =============================================================================
 
-    `command` (a name of the family's table), `port` and `only` choose the answers that are struck,
-    and `every` = n strikes each nth of those.
+    `command` (a name of the family's table), `port` and `only` select the affected answers;
+    `every` = n selects each nth of those.
     """
 
     kind: FaultKind
@@ -108,20 +108,19 @@ class FaultSpec(Table):
 
 
 class SimSpec(Table):
-    """The virtual station behind one entry of a line file. Every key has a default.
+    """The virtual station of one entry of a line file. Every key has a default.
 
     `tool` is plugged into every port, `tools` into single ones (0 = none). `family` is the real
-    family if the line file names another. The model reported is `model`, else the line file's, else
+    family if the line file names another. The station reports `model`, else the line file's, else
     the family's name. `settings` and `counters` are the initial values by command name, for all
-    ports and tools; ``"off"`` is a value of delays. `quirks` choose among the readings of the
-    manuals where these contradict themselves. `seed`, by default the station's name, decides
-    joints, noise and flipped bits. An omega answers after 0 to 250 ms unless `turnaround_ms` is
-    given, and starts with the conditions in `settings`, such as ``condition_101 = "0065 0 023
-    ..."``.
+    ports and tools; ``"off"`` is a value of delays. `quirks` select interpretations where the
+    manuals contradict themselves. `seed`, by default the station's name, decides joints, noise and
+    flipped bits. An omega answers after 0 to 250 ms unless `turnaround_ms` is given, and starts
+    with the conditions in `settings`, such as ``condition_101 = "0065 0 023 ..."``.
     """
 
     turnaround_ms: float = Field(default=1.0, ge=0, le=10_000)
-    wire: bool = True  # pace answers as the baud rate would
+    wire: bool = True  # pace answers by the baud rate
     family: str | None = None
     model: str | None = Field(default=None, min_length=1, max_length=16)
     software: str = Field(default="1.00a", min_length=1, max_length=16)
@@ -139,10 +138,10 @@ class SimSpec(Table):
     rated_power_w: float | None = Field(default=None, gt=0, le=2000)  # default 130, hot air 900
     thermocouple: bool = True  # jtse: an external thermocouple is plugged in
     suction_each_joint: bool = False  # jtse: a part is lifted off after each joint
-    # N 00003 to what is beyond a limit that its own manual does not print, and another does
+    # refuses values (N 00003) beyond a limit that only another family's manual prints
     refuses_unprinted: bool = False
-    extractor_cools: bool = True  # whether the heater is off in status 00010, which no manual says
-    quirks: Annotated[tuple[str, ...], FromList] = ()  # names of `sim/quirks.py`
+    extractor_cools: bool = True  # heater off in status 00010, which no manual says
+    quirks: Annotated[tuple[str, ...], FromList] = ()  # names in `sim/quirks.py`
     settings: dict[str, int | float | str] = Field(default_factory=dict)
     counters: dict[str, float] = Field(default_factory=dict)
     seed: int | None = None

@@ -86,8 +86,8 @@ class TasksFile(Table):
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A task due after `life` of `counter` (in its unit; days for ``days``). `never`: the text if
-    it was never recorded as done.
+    """A task due after `life` of `counter` (in its unit; days for ``days``). `never`: the text
+    shown if it was never recorded as done.
     """
 
     name: str
@@ -101,7 +101,7 @@ class Task:
     never: str = "last service date unknown"
 
     def is_of(self, station: str, family: str | None) -> bool:
-        """Whether it applies to this station."""
+        """Return True if the task applies to this station."""
         return (self.stations is None or station in self.stations) and (
             self.families is None or family in self.families
         )

@@ -1,6 +1,6 @@
-"""Values with units, rows, errors, clocks, text, and files that are complete or absent. Imports
-nothing of jbclog.
+"""Quantities and units, row types, errors, clocks, text, and crash-safe files. Imports no other
+package of jbclog.
 
-Start with `errors.py`, then `quantities.py` and `rows.py`; `io_requests.py` is what sessions yield
-and drivers carry out.
+Start with `errors.py`, then `quantities.py` and `rows.py`; `io_requests.py` is the interface
+between sessions and drivers.
 """

@@ -1,9 +1,8 @@
-"""The rows of a serial capture: what passed over one link, and the results that its session
-received.
+"""Rows of a serial capture: the traffic on one link and the results its session received.
 
-A session depends on nothing but the results of its requests (`core.io_requests`), so these rows are
-enough to reproduce a run exactly. `transport` notes them, `record` stores them. All moments are
-monotonic seconds of the recorder.
+A session depends only on the results of its requests (`core.io_requests`), so these rows reproduce
+a run exactly. `transport` makes them, `record` stores them. Times are monotonic seconds of the
+recorder.
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ ResultKind = Literal["told", "broke", "stopped", "not_started", "left_out", "don
 
 
 class LinkRow(NamedTuple):
-    """Bytes in one direction, or a change of the link.
+    """Bytes in one direction, or a change of the link's state.
 
-    ``sent``: `data` is about to be written. ``heard``: `data` was read. ``opened``, ``failed``
-    (opening), ``lost``, ``closed``: `text` has details.
+    ``sent``: `data` is about to be written. ``heard``: `data` was read. ``opened``, ``failed`` (to
+    open), ``lost``, ``closed``: `text` has details.
     """
 
     at_s: float
@@ -29,12 +28,12 @@ class LinkRow(NamedTuple):
 
 
 class ResultRow(NamedTuple):
-    """The result of one of the session's requests.
+    """Result of one request of the session; `text` has details.
 
-    ``told``: the next `size` bytes of those heard; `sent_s` is when the data of an ``ask`` left,
-    `late_s` by how much the recorder was late. ``broke``: link lost. ``stopped``: the run ends.
-    ``not_started``: it does not start because of the stations in `text`; ``left_out``: it starts
-    without this one. ``done``: the session has ended. `text` has details.
+    ``told``: the next `size` bytes received; `sent_s` is when the data of an ``ask`` left, `late_s`
+    how late the recorder was. ``broke``: link lost. ``stopped``: the run ends. ``not_started``: the
+    run does not start because of the stations in `text`. ``left_out``: it starts without this
+    station. ``done``: the session has ended.
     """
 
     at_s: float

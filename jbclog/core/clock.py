@@ -1,9 +1,8 @@
-"""A monotonic clock that times everything, and UTC for people.
+"""A monotonic clock for all timing, and UTC for display and records.
 
-Durations, due times and time-outs use `monotonic()`, in seconds. UTC is derived from it by an
-offset, so that a stepped wall clock neither moves a sample nor makes a duration negative. On Linux
-the monotonic clock includes time in which the machine was suspended, because tips stay hot
-meanwhile.
+Durations, due times and time-outs use `monotonic()`, in seconds. UTC is an offset from it, so a
+stepped wall clock neither moves a sample nor makes a duration negative. On Linux the monotonic
+clock includes suspension, because tips stay hot meanwhile.
 """
 
 from __future__ import annotations
@@ -18,13 +17,13 @@ UTC_FORMAT: Final = "%Y-%m-%dT%H:%M:%S.%fZ"
 
 
 def utc_of(micros: int) -> datetime:
-    """Return microseconds since 1970 as UTC, exactly."""
+    """Convert microseconds since 1970 to UTC without rounding."""
     seconds, rest = divmod(micros, 1_000_000)
     return datetime.fromtimestamp(seconds, UTC).replace(microsecond=rest)
 
 
 def utc_text(moment: datetime) -> str:
-    """Format a time as in records: ``2026-11-21T01:30:00.123456Z``."""
+    """Format a time as in the record: ``2026-11-21T01:30:00.123456Z``."""
     return moment.astimezone(UTC).strftime(UTC_FORMAT)
 
 
@@ -34,7 +33,7 @@ def utc_ms(moment: datetime) -> str:
 
 
 def _elapsed() -> Callable[[], float]:
-    """Return the boot-time clock: `time.monotonic` excludes suspension on Linux."""
+    """Return the boot-time clock if there is one: on Linux `time.monotonic` excludes suspension."""
     try:
         boot: int = time.CLOCK_BOOTTIME
         time.clock_gettime(boot)
@@ -44,9 +43,7 @@ def _elapsed() -> Callable[[], float]:
 
 
 elapsed: Callable[[], float] = _elapsed()
-"""Seconds on a clock that never steps back and includes suspension where the system can count
-it.
-"""
+"""Monotonic seconds, including suspension where the system counts it."""
 
 
 class Clock(Protocol):
@@ -63,7 +60,7 @@ class SystemClock:
 
 
 class VirtualClock:
-    """A clock that stands still until `advance_to`; for tests and the virtual driver."""
+    """A clock that moves only by `advance_to`; for tests and the virtual driver."""
 
     def __init__(self, monotonic: float = 1000.0, utc: float = 1_790_000_000.0) -> None:
         self._monotonic = monotonic
@@ -76,7 +73,7 @@ class VirtualClock:
         return self._utc
 
     def advance_to(self, moment: float) -> None:
-        """Advance to `moment` (monotonic seconds); a moment in the past changes nothing."""
+        """Advance to `moment` (monotonic seconds); ignore a moment in the past."""
         ahead = moment - self._monotonic
         if ahead > 0:
             self._monotonic = moment
@@ -84,9 +81,9 @@ class VirtualClock:
 
 
 class UtcOffset:
-    """Converts monotonic seconds to UTC microseconds by an offset that only `check` renews.
+    """Convert monotonic seconds to UTC microseconds. Only `check` updates the offset.
 
-    Between checks all rows have the same offset, so their order stays.
+    Between checks all rows share one offset, so UTC preserves their order.
     """
 
     # a larger change is a step (docs/reference/faults.md, F-20); a smaller one is drift
@@ -101,7 +98,7 @@ class UtcOffset:
         return round((moment + self.offset) * 1e6)
 
     def check(self) -> float:
-        """Renew the offset; return the size of a step in seconds, 0.0 for none."""
+        """Update the offset; return the size of a step in seconds, 0.0 for none."""
         now = self._clock.utc() - self._clock.monotonic()
         change, self.offset = now - self.offset, now
         return change if abs(change) > self.STEP_S else 0.0

@@ -1,4 +1,6 @@
-"""Files that survive a power cut (complete or absent), and append-only hash-chained JSON lines."""
+"""Crash-safe files (complete or absent after a power cut), and append-only JSON lines in a hash
+chain.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ from jbclog.core.text import count_text
 
 
 def sync_folder(folder: Path) -> None:
-    """Sync `folder`: creations, renames and removals in it survive a power cut. Raises OSError."""
+    """Sync `folder`, so that creations, renames and removals in it survive a power cut. Raises
+    OSError.
+    """
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)
@@ -27,7 +31,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def sync_file(path: Path) -> None:
-    """Sync the contents of `path`. After an OSError the file must not be trusted."""
+    """Sync the contents of `path`. After an OSError, do not trust the file."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -36,11 +40,11 @@ def sync_file(path: Path) -> None:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Replace `path` atomically by `data`, synced. Raises OSError."""
+    """Replace `path` atomically with `data`, synced. Raises OSError."""
     aside = path.with_name(f".{path.name}.tmp")
     try:
         aside.unlink(missing_ok=True)
-        with aside.open("xb") as file:  # never through somebody else's link
+        with aside.open("xb") as file:  # never follows a link
             file.write(data)
         sync_file(aside)
         aside.replace(path)
@@ -51,7 +55,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def write_new(path: Path, data: bytes) -> None:
-    """Create `path` with `data`, synced. Raises OSError, and then leaves no file."""
+    """Create `path` with `data`, synced. On failure, removes the file and raises OSError."""
     with path.open("xb") as file:
         try:
             file.write(data)
@@ -63,16 +67,15 @@ def write_new(path: Path, data: bytes) -> None:
     sync_folder(path.absolute().parent)
 
 
-# Hash-chained lines: each line of JSON carries the SHA-256 of the line before it and its own.
+# Hash-chained lines: each line of JSON carries the SHA-256 of the previous line and its own.
 #
-# A line that was changed, moved or removed from the middle breaks the chain. Missing last lines
-# show only by comparison with the head, the hash of the last line, kept elsewhere. A line that a
-# crash cut off was never acknowledged: it is reported, does not count, and the next line carries
-# its hash.
+# A changed, moved or missing line breaks the chain. Missing last lines show only by comparison with
+# the head, the hash of the last line, kept elsewhere. A line cut off by a crash was never
+# acknowledged: it is reported, does not count, and the next line carries its hash.
 
 
 class ChainedLine(Protocol):
-    """A parsed line: its number from 1, and the hash of the line before it."""
+    """A parsed line: its number from 1, and the hash of the previous line."""
 
     @property
     def seq(self) -> int: ...
@@ -83,7 +86,7 @@ class ChainedLine(Protocol):
 
 L = TypeVar("L", bound=ChainedLine)
 Parse = Callable[[bytes], L | None]
-"""Parses a line; None unless it is exactly, byte for byte, what jbclog writes."""
+"""Parses a line; returns None unless it is byte for byte what jbclog writes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +94,8 @@ class LineChain(Generic[L]):
     """The readable lines with their hashes, problems as (line number, text), and the hash of the
     last line (`head`).
 
-    `read_to`: the number of the line after which so many were wrong that reading stopped; None if
-    all were read.
+    `read_to`: the line number at which reading stopped because of too many problems; None if all
+    lines were read.
     """
 
     entries: list[L] = field(default_factory=list)
@@ -107,13 +110,13 @@ def sha256(data: bytes) -> str:
 
 
 def line_of(fields: Mapping[str, object]) -> bytes:
-    """Format a line: the fields, then the hash of the line without it."""
+    """Format a line: the fields, then their hash."""
     own = sha256(json.dumps(fields, ensure_ascii=False).encode())
     return json.dumps({**fields, "sha256": own}, ensure_ascii=False).encode()
 
 
 def fields_of(line: bytes) -> dict[str, object]:
-    """Parse a line without its hash. Raises ValueError."""
+    """Parse a line and drop its hash. Raises ValueError."""
     fields = json_of(line, in_utf8=True)
     if not isinstance(fields, dict) or "sha256" not in fields:
         raise ValueError("no chained line")
@@ -123,8 +126,8 @@ def fields_of(line: bytes) -> dict[str, object]:
 def chain_in(data: bytes, first: str, parse: Parse[L], *, what: str, of_first: str) -> LineChain[L]:
     """Parse every line of `data` and list where the chain breaks.
 
-    `first` is the hash that the first line must carry, `of_first` names what it is the hash of,
-    `what` names a line.
+    `first` is the hash that the first line must carry, `of_first` names what was hashed, `what`
+    names a line.
     """
     texts = lines_in(data)
     last = 0 if data.endswith(b"\n") else len(texts)
@@ -141,15 +144,15 @@ def chain_of(
     of_first: str,
     most_wrong: int | None = None,
 ) -> LineChain[L]:
-    """Parse the lines one by one as `chain_in` does; stop after `most_wrong` problems."""
+    """Parse the lines as `chain_in` does; stop after `most_wrong` problems."""
     found: LineChain[L] = LineChain()
     previous, seq, number = first, 0, 0
-    # a line that is not valid, until the next one shows whether a crash cut it off
+    # an invalid line, until the next one shows whether a crash cut it off
     unread: Line | None = None
     line: Line | None = None
     for number, line in enumerate(lines, 1):
         entry = None if line.text is None else parse(line.text)
-        if unread is not None and not _is_vouched_for(unread, entry):
+        if unread is not None and not _was_cut_off(unread, entry):
             found.wrong.append((number - 1, _unreadable(unread, what)))
         if most_wrong is not None and len(found.wrong) >= most_wrong:
             return replace(found, head=previous, read_to=number - 1)
@@ -182,7 +185,7 @@ CUT_OFF: Final = "was cut off while it was written; it counts for nothing"
 
 
 def damage_in(wrong: Iterable[tuple[int, str]]) -> list[str]:
-    """Return the faults, without lines that a crash cut off: those were never acknowledged."""
+    """Return the problems except lines cut off by a crash, which were never acknowledged."""
     return [f"line {number} {text}" for number, text in wrong if text != CUT_OFF]
 
 
@@ -198,8 +201,8 @@ MOST_FAULTS: Final = 100
 
 
 def first_faults(wrong: list[tuple[int, str]]) -> list[tuple[int, str]]:
-    """Return the first faults of a file, and one entry for all later ones: a file of nothing but
-    faults must not fill a page.
+    """Return the first `MOST_FAULTS` faults; the last entry counts the rest, so that a ruined file
+    does not fill a page.
     """
     if len(wrong) <= MOST_FAULTS:
         return wrong
@@ -208,20 +211,20 @@ def first_faults(wrong: list[tuple[int, str]]) -> list[tuple[int, str]]:
     return [*wrong[:MOST_FAULTS], (wrong[MOST_FAULTS][0], f"is wrong{too}")]
 
 
-def _is_vouched_for(line: Line, behind: L | None) -> bool:
-    """Whether a crash cut off this line and the next one carries its hash. A complete line was
-    changed, not cut off.
+def _was_cut_off(line: Line, behind: L | None) -> bool:
+    """Return True if a crash cut off this line and the next one carries its hash. A complete line
+    was changed, not cut off.
     """
     return (
         behind is not None
         and behind.prev_sha256 == line.sha256
         and line.text is not None
-        and not _is_whole(line.text)
+        and not _is_json(line.text)
     )
 
 
-def _is_whole(line: bytes) -> bool:
-    """Whether it is JSON, which the beginning of a line never is."""
+def _is_json(line: bytes) -> bool:
+    """Return True if the line is valid JSON; a truncated line never is."""
     try:
         json.loads(line)
     except (ValueError, RecursionError):
@@ -230,16 +233,16 @@ def _is_whole(line: bytes) -> bool:
 
 
 def lines_in(data: bytes) -> list[bytes]:
-    """Split into lines; the last one may be cut off by a crash."""
+    """Split into lines; a crash may have cut off the last one."""
     lines = data.split(b"\n")
     return lines[:-1] if not lines[-1] else lines
 
 
 def add_line(path: Path, first: str, parse: Parse[L], make: Callable[[int, str], bytes]) -> str:
-    """Append a line to `path`, created if missing; return its hash once it is on the disk. Raises
+    """Append a line to `path`, created if missing, and sync; return the line's hash. Raises
     OSError.
 
-    `make` takes the line's number and the hash to carry; the file is locked meanwhile.
+    `make` takes the line's number and the previous hash; the file is locked meanwhile.
     """
     with _locked(path) as descriptor:
         before = os.pread(descriptor, os.fstat(descriptor).st_size, 0)
@@ -264,10 +267,9 @@ def add_lines(
     items: Iterable[Item],
     make: Callable[[Item, int, str], bytes],
 ) -> None:
-    """Append a line for each item to `path`, created if missing; all are on the disk on return.
-    Raises OSError.
+    """Append a line for each item to `path`, created if missing, and sync. Raises OSError.
 
-    Reads only the end of the file, so that a long file costs no more.
+    Reads only the end of the file, so the cost does not grow with its length.
     """
     with _locked(path) as descriptor:
         last, end = _end_of(descriptor, parse)
@@ -281,8 +283,8 @@ def add_lines(
 
 
 def _end_of(descriptor: int, parse: Parse[L]) -> tuple[int, Line | None]:
-    """Return the number of the last readable line (0: none), and the last line. Reads all where the
-    end has no readable one.
+    """Return the number of the last readable line (0: none), and the last line. Reads the whole
+    file only if its end has no readable line.
     """
     size, last, line = os.fstat(descriptor).st_size, 0, None
     for start in (max(size - TAIL, 0), 0):
@@ -300,7 +302,7 @@ def _end_of(descriptor: int, parse: Parse[L]) -> tuple[int, Line | None]:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[int]:
-    """Open the file, created if missing, locked for one writer. Never follows a link."""
+    """Open the file, created if missing, and lock it for one writer. Never follows a link."""
     flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
     descriptor = os.open(path, flags, 0o666)
     try:
@@ -312,7 +314,7 @@ def _locked(path: Path) -> Iterator[int]:
 
 
 def _add(descriptor: int, line: bytes, *, is_ended: bool) -> None:
-    """Append the line, on a new line even after one that was cut off, and sync."""
+    """Append the line and sync; start a new line if the last one was cut off."""
     data = memoryview((b"" if is_ended else b"\n") + line + b"\n")
     while data:
         data = data[os.write(descriptor, data) :]

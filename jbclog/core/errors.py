@@ -98,10 +98,10 @@ class PortMissing(LinkError):
 
 
 class LinkFlooded(LinkError):
-    """At least `came` bytes arrived within `seconds`; answers of `due` bytes were due and `limit`
+    """At least `came` bytes arrived within `seconds`; answers of `due` bytes were due, and `limit`
     is the maximum.
 
-    The true number may be higher: a flooded port is read with pauses.
+    The true number may be higher: the driver pauses between reads of a flooded port.
     """
 
     def __init__(self, came: int, due: int, seconds: float, limit: int) -> None:
@@ -114,8 +114,8 @@ class LinkFlooded(LinkError):
 
 
 class OtherStation(LinkError):
-    """The station's identity differs from the one that the run started with, at the latest since
-    `since` (monotonic).
+    """The station's identity no longer matches the one at the start of the run; it changed at
+    `since` (monotonic) or earlier.
     """
 
     def __init__(self, text: str, since: float) -> None:
@@ -124,7 +124,7 @@ class OtherStation(LinkError):
 
 
 class StationError(JbclogError):
-    """One request got no usable answer. `reason` stands in the record."""
+    """One request got no usable answer. The record shows `reason`."""
 
     exit_code = 3
     reason = "format"
@@ -137,7 +137,7 @@ class AnswerTimeout(StationError, TimeoutError):
 
 
 class StationSilent(AnswerTimeout):
-    """No answer any more, neither to the request nor to the probes after it."""
+    """No answer to the request, nor to the probes after it."""
 
 
 class AnswerCorrupt(StationError):
@@ -147,19 +147,19 @@ class AnswerCorrupt(StationError):
 
 
 class AnswerFormat(StationError):
-    """A complete frame that cannot be the answer: other code, address, length or digits."""
+    """A complete frame that cannot be the answer: wrong code, address, length or digits."""
 
     reason = "format"
 
 
 class ImplausibleAnswer(StationError):
-    """A well-formed answer with a value that cannot be true."""
+    """A well-formed answer with an impossible value."""
 
     reason = "implausible"
 
 
 class Refusal(StationError):
-    """The station answered N. `code` is its communication error (manual 002, "Communication
+    """The station answered N with the communication error `code` (manual 002, "Communication
     Errors").
     """
 
@@ -185,8 +185,8 @@ class NotSupported(Refusal):
 
 
 class Ignored(NotSupported):
-    """OMEGA's refusal: no answer, but one to the next request. The reason is not known (manual 003,
-    11.2).
+    """OMEGA's refusal: no answer to this request, but one to the next; the station gives no reason
+    (manual 003, 11.2).
     """
 
     reason = "timeout"  # as the record shows it
@@ -214,8 +214,8 @@ class StartRefused(JbclogError):
 
 
 class WriteForbidden(JbclogError):
-    """A write over a port open for reading only, or one that the run does not list. A fault of this
-    program.
+    """A write to a port opened for reading only, or one that the run does not list. A bug in
+    jbclog.
     """
 
 
@@ -226,7 +226,7 @@ class RecordError(JbclogError):
 
 
 class StoreError(RecordError):
-    """A plant's store cannot be read or written; the run published or read is not at fault."""
+    """A plant's store cannot be read or written. The published run itself is intact."""
 
 
 class Unsafe(JbclogError):
@@ -235,15 +235,15 @@ class Unsafe(JbclogError):
     exit_code = 5
 
 
-# the dynamic loader, short of memory
+# messages of the dynamic loader when it is out of memory
 NOT_LOADED = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory")
 
 
 def cause(error: BaseException) -> str:
-    """Return the text of `error`, or its meaning if it has none, as `MemoryError` has.
+    """Return the text of `error`, or a description if it has none, as with `MemoryError`.
 
-    A library that is loaded late is refused memory with an `ImportError`; some packages call
-    themselves incomplete then.
+    Loading a library without enough memory raises `ImportError`; some packages then report
+    themselves as incomplete.
     """
     if isinstance(error, ImportError) and any(text in str(error) for text in NOT_LOADED):
         return f"memory was refused: {error}"

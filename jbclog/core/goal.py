@@ -1,4 +1,4 @@
-"""The number of units or joints at which a run is to end."""
+"""The number of units or joints at which a run ends."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ NOT_COUNTED: Final = "How many there were is not known: the record ends before t
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """How many units or joints a run was to end with, and how many it reached; kept in the
-    manifest.
+    """Units or joints a run was to end with, and how many it reached; stored in the manifest.
 
     `what` is ``units`` or ``joints``. `reached` counts finished units or detected joints of all
-    stations; None if not known or before the run's end. `text` is the same as a sentence.
+    stations; None if not known or before the run's end. `text` is a sentence for people.
     """
 
     what: str

@@ -1,10 +1,9 @@
-"""The interface between sessions and drivers: requests that a session yields, and results that a
-driver sends back.
+"""The interface between sessions and drivers: a session yields requests, a driver sends back
+results.
 
-A session is a generator. It yields a request; a driver (`transport`) carries it out and sends back
-an `IoResult`. Where the link breaks, the driver throws `LinkError` into the session at the failed
-request; to end a run, or not to start it, `RunEnded`. A session never waits, opens nothing and
-never reads a clock.
+A session is a generator. It yields a request; a driver (`transport`) performs it and sends back an
+`IoResult`. The driver throws `LinkError` at the failed request if the link breaks, and `RunEnded`
+to end a run or not to start it. A session never waits, opens nothing and reads no clock.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ class Ask(NamedTuple):
 
 
 class Listen(NamedTuple):
-    """The result is the next bytes that arrive, or none at `until` (monotonic seconds)."""
+    """Wait for the next bytes; the result is empty at `until` (monotonic seconds)."""
 
     until: float
 
@@ -33,21 +32,21 @@ class Wait(NamedTuple):
 
 
 class Reopen(NamedTuple):
-    """Close the port and open it again; `LinkError` where that fails."""
+    """Close the port and open it again; throws `LinkError` on failure."""
 
 
 START_STEPS = 3
-"""Steps of a run's start, at whose ends sessions wait for each other: read and check; write what
-cannot heat; the rest.
+"""Steps of a run's start; sessions wait for each other after each: read and check, write what
+cannot heat, write the rest.
 """
 
 
 class Gather(NamedTuple):
-    """This session has finished a step of the start; wait until all sessions of the run have.
-    `failure`: why it could not.
+    """This session has finished a step of the start, or failed (`failure` says why); wait for all
+    other sessions.
 
-    `NotStarted` is thrown, here or at an earlier request, where another session failed; `LeftOut`
-    where this one is too late.
+    Throws `NotStarted`, here or at an earlier request, if another session failed, and `LeftOut` if
+    this one is too late.
     """
 
     step: int
@@ -55,11 +54,11 @@ class Gather(NamedTuple):
 
 
 class IoResult(NamedTuple):
-    """The result of a request: the moment, the bytes (none: timeout), and when the data of the last
-    `Ask` left.
+    """Result of a request: the time, the bytes (none: timeout), and when the data of the last `Ask`
+    left.
 
-    `late_s`: by how much the driver itself was late, if noticeable. Without it a late driver looks
-    like a slow station.
+    `late_s`: how late the driver itself was, if noticeable. Without it a late driver looks like a
+    slow station.
     """
 
     now: float
@@ -73,22 +72,22 @@ class RunEnded(Exception):
 
 
 class NotStarted(RunEnded):
-    """The run does not start because of the other stations that the text names."""
+    """The run does not start because of other stations, named in the text."""
 
 
 class LeftOut(RunEnded):
-    """The run does not wait for this session any longer; the text says how long it did."""
+    """The run no longer waits for this session; the text says how long it did."""
 
 
 T = TypeVar("T")
 Request = Ask | Listen | Wait | Reopen | Gather
 Steps = Generator[Request, IoResult, T]
-"""A part of a session: yields requests, is sent results, returns a `T`."""
+"""Part of a session: yields requests, receives results, returns a `T`."""
 
 
 def relay(steps: Steps[T], do: Callable[[Request], Steps[IoResult]]) -> Steps[T]:
-    """Pull `steps` and carry out its requests by `do`; an exception of `do` is thrown into `steps`,
-    as a driver would.
+    """Run `steps` and perform its requests with `do`; throw exceptions of `do` into `steps`, as a
+    driver would.
     """
     try:
         request = next(steps)

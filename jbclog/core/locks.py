@@ -1,5 +1,6 @@
-"""Locks that the system releases when their holder ends, on a file and on a run's folder. Start
-with `try_lock`, `FolderLock`.
+"""Locks on a file and on a run's folder, which the system releases when their holder ends.
+
+Start with `try_lock` and `FolderLock`.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from jbclog.core.foreign.json_reader import read_json
 
 
 def try_lock(path: Path) -> int | None:
-    """Lock the file at `path`; return its descriptor, or None where another process holds or has
+    """Lock the file at `path`; return its descriptor, or None if another process holds it or has
     just removed it.
 
-    The caller removes the file and closes the descriptor. Raises OSError where the file cannot be
+    The caller removes the file and closes the descriptor. Raises OSError if the file cannot be
     opened.
     """
     descriptor = os.open(
@@ -39,7 +40,7 @@ def try_lock(path: Path) -> int | None:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a process holds the lock at `path`; changes nothing. Raises OSError."""
+    """Return True if a process holds the lock at `path`. Creates nothing. Raises OSError."""
     try:
         file = open_foreign(path, Kind.LOCK)
     except FileNotFoundError:
@@ -53,22 +54,21 @@ def is_locked(path: Path) -> bool:
 
 
 # A run's folder has one writer: the recorder, its sealing child, or `recover`. The lock is an flock
-# on `live.lock`, which a child inherits with the descriptor. The file contains the holder's process
-# id, for messages, and `CommitStatus`: SQLite takes a damaged end of its log for one that was never
-# written and would lose acknowledged rows silently.
+# on `live.lock`; a child inherits it with the descriptor. The file contains the holder's process
+# id, for messages, and `CommitStatus`: SQLite takes a damaged end of its log for one never written
+# and would silently lose acknowledged rows.
 NAME = "live.lock"
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
-WIDTH = 200  # bytes; overwritten as a whole, so that a full disk does not matter
+WIDTH = 200  # bytes; always overwritten as a whole, so a full disk does not matter
 
 
 @dataclass(frozen=True, slots=True)
 class CommitStatus:
     """What a recorder reports about its commits.
 
-    `last` is the number of the last committed batch; `since` when the last good commit began
-    (seconds since 1970 UTC): rows handed over before it are safe; `risk_s` the longest time that a
-    row waited to be safe; `unkept` the number of rows without a commit; `took_s` how long the last
-    good commit took.
+    `last`: number of the last committed batch. `since`: when the last good commit began (seconds
+    since 1970 UTC); earlier rows are on disk. `risk_s`: the longest time that a row waited for its
+    commit. `unkept`: number of rows not committed. `took_s`: duration of the last good commit.
     """
 
     last: int = 0
@@ -79,7 +79,7 @@ class CommitStatus:
 
 
 class FolderLock:
-    """The held lock of a folder. A child that inherits `descriptor` holds it too."""
+    """A folder's lock, held. A child that inherits `descriptor` holds it too."""
 
     def __init__(self, folder: Path, descriptor: int) -> None:
         self.folder = folder
@@ -89,8 +89,8 @@ class FolderLock:
     def take(cls, folder: Path, patience_s: float = 0.5) -> FolderLock:
         """Take the lock.
 
-        Raises `RecordError`, which names the holder, where it is held for longer than `patience_s`
-        or cannot be created.
+        Raises `RecordError`, naming the holder, if it stays held for `patience_s` or cannot be
+        created.
         """
         end = time.monotonic() + patience_s
         while True:
@@ -121,18 +121,20 @@ class FolderLock:
         return NAME
 
     def write_status(self, status: CommitStatus) -> None:
-        """Write the commit status. Not synced: survives a kill, may lag after a power cut."""
+        """Write the commit status without syncing: it survives a kill, and may lag after a power
+        cut.
+        """
         text = json.dumps({"pid": os.getpid(), "boot": boot_id(), **asdict(status)})
-        with contextlib.suppress(OSError):  # a failing disk is reported elsewhere
+        with contextlib.suppress(OSError):  # the commits report a failing disk
             os.pwrite(self.descriptor, text.ljust(WIDTH).encode(), 0)
 
     @property
     def is_ours(self) -> bool:
-        """Whether the folder's path still leads to the locked file."""
+        """True if the folder's path still leads to the locked file."""
         return not self.folder.is_symlink() and _is_same_file(self.descriptor, self.folder / NAME)
 
     def expect_ours(self) -> None:
-        """Raise `RecordError` where the folder was removed or replaced."""
+        """Raise `RecordError` if the folder was removed or replaced."""
         if self.is_ours:
             return
         if not os.path.lexists(self.folder):
@@ -142,7 +144,7 @@ class FolderLock:
         )
 
     def remove(self) -> None:
-        """Remove the lock file and release the lock: the run is finished."""
+        """Remove the lock file and release the lock."""
         (self.folder / NAME).unlink(missing_ok=True)
         self.release()
 
@@ -164,7 +166,7 @@ def _opened(path: Path) -> int:
 
 @cache
 def boot_id() -> str:
-    """Return an id of this boot, or "" where the system has none."""
+    """Return an id of this boot; "" if the system has none."""
     try:
         return BOOT_ID.read_text(encoding="ascii").strip()
     except OSError:
@@ -178,29 +180,29 @@ def holder_text(folder: Path) -> str:
 
 
 def holder_pid(folder: Path) -> int:
-    """Return the id of the process that took the folder's lock last; 0 if unknown."""
-    return int(_inside(folder, "pid"))
+    """Return the id of the process that last took the folder's lock; 0 if unknown."""
+    return int(_status_field(folder, "pid"))
 
 
 def processes() -> list[int]:
-    """Return the ids of all processes of this computer; none without /proc."""
+    """Return the ids of all processes of this computer; empty without /proc."""
     with contextlib.suppress(OSError):
         return [int(place.name) for place in Path("/proc").iterdir() if place.name.isdigit()]
     return []
 
 
 def commit_status(folder: Path) -> CommitStatus:
-    """Return the commit status that the last recorder wrote; zeros where none is readable."""
+    """Return the commit status written by the last recorder; zeros if none is readable."""
     return CommitStatus(
-        int(_inside(folder, "last")),
-        _inside(folder, "since") or None,
-        _inside(folder, "risk_s"),
-        int(_inside(folder, "unkept")),
-        _inside(folder, "took_s"),
+        int(_status_field(folder, "last")),
+        _status_field(folder, "since") or None,
+        _status_field(folder, "risk_s"),
+        int(_status_field(folder, "unkept")),
+        _status_field(folder, "took_s"),
     )
 
 
-def _inside(folder: Path, key: str) -> float:
+def _status_field(folder: Path, key: str) -> float:
     with contextlib.suppress(OSError, ValueError, AttributeError):
         value = read_json(folder / NAME, Kind.LOCK).get(key)
         return value if isinstance(value, int | float) else 0
@@ -208,7 +210,7 @@ def _inside(folder: Path, key: str) -> float:
 
 
 def is_held(folder: Path) -> bool:
-    """Whether a process is writing to the folder now."""
+    """Return True if a process is writing to the folder."""
     return is_locked(folder / NAME)
 
 

@@ -1,4 +1,4 @@
-"""The result of a run: one exit code and the findings behind it (docs/reference/exit-codes.md)."""
+"""A run's result: one exit code and the findings behind it (docs/reference/exit-codes.md)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from jbclog.core.states import SafetyResult, StationOutcome
 from jbclog.core.text import count_text
 
-if TYPE_CHECKING:  # `--help` loads no rows
+if TYPE_CHECKING:  # keeps `--help` fast
     from jbclog.core.goal import Goal
     from jbclog.core.rows import StationFacts
 
@@ -43,7 +43,7 @@ CUT_SHORT: Final[Mapping[signal.Signals, Exit]] = {
     signal.SIGTERM: Exit.TERMINATED,
     signal.SIGHUP: Exit.TERMINATED,
 }
-"""The signals that end a run in good order."""
+"""Signals that end a run in good order."""
 
 FINE_VERDICTS = (None, "ACCEPT", "NOT JUDGED")
 NEVER_SAMPLED = (
@@ -65,7 +65,7 @@ SEVEREST_FIRST = (
 
 @dataclass(frozen=True, slots=True)
 class RunFinding:
-    """One thing that is not fine, and the exit code that it alone causes."""
+    """One problem of a run, and the exit code it would cause by itself."""
 
     code: Exit
     text: str
@@ -82,10 +82,10 @@ def findings(
     cut_short: Exit | None,
     goals: Sequence[Goal] = (),
 ) -> list[RunFinding]:
-    """Return everything that is not fine. `record`: what the record lacks; `cut_short`: a signal
-    came before the stated end.
+    """Return every problem of a run.
 
-    Meeting one of the `goals` is enough.
+    `record`: what the record lacks. `cut_short`: a signal ended the run early. Meeting one of the
+    `goals` is enough.
     """
     found: list[RunFinding] = []
     stations = list(stations)

@@ -1,8 +1,8 @@
 """Values and their five characters on the serial line.
 
-`Quantity.decode` turns the data field into a typed value or raises `ValueError`; `encode` does the
+`Quantity.decode` converts the data field to a typed value or raises `ValueError`; `encode` does the
 reverse. A value is an `int`, a `float`, a `str`, a tuple of digits, or `OFF` where the manual
-prints 99999 for "disabled". Unknown is never a value here: use `None` and a reason.
+prints 99999 for "disabled". An unknown value is `None` with a reason, never one of these.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Final, Protocol
 
 
 class Off(Enum):
-    """The value of a delay that is switched off."""
+    """Value of a disabled delay."""
 
     OFF = "off"
 
@@ -24,13 +24,13 @@ class Off(Enum):
 
 OFF: Final = Off.OFF
 OFF_ON_WIRE: Final = "99999"
-MOST: Final = 99999  # of five digits
+MOST: Final = 99999  # largest number of five digits
 # a higher alarm limit means "not set": no station heats above 500 (002, factory)
 HIGHEST_C: Final = 600
 
 
 class CompoundValue:
-    """Base class of values with several fields; `str` is for people."""
+    """Base class of values with several fields; `str` formats them for people."""
 
     __slots__ = ()
 
@@ -40,7 +40,7 @@ Value = int | float | str | Off | tuple[int, ...] | CompoundValue
 
 
 class Quantity(Protocol):
-    """One kind of value: its unit, and how it is read and written."""
+    """One kind of value: its unit, decoding and encoding."""
 
     @property
     def unit(self) -> str: ...
@@ -51,7 +51,7 @@ class Quantity(Protocol):
 
 
 def _digits(data: str, minus: str = "-") -> int:
-    """Parse a whole number: a sign only in the first place, no blank, no underscore, ASCII only."""
+    """Parse a whole number: ASCII digits, sign only in the first place, no blank or underscore."""
     signed = data[:1] != "" and data[0] in minus
     body = data[1:] if signed else data
     if len(data) != 5 or not (body.isascii() and body.isdigit()):
@@ -75,10 +75,10 @@ def _whole(value: Value) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Whole:
-    """A whole number in `unit`, zero-filled, minus in the first place: ``-0050`` (manual 002,
-    "Frame Fields").
+    """Whole number in `unit`, zero-filled, with the minus in the first place: ``-0050`` (manual
+    002, "Frame Fields").
 
-    `minus` are the characters read as a minus; ``-`` is written.
+    `minus` lists the characters accepted as a minus; `encode` writes ``-``.
     """
 
     unit: str
@@ -93,7 +93,7 @@ class Whole:
 
 @dataclass(frozen=True, slots=True)
 class Unsigned:
-    """A whole number in `unit`, never negative: a count, an hour, a power."""
+    """Whole number in `unit`, never negative: a count, an hour, a power."""
 
     unit: str
 
@@ -111,7 +111,7 @@ class Unsigned:
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """A delay in whole `unit`; 99999 means that it is off (manual 002, W-Dxy and W-Hxy)."""
+    """Delay in whole `unit`; 99999 means off (manual 002, W-Dxy and W-Hxy)."""
 
     unit: str
 
@@ -129,11 +129,10 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class AlarmDelay:
-    """Seconds as ``ss.cc``: ``01.60`` is 1.6 s, 99999 means that the alarm is off (manual 002,
+    """Seconds as ``ss.cc``: ``01.60`` is 1.6 s; 99999 means that the alarm is off (manual 002,
     W-HDx).
 
-    Up to 99.99 s, digits without a dot are read as hundredths (docs/reference/contradictions.md,
-    B-22).
+    Up to 99.99 s, digits without a dot are hundredths (docs/reference/contradictions.md, B-22).
     """
 
     unit: str = "s"
@@ -158,11 +157,11 @@ class AlarmDelay:
 
 @dataclass(frozen=True, slots=True)
 class AlarmLimit:
-    """A limit in °C. "Not set" has no printed wire value: 00000 and unreachable limits are read as
+    """Limit in °C. No manual prints a value for "not set": 00000 and unreachable limits decode as
     OFF.
 
-    docs/reference/contradictions.md, B-23. A value outside the station's own limits is kept: only
-    the station knows them.
+    See docs/reference/contradictions.md, B-23. A value outside the station's own limits is kept:
+    only the station knows them.
     """
 
     unit: str = "°C"
@@ -183,7 +182,7 @@ class AlarmLimit:
 
 @dataclass(frozen=True, slots=True)
 class Scaled:
-    """A length or speed in whole `1/per_unit` (manual 002, R-LEN: 01000 dmm = 100 mm)."""
+    """Length or speed in whole `1/per_unit` (manual 002, R-LEN: 01000 dmm = 100 mm)."""
 
     unit: str
     per_unit: int
@@ -211,7 +210,7 @@ class HexLength:
     """Dispensed length in 0.1 mm, hexadecimal, with or without ``0x``, of any width (manual 002,
     R-DLx).
 
-    A field of decimal digits is still hexadecimal: ``01000`` is 4096 dmm.
+    A field of decimal digits is hexadecimal too: ``01000`` is 4096 dmm.
     """
 
     unit: str = "mm"
@@ -249,7 +248,7 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A number that stands for a mode. Only the named numbers can be written."""
+    """A number that selects a mode. Only named numbers can be written."""
 
     names: tuple[str, ...]
     unit: str = ""
@@ -268,9 +267,10 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A code that a table of the family explains: an error, a tool. Unknown codes are kept.
+    """A code that a table of the family explains, such as an error or a tool. Unknown codes are
+    kept.
 
-    `printed_for` are pairs of a number that a manual misprints and the intended one. `most` is the
+    `printed_for` pairs a number that a manual misprints with the intended one. `most` is the
     highest possible code.
     """
 
@@ -290,7 +290,7 @@ class Number:
 
 @dataclass(frozen=True, slots=True)
 class DigitWord:
-    """Five decimal digits, each with its own meaning and its maximum in `highest`
+    """Five decimal digits, each with its own meaning; `highest` has the maximum of each
     (docs/reference/protocol.md, Status word).
 
     The value is the tuple of digits, most significant first.
@@ -316,7 +316,7 @@ class DigitWord:
 
 
 class Flags(DigitWord):
-    """Digits where any value but 0 sets the flag, if `highest` defines one
+    """Digits in which any value but 0 sets the flag, where `highest` defines one
     (docs/reference/contradictions.md, B-24).
     """
 
@@ -332,7 +332,9 @@ class Flags(DigitWord):
 
 
 def raw_share(permille: int, whole: int) -> int:
-    """Return the wire value for `permille` of `whole` (docs/reference/configuration.md)."""
+    """Convert `permille` of `whole` to the value on the serial line
+    (docs/reference/configuration.md).
+    """
     return round(permille * whole / 1000)
 
 
@@ -342,7 +344,9 @@ def permille_of(raw: int, whole: int) -> int:
 
 
 def text_of(value: Value) -> str:
-    """Format a value for `settings` and messages: ``350``, ``1.60``, ``off``, ``00001``."""
+    """Format a value for the table `settings` and for messages: ``350``, ``1.60``, ``off``,
+    ``00001``.
+    """
     if isinstance(value, tuple):
         return "".join(map(str, value))
     if isinstance(value, float):

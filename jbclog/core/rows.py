@@ -1,8 +1,8 @@
-"""The rows of a record as sessions make them: plain tuples, no Arrow, no I/O.
+"""Rows of a record as sessions make them: plain tuples, no Arrow, no I/O.
 
 A row of `samples` is a list in the order of `SAMPLE_COLUMNS`, because a run makes thousands a
-second. docs/reference/tables.md describes every column; `record/schema.py` has the types for
-Parquet. A new column belongs in both: docs/how-to/change.md.
+second. docs/reference/tables.md describes every column; `record/schema.py` has the Parquet types. A
+new column belongs in both (docs/how-to/change.md).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from jbclog.core.states import StationOutcome
 
 SCHEMA_VERSION: Final = 1
 TABLES: Final = ("samples", "events", "settings", "counters")
-"""The tables of a run, which `record/schema.py` defines."""
+"""Tables of a run, defined in `record/schema.py`."""
 
 SampleRow = list[object]
 """One tick of one port, in the order of `SAMPLE_COLUMNS`."""
@@ -63,9 +63,7 @@ _SHARED: Final = {
     "clogged": "solder_shortage",
 }
 SIGNAL_OF_COLUMN: Final = {column: _SHARED.get(column, column) for column in SIGNAL_COLUMNS}
-"""The signal that fills a column; a signal is named after the first column that its answer
-fills.
-"""
+"""Signal that fills each column; a signal is named after the first column that its answer fills."""
 
 QUALITIES: Final = (
     "disconnected",
@@ -79,7 +77,7 @@ QUALITIES: Final = (
     "skipped",
     "ok",
 )
-"""A row's quality is the first that applies (docs/reference/tables.md)."""
+"""A row's quality is the first of these that applies (docs/reference/tables.md)."""
 
 
 class Severity(StrEnum):
@@ -90,9 +88,7 @@ class Severity(StrEnum):
 
 
 class EventRow(NamedTuple):
-    """One event. Times are UTC microseconds; `earliest` is the other end of the interval in which
-    it happened.
-    """
+    """One event. Times are UTC microseconds; it happened between `earliest` and its time."""
 
     time: int
     kind: str
@@ -119,8 +115,8 @@ class SettingOutcome(StrEnum):
 
 
 class SettingRow(NamedTuple):
-    """The outcome of one setting on one station; values as text in the setting's unit, `outcome`
-    one of `SettingOutcome`.
+    """Outcome of one setting on one station, one of `SettingOutcome`; values as text in the
+    setting's unit.
     """
 
     time: int
@@ -137,7 +133,9 @@ class SettingRow(NamedTuple):
 
 
 class CounterRow(NamedTuple):
-    """One reading of a counter. If it failed, `value` is None and `raw` the reason in ``<>``."""
+    """One reading of a counter. After a failed read, `value` is None and `raw` is the reason in
+    ``<>``.
+    """
 
     time: int
     station: str
@@ -149,12 +147,14 @@ class CounterRow(NamedTuple):
 
 
 class Journal(Protocol):
-    """Takes a session's rows. Each call returns at once; storing them is the journal's job."""
+    """Receives a session's rows. No call may wait; the implementation stores the rows."""
 
     def sample(self, row: SampleRow) -> None: ...
 
     def event(self, event: EventRow, *, at_once: bool = False) -> None:
-        """Record an event. `at_once`: commit now; the station has already forgotten it (flags)."""
+        """Record an event. `at_once`: commit now, because the station has already cleared it
+        (flags).
+        """
 
     def setting(self, setting: SettingRow) -> None: ...
 
@@ -165,7 +165,7 @@ class Journal(Protocol):
 
 
 class NoJournal:
-    """Drops everything: for a session whose record has failed and whose tools are still hot."""
+    """Discards everything: for a session whose record has failed while its tools are still hot."""
 
     def sample(self, row: SampleRow) -> None: ...
 
@@ -179,7 +179,7 @@ class NoJournal:
 
 
 def quality_of(reasons: dict[str, str]) -> str:
-    """Return the first of `QUALITIES` among the row's reasons; ``nak3`` counts as ``nak``."""
+    """Return the first of `QUALITIES` among the reasons; ``nak3`` counts as ``nak``."""
     present = {"nak" if reason.startswith("nak") else reason for reason in reasons.values()}
     return next((quality for quality in QUALITIES if quality in present), "ok")
 
@@ -191,8 +191,8 @@ def reasons_text(reasons: dict[str, str]) -> str | None:
 
 @dataclass(slots=True)
 class StationFacts:
-    """What a run knows about one station; a session hands it over again whenever it learns more. It
-    stands in the manifest.
+    """What a run knows about one station, for the manifest; a session sends it again on every
+    change.
 
     `outcome` is one of `StationOutcome`. `safe_state` maps a touched port to ``verified``, ``sent``
     or ``failed``.
@@ -215,38 +215,38 @@ class StationFacts:
     period_s: float | None = None
     recipe: str | None = None
     rated_power_w: float | None = None
-    # that its family supports; empty in older records
+    # supported by the family; empty in older records
     signals: list[str] = field(default_factory=list)
     not_supported: list[str] = field(default_factory=list)
     first_tick: int | None = None
     last_tick: int | None = None
-    # port -> signal -> readings due, as the session counted
+    # port -> signal -> readings due, counted by the session
     due: dict[str, dict[str, int]] = field(default_factory=dict)
-    # settings read again that have no column
+    # settings read repeatedly that have no column
     watched: dict[str, dict[str, dict[str, int]]] = field(default_factory=dict)
-    skipped: int = 0  # ticks without rows, because the host was suspended or late
-    # rows of `skipped` that the host was too late for; None in older records
+    skipped: int = 0  # ticks without rows: the host was suspended or late
+    # rows of `skipped` for which the host was too late; None in older records
     skipped_by_host: int | None = None
     garbage_bytes: int = 0
     # frames without a request, by kind: echo, address, code, late, unasked
     strays: dict[str, int] = field(default_factory=dict)
-    # departures from the recommended form, by B-number
+    # deviations from the recommended form, by B-number
     anomalies: dict[int, int] = field(default_factory=dict)
-    # answers that were read again before being accepted, by command
+    # answers read again before they were accepted, by command
     doubted: dict[str, int] = field(default_factory=dict)
-    # for evaluating samples; empty in older records
+    # for evaluating the samples; empty in older records
     alarm_rules: dict[str, float] = field(default_factory=dict)
     alarms: int = 0  # that count (docs/reference/exit-codes.md)
     unconfirmed_alarms: int = 0
     settings_changed: int = 0
-    settings_repeated: int = 0  # writes at the start that were lost and sent again
+    settings_repeated: int = 0  # settings written again at the start because the write was lost
     outages: int = 0
-    worst_slow_periods: float = 0.0  # the longest wait of a slow reading, in its own periods
+    worst_slow_periods: float = 0.0  # longest delay of a slow reading, in its own periods
     touched: list[int] = field(default_factory=list)
     outcome: str = StationOutcome.RUNNING
     reason: str = ""
     asked_safe_state: str = ""  # target state of touched tools
-    # hot air ports whose suction is on and stays on in the safe state
+    # hot air ports whose suction stays on in the safe state
     suction: list[int] = field(default_factory=list)
     may_feed: bool = False  # a feeder that this run has to stop may be running
     safe_state: dict[int, str] = field(default_factory=dict)
@@ -259,12 +259,11 @@ class StationFacts:
 
 @dataclass(frozen=True, slots=True)
 class TipCheck:
-    """The tip verification in force on a port at the run's start, kept in the manifest
-    (`maintenance.verification`).
+    """The tip verification in force on a port at the start of the run (`maintenance.verification`).
 
-    `state`: ``pass`` or ``fail`` by the last valid verification, ``other tip`` if that was of
-    another tip than the run names, ``none``, or ``unreadable``. `days` is its age at the run's
-    start; `adjust_c` the station's adjustment then, if read; `sha256` that of its line.
+    `state`: ``pass`` or ``fail`` by the last valid verification, ``other tip`` if that was for a
+    different tip than the run names, ``none``, or ``unreadable``. `days` is its age at the start;
+    `adjust_c` the station's adjustment then, if read; `sha256` the hash of its line.
     """
 
     station: str

@@ -1,4 +1,4 @@
-"""Serial lines: formats, URLs, and whether two URLs lead to the same port."""
+"""Serial formats and URLs, and whether two URLs name the same port."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from typing import Final, NamedTuple
 from urllib.parse import urlsplit
 
 BAUDRATES = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400, 250000, 460800, 500000)
-"""The rates that manual 000 prints (2.1); the newer units have 19200 only."""
+"""Rates printed in manual 000 (2.1); newer units support 19200 only."""
 
 _FORMAT = re.compile(r"8([NEO])([12])")
 
-# characters of a frame besides code and data: STX, header, ETX, check byte; OMEGA: STX, ETX, two of
-# the sum
+# characters of a frame besides code and data: STX, header, ETX, check byte; OMEGA: STX, ETX, two
+# for the sum
 FRAMING = 4
-ADDRESSES = 4  # more on lines with addresses (manual 002, "Data Link Layer")
-CODE, DIGITS = 3, 5  # of the usual request and its answer
+ADDRESSES = 4  # extra characters on links with addresses (manual 002, "Data Link Layer")
+CODE, DIGITS = 3, 5  # characters of the usual request and its answer
 
 
 SCHEMES: Final = ("socket", "rfc2217", "loop", "hwgrep")
-"""URL schemes that may be opened. pyserial knows more; spy:// writes any file that its URL names,
-alt:// loads code.
+"""URL schemes that may be opened. Others of pyserial are unsafe: spy:// writes any file its URL
+names, alt:// loads code.
 """
 
 
@@ -66,7 +66,6 @@ class LineFormat:
         return (9 + (self.parity != "N") + self.stop_bits) / self.baudrate
 
     def seconds(self, characters: int) -> float:
-        """Duration of `characters`."""
         return characters * self.character_s
 
     def read_s(self) -> float:
@@ -79,20 +78,20 @@ LOOPBACK: Final = "loopback"  # localhost, 127.0.0.1 and ::1 are this computer
 
 
 class PortAddress(NamedTuple):
-    """Where a URL leads: a device path or a name, or a host with its TCP port."""
+    """Target of a URL: a device path or name, or a host with its TCP port."""
 
     name: str
     number: int | None = None
 
     def is_at(self, other: PortAddress) -> bool:
-        """Whether both are one port. Host names are resolved only where all else is equal."""
+        """Return True if both are the same port. Resolves host names only if all else is equal."""
         if self.number is None or self.number != other.number:
             return self == other
         return self.name == other.name or bool(_addresses(self.name) & _addresses(other.name))
 
 
 def port_address(url: str) -> PortAddress:
-    """Parse `url`; options after `?` and the case of host and scheme do not matter."""
+    """Parse `url`; ignores options after `?` and the case of host and scheme."""
     scheme, _, _ = url.partition("://")
     if scheme.lower() in NETWORK:
         with suppress(ValueError):  # no number
@@ -104,13 +103,13 @@ def port_address(url: str) -> PortAddress:
 
 
 def is_one_port(url: str, other: str) -> bool:
-    """Whether two URLs lead to the same port: device links are followed, host names resolved."""
+    """Return True if both URLs lead to the same port; follows device links, resolves host names."""
     return url == other or port_address(url).is_at(port_address(other))
 
 
 @lru_cache
 def _addresses(host: str) -> frozenset[str]:
-    """Return a host's addresses and its name; a host that does not resolve equals only itself."""
+    """Return a host's addresses and its name; an unresolvable host equals only itself."""
     found = {host}
     with suppress(OSError, UnicodeError):
         found |= {

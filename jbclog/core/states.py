@@ -8,18 +8,18 @@ from enum import StrEnum
 class StationOutcome(StrEnum):
     """How a station's part of a run ended."""
 
-    RUNNING = "running"  # not ended, or the record does not contain the end
+    RUNNING = "running"  # not ended, or the record lacks the end
     COMPLETED = "completed"
-    STOPPED = "stopped"  # a setting had changed during the run
+    STOPPED = "stopped"  # a setting changed during the run
     REFUSED = "refused"  # before sampling
     GONE = "gone"  # no answer at the start or at the end
-    NOT_STARTED = "not_started"  # it was ready, another station was not
-    LEFT_OUT = "left_out"  # it was not ready, and the run was allowed to start without it
+    NOT_STARTED = "not_started"  # ready, but another station was not
+    LEFT_OUT = "left_out"  # not ready, and the run could start without it
     FAILED = "failed"
 
 
 class SafetyResult(StrEnum):
-    """Whether a touched tool is in its safe state."""
+    """Result of making a touched tool safe."""
 
     VERIFIED = "verified"  # read back
     SENT = "sent"  # not read back

@@ -13,8 +13,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-"""Unicode categories of control, formatting (bidi included), surrogate, private and unassigned
-characters and line separators.
+"""Unicode categories of invisible characters: control, formatting (bidi included), surrogate,
+private, unassigned, line separators.
 """
 BLANKS = "\n\r\t\v\f\x85\u2028\u2029"  # shown as a space
 REPLACEMENT = "\ufffd"
@@ -24,8 +24,8 @@ def clean(text: str) -> str:
     """Make untrusted text safe for every output (terminal, log, CSV, HTML, PDF): one line without
     invisible characters.
 
-    A line end becomes a space, any other invisible character `REPLACEMENT`: nothing moves the
-    cursor, turns the reading direction or hides a word, and names that look alike cannot differ by
+    Replaces line ends by a space and other invisible characters by `REPLACEMENT`, so that nothing
+    moves the cursor, changes the reading direction or hides a word, and no two names differ only by
     an invisible character.
     """
     if text.isprintable():
@@ -38,7 +38,7 @@ def _shown(sign: str) -> str:
 
 
 def shortened(text: str, most: int) -> str:
-    """Return the text with at most `most` characters; states how many are left out."""
+    """Shorten to `most` characters, noting how many were left out."""
     return (
         text
         if len(text) <= most
@@ -54,7 +54,7 @@ def warn(text: str) -> None:
 
 
 def json_line(data: object, *, only_ascii: bool = False) -> str:
-    """Format `data` as one line of JSON; invisible characters are escaped."""
+    """Format `data` as one line of JSON with invisible characters escaped."""
     text = json.dumps(data, ensure_ascii=only_ascii, default=str)
     return text if text.isprintable() else "".join(_escaped(sign) for sign in text)
 
@@ -64,7 +64,7 @@ def _escaped(sign: str) -> str:
 
 
 def cleaned(value: object) -> object:
-    """Clean every text in a structure, keys included."""
+    """Apply `clean` to every text in a structure, keys included."""
     if isinstance(value, str):
         return clean(value)
     if isinstance(value, Mapping):
@@ -100,20 +100,22 @@ MOST_UNITS: Final = 3
 
 
 def units_text(units: Sequence[str]) -> str:
-    """``unit U-1``, ``units U-1, U-2``, ``units U-1, U-2, U-3 and 5 more``; empty without units."""
+    """Format serials: ``unit U-1``, ``units U-1, U-2``, ``units U-1, U-2, U-3 and 5 more``; empty
+    for none.
+    """
     if len(units) < 2:
         return "".join(f"unit {unit}" for unit in units)
     more = len(units) - MOST_UNITS
     return f"units {', '.join(units[:MOST_UNITS])}" + (f" and {more} more" if more > 0 else "")
 
 
-DIGITS: Final = 12  # of a figure in JSON
+DIGITS: Final = 12  # significant digits of a number in JSON
 
 
 def exact(value: float, size: float | None = None) -> float:
-    """Return `value` without what arithmetic of floats adds to it: 0.1 + 0.2 is 0.3.
+    """Remove rounding noise of floats: 0.1 + 0.2 becomes 0.3.
 
-    Keeps 12 digits; of `size` where the value is the difference or mean of values as large as that.
+    Keeps 12 digits; those of `size` if `value` is a difference or mean of values that large.
     """
     size = abs(value if size is None else size)
     return (
@@ -124,7 +126,7 @@ def exact(value: float, size: float | None = None) -> float:
 
 
 def exact_figures(value: object) -> object:
-    """Return JSON data with each float as `exact` returns it."""
+    """Apply `exact` to each float in JSON data."""
     if isinstance(value, float):
         return exact(float(value))
     if isinstance(value, Mapping):
@@ -142,14 +144,14 @@ def together(text: str) -> str:
     return _UNITS.sub("\u00a0", text)
 
 
-# CSV for spreadsheets: RFC 4180, UTF-8 with a byte order mark, no cell that is evaluated as a
+# CSV for spreadsheets: RFC 4180, UTF-8 with byte order mark, no cell that is evaluated as a
 # formula.
 FORMULA: Final = ("=", "+", "-", "@", "\t", "\r", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 BOM: Final = "\ufeff"
 
 
 def csv_cell(value: object) -> object:
-    """Return a cell's content: one line that no spreadsheet evaluates. Numbers stay numbers."""
+    """Return a cell as one line that no spreadsheet evaluates. Numbers stay numbers."""
     if not isinstance(value, str):
         return value
     text = clean(value)

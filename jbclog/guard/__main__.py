@@ -1,9 +1,9 @@
-"""The guard's own process: ``python -m jbclog.guard RUN --recorder PID [FORMER]``, its leases on
-stdin. Started by `jbclog run`. FORMER is a descriptor of the guard that it replaces.
+"""The guard's process: ``python -m jbclog.guard RUN --recorder PID [FORMER]``, with its leases on
+stdin. `jbclog run` starts it. FORMER is a descriptor of the guard that it replaces.
 
-It runs in a session of its own, so a closed terminal, Ctrl-C and Ctrl-Z do not reach it, and it
-ignores SIGTERM: it ends with its recorder. It retries for `RETRY_FOR_S` what it cannot make safe at
-once: a cable may be plugged in again.
+It runs in its own session, out of reach of a closed terminal, Ctrl-C and Ctrl-Z, and ignores
+SIGTERM: it ends with its recorder. It retries for `RETRY_FOR_S` to make the remaining tools safe,
+because a cable may be plugged in again.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from jbclog.transport.cpu_limit import cpu_limit
 
 STDIN, STDOUT = 0, 1
 READ_MOST = 65536
-PREDECESSOR_S = 5.0  # for a killed guard to be gone
-DYING_S = 0.3  # a recorder's pipe closes a moment before its ports do
-DEATH_S = 1.0  # for a killed recorder to release its ports
-WRITE_S = 1.0  # for the lease to be written
+PREDECESSOR_S = 5.0  # until a killed guard is gone
+DYING_S = 0.3  # a dying recorder's pipe closes a moment before its ports
+DEATH_S = 1.0  # until a killed recorder has released its ports
+WRITE_S = 1.0  # until the lease is written
 RETRY_EVERY_S = 5.0
 RETRY_FOR_S = 600.0
 TRIES = 3
@@ -47,21 +47,21 @@ def main() -> int:
     lease_writer = LeaseWriter(folder, action_log)
     try:
         with guard_lock(folder, PREDECESSOR_S):
-            with suppress(OSError):  # without space reserved
+            with suppress(OSError):  # works without reserved space
                 action_log.reserve()
             left, flooded = _guard(recorder, lease_writer, action_log)
             try:
                 _close_lease(left, lease_writer, action_log)
-            except Exception as error:  # the rest is retried all the same
+            except Exception as error:  # retry the rest all the same
                 _show_failure(error)
-            close_stream(STDOUT)  # a recorder that waits sees that the guard is done
+            close_stream(STDOUT)  # shows a waiting recorder that the guard is done
     except RecordError as error:
         show(str(error))
         return error.exit_code
     except OSError as error:
         show(f"{folder}: the guard cannot be set up: {error}")
         return RecordError.exit_code
-    except Exception as error:  # the recorder starts another one
+    except Exception as error:  # the recorder starts another guard
         _show_failure(error)
         return RecordError.exit_code
     if left:
@@ -71,7 +71,7 @@ def main() -> int:
 
 
 def _kill(former: int) -> None:
-    """Kill the guard before this one; a dead recorder no longer can."""
+    """Kill the previous guard; a dead recorder no longer can."""
     with suppress(OSError):
         signal.pidfd_send_signal(former, signal.SIGKILL)
     with suppress(OSError):
@@ -81,10 +81,10 @@ def _kill(former: int) -> None:
 def _close_lease(
     left: Sequence[StationLease], lease_writer: LeaseWriter, action_log: ActionLog
 ) -> None:
-    """Close the lease but for what is left; if a line of the log is lost, it stays open."""
+    """Close the lease except for what is left; leave it open if the log lost a line."""
     if not action_log.is_torn:
         lease_writer.put(left)
-    # also of a lease that stays open: a take-over may be faster than the disk
+    # for a lease that stays open too: a take-over may be faster than the disk
     lease_writer.settle(WRITE_S)
     if not left:
         action_log.tidy()
@@ -97,7 +97,7 @@ def _guard(
     over a flooded link.
 
     A guard with an internal error may have lost a lease. It stops answering, so that the recorder
-    replaces it within 1.25 s, and watches on until then in case the recorder dies first.
+    replaces it within 1.25 s, and keeps watching until then in case the recorder dies first.
     """
     os.set_blocking(STDOUT, False)
     _answer(READY)
@@ -110,7 +110,7 @@ def _guard(
                 if verdict is Verdict.DONE
                 else _take_over(watch, verdict, recorder, action_log)
             )
-        except Exception as error:  # an error of this program, for example refused memory
+        except Exception as error:  # a bug, or for example refused memory
             answers = False
             _show_failure(error)
     if _is_followed(watch, recorder):
@@ -119,7 +119,7 @@ def _guard(
 
 
 def _is_followed(watch: Watch, recorder: Recorder) -> bool:
-    """Return whether the recorder lives and renews, so that it starts another guard."""
+    """Return True if the recorder lives and renews, so that it will start another guard."""
     renews = not watch.has_failed and time.monotonic() - watch.heard_at < HUNG_S
     return renews and not recorder.is_gone_within(DYING_S)
 
@@ -151,7 +151,7 @@ def _watch(watch: Watch, lease_writer: LeaseWriter, *, answers: bool) -> Verdict
 
 
 def _answer(data: bytes) -> None:
-    """Show the recorder that its guard lives."""
+    """Show the recorder that this guard lives."""
     with suppress(OSError):
         os.write(STDOUT, data)
 
@@ -186,13 +186,13 @@ def _retry(
     lease_writer: LeaseWriter,
     action_log: ActionLog,
 ) -> None:
-    """Retry until all is safe, another process has closed the lease, or time is up. Between tries
-    the folder is unlocked.
+    """Retry until all is safe, another process has closed the lease, or time is up. Unlock the
+    folder between tries.
     """
     end = time.monotonic() + RETRY_FOR_S
     while left and time.monotonic() < end:
         time.sleep(RETRY_EVERY_S)
-        # also asked without the lock: a guard without descriptors cannot take that
+        # checked without the lock too: a guard without descriptors cannot take it
         if lease_writer.was_cleared:
             return
         with suppress(Exception), guard_lock(folder):

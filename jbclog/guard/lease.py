@@ -1,5 +1,5 @@
-"""The lease: which tools a run may leave hot, kept in the run's folder; and where this user's
-leases are open.
+"""The lease: the tools that a run may leave hot, stored in the run's folder; and the registry of
+this user's open leases.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
 
 NAME: Final = "lease.json"
-NEW: Final = "lease.json.new"  # until it takes the name
+NEW: Final = "lease.json.new"  # until it is renamed
 LOCK: Final = "guard.lock"
 LOCK_RETRY_S: Final = 0.02
 REGISTRY: Final = "jbclog/open-leases"
@@ -35,7 +35,7 @@ class StationLease:
     Nothing is written to a station unless it answers `model` and `software`. If the model's name
     does not prove the family, `model_accepted` must hold: the line file accepts the model, and the
     run confirmed the family by reads. `suction`: ports whose suction was last confirmed on, and
-    stays on; leases of the first release do not have it.
+    stays on; leases of the first release lack it.
     """
 
     name: str
@@ -54,7 +54,7 @@ class StationLease:
 
     @property
     def holds(self) -> bool:
-        """Whether a tool or the feeder has to be made safe."""
+        """True if a tool or the feeder has to be made safe."""
         return bool(self.ports) or self.feeds
 
     def is_at(self, url: str) -> bool:
@@ -65,8 +65,8 @@ class StationLease:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> StationLease:
-        """Parse a lease. Raises ValueError, also for a key of a later version: it may forbid what
-        this version would do.
+        """Parse a lease. Raises ValueError, also for a key of a later version, which may forbid
+        what this version would do.
         """
         plain = json_of(text)
         lease = _build_station_lease(plain)
@@ -84,7 +84,7 @@ def write_leases(folder: Path, stations: Iterable[StationLease]) -> None:
     """
     held = [station for station in stations if station.holds]
     if not held:
-        for name in (NAME, NEW):  # the new one: of a guard that was killed while it wrote
+        for name in (NAME, NEW):  # the latter from a guard killed while writing
             (folder / name).unlink(missing_ok=True)
         _unregister(folder)
         return
@@ -94,7 +94,7 @@ def write_leases(folder: Path, stations: Iterable[StationLease]) -> None:
 
 
 def _replace_file(path: Path, text: str) -> None:
-    """Write the file as a whole, never through a link. Raises OSError."""
+    """Write the whole file, never through a link. Raises OSError."""
     new = path.with_name(NEW)
     new.unlink(missing_ok=True)
     try:
@@ -119,7 +119,7 @@ def _sync(folder: Path) -> None:
 
 
 def read_leases(folder: Path) -> list[StationLease]:
-    """Return the leases of a run that can be read."""
+    """Return the readable leases of a run."""
     return _read(folder)[0]
 
 
@@ -146,7 +146,9 @@ def _read(folder: Path) -> tuple[list[StationLease], str]:
 
 @contextmanager
 def guard_lock(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
-    """Hold a run's guard lock; it ends with its holder. Raises RecordError if another has it."""
+    """Hold a run's guard lock, which ends with its holder. Raises RecordError if another process
+    has it.
+    """
     descriptor = _locked(folder, time.monotonic() + patience_s)
     try:
         yield
@@ -165,9 +167,9 @@ def _locked(folder: Path, end: float) -> int:
         time.sleep(LOCK_RETRY_S)
 
 
-# The registry is a folder in the user's state folder, with a link to each run that holds a lease: a
-# later start finds runs anywhere (`--out`). It may be incomplete, for example without a home
-# folder; the lease in the run's folder decides.
+# The registry is a folder in the user's state folder, with a link to each run that holds a lease,
+# so that a later start finds runs anywhere (`--out`). It may be incomplete, for example without a
+# home folder; the lease in the run's folder is authoritative.
 
 
 class Leases(NamedTuple):
@@ -256,6 +258,6 @@ def _unregister(folder: Path) -> None:
 
 
 def _link(registry: Path, folder: Path) -> Path:
-    """Return the link of a run; the checksum separates runs of one name in two folders."""
+    """Return the link of a run; its checksum separates runs of one name in two folders."""
     path = os.path.realpath(folder)
     return registry / f"{folder.name}-{zlib.crc32(os.fsencode(path)):08x}"

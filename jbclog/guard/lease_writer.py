@@ -1,7 +1,7 @@
-"""The guard's work on the disk, in a thread of its own: a hanging disk must not stop it from
-watching.
+"""The guard's disk writes, in a thread: a hanging disk must not stop it from watching.
 
-It writes the lease, and loads what opening the ports needs: at the take-over the disk may be gone.
+The thread writes the lease, and loads the modules that opening the ports needs, because the disk
+may be gone at the take-over.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.transport.opening import make_ready
 
-LINES_A_STATION = 3  # in the action log, beside one for each tool
+LINES_A_STATION = 3  # in the action log, plus one for each tool
 
 
 class LeaseWriter:
-    """Writes the newest leases to `folder`, and reserves space in the `action_log` for their lines.
+    """Write the newest leases to `folder`, and reserve space in the `action_log` for their lines.
 
-    If the disk fails, the guard watches on.
+    If the disk fails, the guard keeps watching.
     """
 
     def __init__(self, folder: Path, action_log: ActionLog) -> None:
@@ -33,7 +33,7 @@ class LeaseWriter:
         self._waiting: list[StationLease] | None = None
         self._is_writing = False
         self._is_written = False
-        # `Thread.start` waits for ever for a thread that is refused memory
+        # `Thread.start` waits forever for a thread that is refused memory
         _thread.start_new_thread(self._write_on, ())
 
     def put(self, stations: Iterable[StationLease]) -> None:
@@ -51,12 +51,12 @@ class LeaseWriter:
 
     @property
     def was_cleared(self) -> bool:
-        """Whether another process removed the leases written here. Needs no descriptor."""
+        """Return True if another process removed the leases written here. Needs no descriptor."""
         return self._is_written and not (self._folder / lease.NAME).exists()
 
     def _write_on(self) -> None:
         while True:
-            # not `suppress`: to make one takes memory, and a refusal there would end this thread
+            # not `suppress`: creating one takes memory, and a refusal there would end this thread
             try:
                 self._write_next()
             except Exception:
@@ -71,7 +71,7 @@ class LeaseWriter:
         self._write(stations)
 
     def _write(self, stations: list[StationLease]) -> None:
-        with suppress(Exception):  # those written before are still there
+        with suppress(Exception):  # earlier leases are still on the disk
             lease.write_leases(self._folder, stations)
             self._is_written = any(station.holds for station in stations)
         with suppress(Exception):

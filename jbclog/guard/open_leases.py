@@ -17,15 +17,15 @@ from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import Leases, StationLease, guard_lock
 from jbclog.guard.takeover import CRITICAL, ERROR, INFO, TakeOver
 
-PATIENCE_S: Final = 6.0  # a guard at work ends within it
+PATIENCE_S: Final = 6.0  # a working guard ends within this
 RETRY_S: Final = 0.1
 
 IsRecording = Callable[[Path], bool]
-"""Whether a recorder writes to the run in this folder now."""
+"""Returns True if a recorder writes to the run in this folder now."""
 
 
 class LeftOver(NamedTuple):
-    """What was done about a run that left tools hot."""
+    """The result for a run that left tools hot."""
 
     is_safe: bool
     text: str
@@ -71,8 +71,8 @@ def _goes_on(folder: Path, is_recording: IsRecording) -> bool:
 
 
 def unclosed(out: Path | None, urls: Collection[str]) -> Iterator[Path]:
-    """Yield the folders with a lease on any of these ports: below `out`, and registered ones that
-    can be reached.
+    """Yield the folders with a lease on any of these ports: below `out`, and registered ones within
+    reach.
     """
     return _holding(_with_lease(out).there, urls)
 
@@ -143,7 +143,7 @@ def _log_result(
 
 
 class Seen(NamedTuple):
-    """What was read back from a station made safe by hand; None: a port without a tool."""
+    """Read back from a station made safe by hand; None: a port without a tool."""
 
     model: str | None
     states: Mapping[int, str | None]
@@ -156,8 +156,8 @@ def close(
     is_recording: IsRecording,
     who: str,
 ) -> list[Path]:
-    """Close the leases on these ports as far as `look` returns what was read back; return the
-    folders of their runs.
+    """Close the leases on these ports as far as `look` confirms them safe; return the folders of
+    their runs.
     """
     return [
         folder
@@ -167,7 +167,7 @@ def close(
 
 
 def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) -> bool:
-    """Return whether anything was closed; a guard at work closes its own leases."""
+    """Return True if anything was closed; a guard at work closes its own leases."""
     with suppress(RecordError, OSError), guard_lock(folder):
         held, action_log = lease.read_leases(folder), ActionLog(folder, who)
         left = [_without(station, look(station), action_log) for station in held]
@@ -189,7 +189,7 @@ def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) 
 
 
 def _without(station: StationLease, seen: Seen | None, action_log: ActionLog) -> StationLease:
-    """Return the lease without what was seen safe."""
+    """Return the lease without the tools seen safe."""
     if seen is None or seen.model != station.model:
         return station
     for port in station.ports:

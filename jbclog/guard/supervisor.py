@@ -1,5 +1,5 @@
-"""The recorder's end of the guard: starts it, leases what a run may leave hot, renews, and replaces
-a guard that dies.
+"""The recorder's side of the guard: start it, lease what a run may leave hot, renew, and replace a
+dead guard.
 """
 
 from __future__ import annotations
@@ -28,35 +28,35 @@ READY_S: Final = 10.0
 END_S: Final = 2.0
 KILL_S: Final = 0.2
 TAKEN_OVER_S: Final = 12.0
-UNANSWERED_MOST: Final = 4  # renewals: at most 1.25 s with a guard that answers none
-# Linux allows it to all users: it holds the leases of any line while the guard starts
+UNANSWERED_MOST: Final = 4  # renewals: at most 1.25 s with a guard that does not answer
+# the most that Linux allows every user: holds the leases of any line while the guard starts
 PIPE_SIZE: Final = 1 << 20
 REPLACED_AT_MOST: Final = 20  # whatever kills 20 guards kills more
 UNGUARDED: Final = "if this recorder dies, the tools stay hot"
 
 Report = Callable[[str, str], None]
-"""Records a critical event of a kind, with its text."""
+"""Records a critical event, given its kind and text."""
 
 
 class RunGuard:
-    """The guard of a run from `start` to `end`; watches nothing before `start`."""
+    """The guard of a run, from `start` to `end`; does not watch before `start`."""
 
     def __init__(self) -> None:
         self._begun: GuardProcess | None = None
         self._supervisor: GuardSupervisor | None = None
 
     def begin(self, folder: Path) -> None:
-        """Begin its process, which watches after a tenth of a second; `start` waits for it."""
+        """Launch the process, which is ready after a tenth of a second; `start` waits for it."""
         with suppress(StartRefused):  # `start` tries again, and raises it
             self._begun = GuardProcess(folder)
 
     def start(self, folder: Path, report: Report) -> None:
-        """Start it before anything is sent to a station. Raises StartRefused."""
+        """Start the guard before anything is sent to a station. Raises StartRefused."""
         begun, self._begun = self._begun, None
         self._supervisor = GuardSupervisor(folder, report, begun)
 
     def update(self, facts: StationFacts) -> None:
-        """Lease what may be hot. Called before the first write to a tool is sent."""
+        """Lease what may be hot. Call this before the first write to a tool is sent."""
         if self._supervisor is not None and facts.asked_safe_state:
             self._supervisor.lease(lease_of(facts))
 
@@ -65,20 +65,24 @@ class RunGuard:
             self._supervisor.renew()
 
     def end(self) -> None:
-        """End it after all sessions have ended by themselves, or none has begun."""
+        """End the guard after all sessions have ended by themselves, or none has begun."""
         if self._begun is not None:
             self._begun.end()
         if self._supervisor is not None:
             self._supervisor.end()
 
     def take_over(self) -> None:
-        """Let it make tools safe after sessions failed and all ports are closed; waits for it."""
+        """Let the guard make tools safe after sessions failed and all ports are closed, and wait
+        for it.
+        """
         if self._supervisor is not None:
             self._supervisor.take_over()
 
 
 def lease_of(facts: StationFacts) -> StationLease:
-    """Return what to make safe if the recorder dies now: every tool touched, in a session."""
+    """Return what to make safe if the recorder dies now: every touched tool, until its station has
+    ended with it verified safe.
+    """
     is_over = facts.outcome != StationOutcome.RUNNING
     return StationLease(
         name=facts.name,
@@ -102,8 +106,8 @@ def lease_of(facts: StationFacts) -> StationLease:
 
 
 class GuardSupervisor:
-    """Keeps one guard alive for the run in `folder`, first the one that was `begun`. Raises
-    StartRefused if that does not start.
+    """Keeps one guard alive for the run in `folder`, first the process `begun`. Raises StartRefused
+    if it does not start.
     """
 
     def __init__(self, folder: Path, report: Report, begun: GuardProcess | None = None) -> None:
@@ -117,7 +121,7 @@ class GuardSupervisor:
 
     @property
     def pid(self) -> int | None:
-        """The process of the guard; None where none is running."""
+        """Process id of the guard; None if none is running."""
         return self._guard.pid if self._guard else None
 
     def lease(self, station: StationLease) -> None:
@@ -126,7 +130,7 @@ class GuardSupervisor:
         self._call(lambda guard: guard.lease(station))
 
     def renew(self) -> None:
-        """Send a sign of life; to be called each `RENEW_S`."""
+        """Send a sign of life; call this every `RENEW_S`."""
         self._call(lambda guard: guard.renew())
 
     def end(self) -> None:
@@ -135,12 +139,12 @@ class GuardSupervisor:
             self._guard.end()
             self._guard = None
         if not self._is_handed_over:
-            # a lost guard left the lease open: the next start would find hot tools
+            # a lost guard left the lease open, and the next start would expect hot tools
             with suppress(Exception):
                 lease.write_leases(self._folder, ())
 
     def take_over(self) -> None:
-        """Let the guard make leased tools safe after the recorder failed; waits for it."""
+        """Let the guard make leased tools safe after the recorder failed, and wait for it."""
         self._is_handed_over = True
         if self._guard is not None:
             self._guard.take_over()
@@ -175,12 +179,12 @@ class GuardSupervisor:
 
 
 class GuardProcess:
-    """One guard process of the run in `folder`. Raises StartRefused if the system starts none, and
-    GuardLost if its pipe does not hold the `leases`.
+    """One guard process of the run in `folder`. Raises StartRefused if the system cannot start it,
+    and GuardLost if its pipe cannot hold the `leases`.
 
-    It has all that it needs from its first instruction on, as the recorder may die at any moment:
-    the leases are in its pipe, and it kills the `former` guard itself. Its pipe is never waited
-    for; a guard that does not read it is lost.
+    The recorder may die at any moment, so the process has all it needs from its first instruction:
+    the leases are in its pipe, and it kills the `former` guard itself. The recorder never waits for
+    the pipe; a guard that does not read it is lost.
     """
 
     def __init__(
@@ -240,7 +244,7 @@ class GuardProcess:
             )
 
     def kill(self) -> None:
-        """Kill it; does not wait long for one that a hanging disk keeps from ending."""
+        """Kill the process, without waiting long if a hanging disk keeps it from ending."""
         kill(self._process, KILL_S)
         self._close()
 
@@ -252,7 +256,7 @@ class GuardProcess:
                 os.close(self.descriptor)
 
     def lease(self, station: StationLease) -> None:
-        """Send a lease that has changed. Raises GuardLost."""
+        """Send a changed lease. Raises GuardLost."""
         if self._sent.get(station.name) != station:
             self._send(station.to_json())
             self._sent[station.name] = station
@@ -274,7 +278,7 @@ class GuardProcess:
         self._close()
 
     def take_over(self) -> None:
-        """Let it take over now, with the ports closed; waits until it has done what it can."""
+        """Let it take over now, with the ports closed; wait until it has done what it can."""
         with suppress(GuardLost):
             self._send(FAILED)
             end = time.monotonic() + TAKEN_OVER_S
@@ -289,7 +293,7 @@ class GuardProcess:
         return bool(watched.poll(max(seconds, 0.0) * 1000))
 
     def _has_answered(self) -> bool:
-        """Whether it has answered since the last call. Raises GuardLost if it is gone."""
+        """Return True if it has answered since the last call. Raises GuardLost if it is gone."""
         try:
             if os.read(self._answers, 4096):
                 return True
@@ -309,7 +313,7 @@ class GuardProcess:
 
 @contextmanager
 def _reading_end() -> Iterator[tuple[int, int]]:
-    """Make a pipe; the end to read from is closed at the end, the one to write to on an error."""
+    """Make a pipe. Closes the reading end on exit, the writing end only on an error."""
     reading, writing = os.pipe()
     try:
         os.set_blocking(writing, False)
@@ -325,8 +329,8 @@ def _reading_end() -> Iterator[tuple[int, int]]:
 
 @contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """Block what ends a run, for the process started within from its first step on: Ctrl-C reaches
-    all processes of a terminal.
+    """Block signals that end a run, so that the process started within blocks them from its first
+    instruction: Ctrl-C reaches all processes of a terminal.
     """
     before = signal.pthread_sigmask(
         signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

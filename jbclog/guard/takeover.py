@@ -1,8 +1,8 @@
-"""Take-over: makes the tools of all leased stations safe at once, a thread each, by the rules of
+"""Take-over: make the tools of all leased stations safe at once, a thread for each, by the rules of
 `session.safety`.
 
-A station is identified before anything is written: another adapter may be plugged in by now. Each
-result goes to the action log and to stderr as soon as it is known.
+A station is identified before anything is written, because another adapter may be plugged in by
+now. Each result goes to the action log and to stderr as soon as it is known.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ INFO, WARNING, ERROR, CRITICAL = "info", "warning", "error", "critical"
 HOT = "it may be hot: switch the station off"
 OPENING = 5  # descriptors of a port while it is being opened
 ENDED_S = 8.0  # a hanging driver must not delay the results of the other ports
-BEGUN_S: Final = 0.5  # for a thread to begin on a busy machine; if both begin, one does the work
+BEGUN_S: Final = 0.5  # for a thread to begin on a busy machine; if both begin, only one works
 LOOK_S: Final = 0.005
 
 
 class TakeOver:
     """Makes safe what these leases hold, and logs it. `left`: leases that still hold something.
 
-    `again`: a repeated attempt; failures are not logged twice. `spare`: tools already at rest are
-    left alone. `flooded`: stations already ordered over a flooded link; ordered again and again, a
-    tool would never sleep.
+    `again`: a repeated attempt; failures are not logged twice. `spare`: leave tools alone that are
+    at rest. `flooded`: stations already ordered over a flooded link; with repeated orders a tool
+    would never sleep.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class TakeOver:
 
     def _one(self, lease: StationLease) -> None:
         try:
-            task = self._secured_at_last(lease)
+            task = self._secured_with_retry(lease)
         except Exception as error:  # one station's failure must not stop the others
             self._report(
                 lease,
@@ -103,8 +103,8 @@ class TakeOver:
                 "the guard could not stop the feeder; switch the station off",
             )
 
-    def _secured_at_last(self, lease: StationLease) -> SafetyTask:
-        """Try twice: an error of this program may be momentary, for example refused memory."""
+    def _secured_with_retry(self, lease: StationLease) -> SafetyTask:
+        """Try twice: a failure of this program may be temporary, for example refused memory."""
         try:
             return self._secured(lease)
         except Exception:
@@ -185,7 +185,9 @@ def _open(lease: StationLease) -> Port:
 
 
 def _is_same_station(client: Client, lease: StationLease) -> Steps[bool]:
-    """Whether the station answers the leased model and, if it has one, the leased software."""
+    """Return True if the station answers the leased model and, if there is one, the leased
+    software.
+    """
     family = FAMILIES[lease.family]
     commands = family.commands
     if not (lease.model_accepted or family.proves(lease.model or "")):
@@ -203,7 +205,7 @@ def _is_same_station(client: Client, lease: StationLease) -> Steps[bool]:
 class OnceInThread:
     """Does `work` once: in a thread, or in the caller's if none begins.
 
-    `threading.Thread.start` waits for ever for a thread that is refused memory before it begins.
+    `threading.Thread.start` waits forever for a thread that is refused memory before it begins.
     """
 
     def __init__(self, work: Callable[[], None]) -> None:
@@ -213,7 +215,7 @@ class OnceInThread:
         self._running.acquire()
 
     def begin(self) -> None:
-        """Start a thread; does not wait for it."""
+        """Start a thread, without waiting for it."""
         with suppress(RuntimeError, MemoryError):
             _thread.start_new_thread(self._do, ())
 
@@ -225,7 +227,7 @@ class OnceInThread:
         self._do()
 
     def await_done(self, seconds: float) -> None:
-        """Wait until it is done, or time is up."""
+        """Wait until the work is done, or time is up."""
         self._running.acquire(timeout=seconds)
 
     def _do(self) -> None:

@@ -1,9 +1,9 @@
-"""When the guard takes over, computed from what the recorder sent and when; and the recorder's
-process as its guard sees it.
+"""Decide when the guard takes over, from the recorder's lines and their times; watch the recorder's
+process.
 
-The recorder sends a line each `RENEW_S`: a station's lease if it changed, else a beat, and an end
+The recorder sends a line every `RENEW_S`: a station's lease if it changed, else a beat, and an end
 when all is done. If it dies, the pipe closes at once; if it hangs, the pipe stays open and silent,
-and `HUNG_S` later it counts as hung. A recorder that holds nothing hot may stay silent: it is
+and after `HUNG_S` it counts as hung. A recorder that holds nothing hot may stay silent: it is
 starting, or sealing. If the guard itself slept because the whole machine stood still, the recorder
 gets another `GRACE_S`.
 """
@@ -23,14 +23,14 @@ from jbclog.guard.lease import StationLease
 RENEW_S: Final = 0.25
 HUNG_S: Final = 2.0
 GRACE_S: Final = 1.0
-OVERSLEPT_S: Final = 0.5  # a guard wakes later only if the machine stood still
+OVERSLEPT_S: Final = 0.5  # a guard wakes later than this only if the machine stood still
 LOOK_S: Final = 0.01
 
-# Lines from the recorder, beside leases
+# lines from the recorder, beside leases
 BEAT: Final = "beat"
 END: Final = "end"
 FAILED: Final = "failed"
-# Bytes from the guard
+# bytes from the guard
 READY: Final = b"ready\n"
 ANSWER: Final = b"."
 
@@ -40,7 +40,7 @@ class GuardLost(Exception):
 
 
 class Verdict(Enum):
-    """What the guard does next; the values are parts of sentences."""
+    """The guard's next action; the values are parts of sentences."""
 
     WATCH = "keep watching"
     DONE = "nothing is left to guard"
@@ -50,7 +50,7 @@ class Verdict(Enum):
 
 
 class Watch:
-    """What a recorder has leased, and when its last line came (monotonic seconds)."""
+    """A recorder's leases, and the time of its last line (monotonic seconds)."""
 
     def __init__(self, now: float) -> None:
         self.stations: dict[str, StationLease] = {}
@@ -61,11 +61,11 @@ class Watch:
 
     @property
     def holds(self) -> bool:
-        """Whether anything has to be made safe."""
+        """True if anything has to be made safe."""
         return any(station.holds for station in self.stations.values())
 
     def hear(self, data: bytes, now: float) -> bool:
-        """Take bytes from the pipe in pieces of any size; return whether a lease changed. An
+        """Take bytes from the pipe in pieces of any size; return True if a lease changed. An
         unknown line is no sign of life.
         """
         *lines, self._begun = (self._begun + data).split(b"\n")
@@ -86,12 +86,12 @@ class Watch:
         return is_lease
 
     def overslept(self, late_s: float, now: float) -> None:
-        """Note that the guard woke `late_s` later than planned."""
+        """Register that the guard woke `late_s` later than planned."""
         if late_s > OVERSLEPT_S:
             self.heard_at = max(self.heard_at, now - HUNG_S + GRACE_S)
 
     def verdict(self, now: float, *, closed: bool) -> Verdict:
-        """Return what to do; `closed`: the pipe has no writer any more."""
+        """Return what to do; `closed`: the pipe has lost its writer."""
         if self.is_ended or (closed and not self.holds):
             return Verdict.DONE
         if closed:
@@ -101,13 +101,13 @@ class Watch:
         return Verdict.HUNG if self.holds and now - self.heard_at > HUNG_S else Verdict.WATCH
 
     def patience_s(self, now: float) -> float:
-        """Return for how long the pipe may be silent from `now` on."""
+        """Return how long the pipe may stay silent, from `now` on."""
         return max(self.heard_at + HUNG_S - now, 0.0) + 0.01 if self.holds else 3600.0
 
 
 class Recorder:
-    """The process `pid` while it is this one's parent; after that it has died, and its number may
-    belong to another process.
+    """The process `pid` while it is this process's parent; after that it has died, and another
+    process may get its number.
 
     Without process descriptors (pidfd) the parent's number is polled: it changes when the parent
     dies.
@@ -122,7 +122,7 @@ class Recorder:
         self._is_gone = not self._is_parent
 
     def end(self, grace_s: float, patience_s: float) -> bool:
-        """Kill it after `grace_s` so that it holds no port; return whether it is gone."""
+        """Kill it after `grace_s` so that it holds no port; return True if it is gone."""
         if self.is_gone_within(grace_s):
             return True
         self._kill()

@@ -1,5 +1,4 @@
-"""The stations' protocols, without I/O: frames, a command table for each family, and the client of
-one station.
+"""The stations' protocols, without I/O: frames, command tables and clients.
 
 Start with `frame.py`, then `commands/robot.py`, then `client/robot.py`.
 """

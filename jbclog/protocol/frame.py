@@ -26,7 +26,7 @@ HEADERS = "RWAN"
 
 
 def check_byte(covered: bytes) -> int:
-    """XOR of all bytes of `covered`, from STX to ETX."""
+    """Return the XOR of all bytes of `covered`, from STX to ETX."""
     return reduce(xor, covered)
 
 
@@ -40,7 +40,6 @@ class Frame:
     target: int | None = None
 
     def encode(self) -> bytes:
-        """Encode the frame, check byte included."""
         if self.header not in HEADERS or len(self.header) != 1:
             raise ValueError(f"{self.header!r} is not one of R, W, A, N")
         if not all(" " <= c <= "~" for c in self.text):
@@ -61,7 +60,7 @@ class Frame:
 
 
 def parse(content: bytes) -> Frame | None:
-    """Parse the bytes between STX and ETX; None where they are not a frame.
+    """Parse the bytes between STX and ETX; None if they are not a frame.
 
     A digit after STX means addresses, a header means none (docs/reference/contradictions.md, B-7).
     """
@@ -77,7 +76,7 @@ def parse(content: bytes) -> Frame | None:
 
 
 def only_reads(data: bytes) -> bool:
-    """Whether `data` is exactly one complete read: header R and a correct check byte."""
+    """Return True if `data` is exactly one complete read: header R and a correct check byte."""
     if len(data) < 4 or data[0] != STX or data[-2] != ETX or check_byte(data[:-1]) != data[-1]:
         return False
     content = data[1:-2]
@@ -88,8 +87,8 @@ def only_reads(data: bytes) -> bool:
 # The reader's rules (`FrameReader`):
 #
 # 1. A frame is STX, `SHORTEST` to `LONGEST` printable characters, ETX, and one byte of any value:
-#    the check byte can be STX, ETX, XON, XOFF or NUL. Everything else is garbage, an STX without
-#    such an end included.
+#    the check byte can be STX, ETX, XON, XOFF or NUL. Everything else is garbage, including an STX
+#    without such an end.
 # 2. A frame with a wrong check byte or shape is returned as corrupt, and the search continues after
 #    it.
 # 3. If the check byte is an STX, the search continues with it: it may begin the next frame, and the
@@ -98,7 +97,7 @@ def only_reads(data: bytes) -> bool:
 # 4. A frame is returned with its last byte. Garbage is counted and dropped; only the possible
 #    beginning of a frame is kept for the next chunk, at most `MOST_HELD` bytes.
 #
-# So the first correct frame after any garbage is found.
+# So the reader finds the first correct frame after any garbage.
 
 # characters between STX and ETX: RTT, the transformer's temperature (manual 000, 4.8.34)
 SHORTEST = 3
@@ -118,8 +117,8 @@ class CorruptFrame:
 
 
 class FrameReader:
-    """Finds frames in chunks of bytes. `garbage` counts the bytes outside of any frame; `held` is
-    kept for the next chunk.
+    """Finds frames in chunks of bytes. `garbage` counts the bytes outside of any frame; `held` are
+    the bytes kept for the next chunk.
     """
 
     def __init__(self) -> None:
@@ -135,8 +134,8 @@ class FrameReader:
         return forgotten
 
     def keep(self, chunk: bytes) -> bool:
-        """Keep `chunk`, as `feed` would, if all that is held then is the beginning of one frame;
-        return whether it was kept.
+        """Keep `chunk`, as `feed` would, if the held bytes are then the beginning of one frame;
+        return True if kept.
         """
         stream = self.held + chunk
         if _BEGUN.match(stream) is None:
@@ -169,6 +168,6 @@ class FrameReader:
 
 
 def _checked(match: re.Match[bytes]) -> Frame | None:
-    """Return the frame, if check byte and shape are correct."""
+    """Return the frame if check byte and shape are correct, else None."""
     raw = match[0]
     return parse(match[1]) if check_byte(raw[:-1]) == raw[-1] else None

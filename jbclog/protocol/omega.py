@@ -39,7 +39,7 @@ def sum_of(text: bytes) -> bytes:
 
 
 def encode(text: str) -> bytes:
-    """Encode a frame with this main text. Raises `ValueError` where it is not allowed."""
+    """Encode a frame with this main text. Raises `ValueError` if it is not allowed."""
     if not 1 <= len(text) <= LONGEST or not all(" " <= c <= "~" for c in text):
         raise ValueError(f"{text!r} is not 1 to {LONGEST} characters of printable ASCII")
     content = text.encode()
@@ -47,7 +47,7 @@ def encode(text: str) -> bytes:
 
 
 def only_reads(data: bytes) -> bool:
-    """Whether `data` is exactly one complete read with a correct SUM."""
+    """Return True if `data` is exactly one complete read with a correct SUM."""
     match = _FRAME.fullmatch(data)
     return match is not None and match[2] == sum_of(match[1]) and chr(match[1][0]) in ASKING
 
@@ -71,7 +71,7 @@ class OmegaReader:
         return forgotten
 
     def feed(self, chunk: bytes) -> list[str | CorruptFrame]:
-        """Return what `chunk` completes, in order: texts of frames, and corrupt frames."""
+        """Return the texts of frames, and the corrupt frames, that `chunk` completes, in order."""
         stream = self._held + chunk
         found: list[str | CorruptFrame] = []
         place = 0

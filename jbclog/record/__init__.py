@@ -1,5 +1,4 @@
-"""Keep rows from the moment they are handed over, and turn a run into files that anyone can read
-and check.
+"""Store a run's rows safely, and turn the run into files that anyone can read and check.
 
 Start with `schema.py`, then `live.py` (rows into SQLite), `seal.py` (SQLite into Parquet),
 `recover.py` and `check.py`.

@@ -1,13 +1,13 @@
 """Annotations of a sealed run: acknowledgements, late serials, tools made safe later.
 
 A sealed record never changes; later facts are lines of `annotations.jsonl`: who, when, what, why.
-Each line holds the SHA-256 of the line before it, the first that of the manifest, and its own hash:
-a changed, moved or removed line shows. Removed *last* lines do not show; to prove them, note the
-fingerprint that `append` returns. A line that a crash cut off does not count, and the next line
+Each line holds its own SHA-256 and that of the previous line, the first that of the manifest, so a
+changed, moved or removed line shows. Removed *last* lines do not show; to prove them, note the
+fingerprint that `append` returns. A line cut off by a crash does not count, and the next line
 carries its hash.
 
-`vouch` adds a line that names the `report.json` written last. It is no annotation and not part of
-the fingerprint: a report contains the fingerprint, and would change it.
+`vouch` adds a line that names the last `report.json`. It is no annotation and not part of the
+fingerprint: a report contains the fingerprint, and would change it.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ WORDS: Final = re.compile(r"[a-z][a-z_]*(\.[a-z][a-z_]*)*")
 
 @dataclass(frozen=True, slots=True)
 class Annotation:
-    """One line: `time` in ISO 8601 UTC, `kind` dotted as those of events, `prev_sha256` of the line
-    before it.
+    """One line: `time` in ISO 8601 UTC, `kind` dotted like those of events, `prev_sha256` of the
+    previous line.
     """
 
     seq: int
@@ -76,8 +76,8 @@ class Annotations:
     """The readable annotations of a run, and problems of the file (line, sentence).
 
     `head`: hash of the last annotation, or of the manifest. `links`: hashes of the manifest and of
-    all lines, each with the number of annotations up to there. `report`: hash of the
-    `report.json` written last, if a line vouches for one.
+    all lines, each with the number of annotations so far. `report`: hash of the last `report.json`,
+    if a line vouches for one.
     """
 
     said: list[Annotation] = field(default_factory=list)
@@ -87,15 +87,14 @@ class Annotations:
     report: str | None = None
 
     def complaints(self) -> list[str]:
-        """Return the problems of the file, a sentence each."""
+        """Return the problems of the file, a sentence for each."""
         return [f"{NAME}: line {number} {text}" for number, text in self.wrong]
 
 
 def append(
     folder: Path, *, who: str, what: str, why: str, kind: str = NOTE, utc_s: float | None = None
 ) -> str:
-    """Add an annotation to a sealed run; return the new fingerprint once it is on the disk. Raises
-    RecordError.
+    """Add an annotation to a sealed run, synced; return the new fingerprint. Raises RecordError.
 
     Invisible characters of texts become spaces. `utc_s`: seconds since 1970, default now.
     """
@@ -136,7 +135,7 @@ def vouch(folder: Path, report_sha256: str) -> None:
 def read(folder: Path, manifest_sha256: str | None = None) -> Annotations:
     """Read the annotations of a sealed run, and where their chain is broken. Raises RecordError.
 
-    `manifest_sha256`: the hash of its manifest, where the caller has just read it.
+    `manifest_sha256`: the hash of its manifest, if the caller has just read it.
     """
     first = manifest_sha256 or _first_link(folder)
     try:
@@ -174,7 +173,7 @@ def _report_in(said: Annotation) -> str:
 
 
 def _parsed(line: bytes) -> Annotation | None:
-    """Parse a line; None unless it is, byte for byte, what `append` writes."""
+    """Parse a line; None unless it is byte for byte what `append` writes."""
     try:
         said = _build_annotation(fields_of(line))
         return said if _is_complete(said) and line_of(asdict(said)) == line else None
@@ -183,8 +182,8 @@ def _parsed(line: bytes) -> Annotation | None:
 
 
 def _is_complete(said: Annotation) -> bool:
-    """Whether it has a time, an author, a text and a reason; without them it acknowledges nothing.
-    Raises ValueError.
+    """Return True if it has a time, an author, a text and a reason; without them it acknowledges
+    nothing. Raises ValueError.
     """
     is_time = datetime.fromisoformat(said.time).strftime(UTC_FORMAT) == said.time
     return is_time and all(text.strip() for text in (said.who, said.what, said.why))
@@ -212,7 +211,7 @@ def _first_link(folder: Path) -> str:
     return sha256(data)
 
 
-LATE: Final = "unit.late"  # of a serial that was named after sealing
+LATE: Final = "unit.late"  # of a serial given after sealing
 
 
 def late_serials(folder: Path) -> list[str]:

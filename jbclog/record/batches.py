@@ -1,8 +1,8 @@
-"""Rows as batches: Arrow record batches as bytes, each with a number and a checksum over both.
+"""Batches: rows as Arrow record batches in bytes, each with a number and a checksum over both.
 
-A batch is what one commit stores of one table: four bytes with its uncompressed length, then an
-Arrow IPC stream compressed by zstd as a whole (each of its hundred buffers alone would take five
-times as long to read). It is readable without the rest of the store.
+A commit stores one batch for each table: four bytes with its uncompressed length, then an Arrow IPC
+stream compressed by zstd as a whole (compressing each of its hundred buffers separately would take
+five times as long to read). It is readable without the rest of the store.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ BARE: Final = {
     table: pa.schema([pa.field(f.name, f.type, f.nullable) for f in schema])
     for table, schema in SCHEMAS.items()
 }
-# that a recorder stores at most: more rows, which wait while the disk hangs, are several batches
+# stored at most: more rows, which wait while the disk hangs, become several batches
 ROWS_A_BATCH: Final = 32_768
-# that are read: an earlier recorder of 256 ports at 10 Hz had so many after 100 s of waiting
+# accepted when reading: an earlier recorder of 256 ports at 10 Hz had so many after 100 s of
+# waiting
 MOST_ROWS: Final = 262_144
-MOST_BYTES: Final = 64 << 20  # unpacked; stored and read
+MOST_BYTES: Final = 64 << 20  # uncompressed; stored and read
 MOST_PACKED: Final = MOST_BYTES + (1 << 16)
 SCHEMA_HEAD, ROWS_HEAD = 1, 3  # kinds of a message
 _U16, _U32 = struct.Struct("<H"), struct.Struct("<I")
@@ -38,7 +39,7 @@ MANY_ROWS: Final = 500
 
 
 class _Column(NamedTuple):
-    """What a conversion needs to know of a field."""
+    """A field's properties that conversion needs."""
 
     name: str
     list_type: pa.ListType
@@ -58,12 +59,12 @@ class Damaged(Exception):
 
 
 class NotRows(Exception):
-    """Rows do not fit their table's schema: an error of the program."""
+    """Rows do not fit their table's schema: a bug."""
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Rows of one table as stored. `number` counts the batches of a run over all tables, from 1."""
+    """Rows of one table as stored. `number` counts the run's batches over all tables, from 1."""
 
     number: int
     table: str
@@ -76,7 +77,7 @@ class Batch:
 
 
 def breathe() -> None:
-    """Let other threads run: conversions hold the interpreter's lock; a due tick must not wait."""
+    """Let other threads run: conversions hold the GIL, and a due tick must not wait."""
     time.sleep(0.0001)
 
 
@@ -84,7 +85,7 @@ def encode(
     number: int, table: str, values: Sequence[object], breath: Callable[[], None] = breathe
 ) -> Batch:
     """Encode `values`, rows end to end in the columns' order. Raises NotRows, also for rows that
-    would not be read again.
+    `decode` would reject.
     """
     columns = _COLUMNS[table]
     width = len(columns)
@@ -101,11 +102,11 @@ def encode(
 
 def _array(values: Sequence[object], column: _Column) -> pa.Array:
     try:
-        # a fraction would be cut off silently
+        # a fraction would be truncated silently
         if column.whole and pa.infer_type(values) not in _WHOLE:
             raise NotRows(f"{column.name}: not whole numbers")
         array = pa.scalar(values, column.list_type).values
-    except MemoryError:  # also one of Arrow's errors; not caused by the rows
+    except MemoryError:  # Arrow's errors include it, but the rows do not cause it
         raise
     except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
         raise NotRows(f"{column.name}: {error}") from error
@@ -179,7 +180,7 @@ def _expect_plain(stream: pa.Buffer) -> None:
     without limit.
 
     A message's head is a FlatBuffers table (Arrow's Message.fbs): its second field is the kind of
-    the content, its third the content, and compressed rows have a fourth field.
+    the content, its third the content; compressed rows have a fourth field.
     """
     for message in pa.ipc.MessageReader.open_stream(stream):
         head = message.metadata.to_pybytes()
@@ -195,7 +196,7 @@ def _expect_plain(stream: pa.Buffer) -> None:
 
 
 def _field(head: bytes, table: int, number: int) -> int | None:
-    """Return the offset of a field in a FlatBuffers table, None if it is absent."""
+    """Return the offset of a field in a FlatBuffers table; None if it is absent."""
     kinds = table - struct.unpack_from("<i", head, table)[0]
     length = _U16.unpack_from(head, kinds)[0]
     place = kinds + 4 + 2 * number
@@ -204,8 +205,8 @@ def _field(head: bytes, table: int, number: int) -> int | None:
 
 
 def prepare_arrow() -> None:
-    """Have Arrow take a recorder's memory from the system, which gets back what is freed (its own
-    pool keeps 4 MB), and keep pandas out.
+    """Make Arrow allocate from the system, which gets freed memory back (Arrow's pool keeps 4 MB),
+    and keep pandas out.
     """
     pa.set_memory_pool(pa.system_memory_pool())
     keep_pandas_out()

@@ -1,10 +1,10 @@
-"""Writes the serial captures of a run; the record itself takes precedence.
+"""Write the serial captures of a run; the record itself takes precedence.
 
 1. A row costs the session an append. A thread formats, packs and writes the rows twice a second.
 2. A kill loses about half a second of rows.
-3. Trouble with a file ends that capture, not the run. So does little free space, which belongs to
+3. A failing file ends that capture, not the run. So does little free space, which is reserved for
    the record.
-4. Memory is bounded: a disk that takes nothing for more than a minute is trouble, too.
+4. Memory is bounded: a disk that accepts nothing for more than a minute counts as failing, too.
 """
 
 from __future__ import annotations
@@ -26,15 +26,17 @@ from jbclog.record.capture_file import has_head, line_of, packed
 
 WRITE_S: Final = 0.5
 MOST_ROWS: Final = 20_000  # waiting for a station: 90 s of a busy link at 19200 baud
-# after each capture: a thread that is always ready would delay each read of the sessions
+# after each capture: a thread that is always runnable would delay each read of the sessions
 BREATH_S: Final = 0.001
-LEAST_FREE: Final = 64 << 20  # bytes of the disk, reserved for the record
+LEAST_FREE: Final = 64 << 20  # free bytes of the disk reserved for the record
 
 Keep = Callable[[CaptureRow], object]
 
 
 class Wire:
-    """The capture of one station. `keep` may be called in any thread, the rest by the recorder."""
+    """The capture of one station. Any thread may call `keep`, only the recorder the other
+    methods.
+    """
 
     def __init__(self, path: Path, head: Head) -> None:
         self.trouble: str | None = None
@@ -58,7 +60,7 @@ class Wire:
         return self._descriptor >= 0
 
     def write(self) -> int:
-        """Write the rows so far; return their number. Does not raise: see `trouble`."""
+        """Write the rows so far; return their number. Sets `trouble` instead of raising."""
         count = len(self._rows) if self.is_open else 0
         if count == MOST_ROWS:
             self.give_up(f"the disk was too slow for it: more than {MOST_ROWS} rows were waiting")
@@ -116,7 +118,7 @@ class Wire:
 
 
 class WireRecorder:
-    """The captures of a run. `begin` each, then `start`; `news` returns new troubles."""
+    """The captures of a run. Call `begin` for each, then `start`; `news` returns new troubles."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

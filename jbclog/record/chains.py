@@ -1,4 +1,4 @@
-"""Hash chains: of a run's events, and of the runs on a line."""
+"""Hash chains: of a run's events, and of the runs on a production line."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from jbclog.record.manifest import (
 )
 from jbclog.record.schema import SCHEMAS
 
-# Each event holds the SHA-256 of the event before it, the first one that of the run's name. A
-# changed, removed or inserted event breaks the chain at its place. A missing end shows by the
-# manifest's hash of the file.
+# Each event holds the SHA-256 of the previous event, the first one that of the run's name. A
+# changed, removed or inserted event breaks the chain there. A missing end shows by the hash of the
+# file in the manifest.
 
 COLUMNS: Final = tuple(SCHEMAS["events"].names)
 
@@ -54,7 +54,7 @@ class Chain:
 
     @classmethod
     def after(cls, row: Mapping[str, object]) -> Chain:
-        """Continue a chain behind its last `row` (times in µs)."""
+        """Continue a chain after its last `row` (times in µs)."""
         chain = cls("")
         seq = row["seq"]
         assert isinstance(seq, int)
@@ -62,10 +62,9 @@ class Chain:
         return chain
 
     def link(self, event: EventRow, rows: list[object]) -> None:
-        """Put the row of `event`, in the columns' order, behind `rows`: it is a link then, and not
-        before.
+        """Append the row of `event` to `rows`, in the columns' order, and link it.
 
-        Raises ValueError or TypeError for what is no event.
+        Raises ValueError or TypeError for an invalid event, before linking it.
         """
         row = {
             "seq": self._seq + 1,
@@ -88,7 +87,7 @@ class Chain:
 
 
 def breaks(run: str, rows: Iterable[Mapping[str, object]]) -> Iterable[tuple[int, str]]:
-    """Yield where the chain of `rows` (times: µs) is broken: the event's seq, and what is wrong."""
+    """Yield the breaks in the chain of `rows` (times in µs): the event's seq, and what is wrong."""
     previous, seq = first_link(run), 0
     for row in rows:
         found = row["seq"]
@@ -114,27 +113,27 @@ def _whole(value: int | None) -> int | None:
     return None if value is None else int(value)
 
 
-# A manifest carries the fingerprint of the run before it on the same line: the SHA-256 of its
-# manifest, which holds those of its files. A folder rewritten as a whole, hashes included, shows
-# only by copies elsewhere: on a printed report, in the next manifest.
+# A manifest carries the fingerprint of the previous run on the same production line: the SHA-256 of
+# its manifest, which contains those of its files. A folder rewritten as a whole, hashes included,
+# shows only by copies elsewhere: on a printed report, in the next manifest.
 #
-# The same line is the line's name in the same folder of runs (`--out`). The run before is the
-# newest sealed one by its folder's name, which begins with its start; open runs and unreadable
-# manifests are skipped.
+# The same production line means the same name in the same folder of runs (`--out`). The previous
+# run is the newest sealed one by its folder's name, which begins with its start; open runs and
+# unreadable manifests are skipped.
 
-# hex digits of the short form, 96 bits: too many to make a second record with them
+# hex digits of the short form: 96 bits, too many for a forged second record
 SHOWN: Final = 24
-LEAST: Final = 16  # what reports of the first release show
+LEAST: Final = 16  # digits in reports of the first release
 HEAD: Final = re.compile(r"(?:[0-9a-fA-F]{4}[ -]?){4,16}")
 
 
 def short_head(sha256: str) -> str:
-    """Return the short form that people compare: ``3f2a-91bc-77de-0a12-5c08-b6e1``."""
+    """Return the short form for people to compare: ``3f2a-91bc-77de-0a12-5c08-b6e1``."""
     return "-".join(sha256[place : place + 4] for place in range(0, SHOWN, 4))
 
 
 def is_head(typed: str, sha256: str) -> bool:
-    """Whether `typed`, in short or full form, matches this fingerprint."""
+    """Return True if `typed`, in short or full form, matches this fingerprint."""
     plain = re.sub(r"[\s-]", "", typed).lower()
     return len(plain) >= LEAST and sha256.startswith(plain)
 
@@ -145,8 +144,8 @@ def digits(typed: str) -> int:
 
 
 def previous_run(out: Path, line: str, own: Path | None = None) -> Previous:
-    """Return what the run of `line` in the folder `own` below `out`, or the next one, carries.
-    Raises RecordError if the network mount of `out` hangs.
+    """Return the previous run for a new run of `line` below `out`, or for the one in the folder
+    `own`. Raises RecordError if the network mount of `out` hangs.
     """
     expect_answer(out)
     others = [folder for folder in _runs_of(out, line) if own is None or folder.name != own.name]
@@ -173,7 +172,7 @@ def _runs_of(out: Path, line: str) -> Iterator[Path]:
 
 
 def broken_links(folder: Path, manifest: Manifest) -> Iterator[str]:
-    """Yield disagreements of this run and its neighbours in the folder; skips missing ones."""
+    """Yield disagreements of this run and its neighbours in the folder; skip missing ones."""
     folder = folder.absolute()
     yield from _before(folder, manifest)
     yield from _behind(folder, manifest)
@@ -217,7 +216,7 @@ def _carried(carried: Previous) -> str:
 
 
 def _head_of(folder: Path) -> str | None:
-    """Return the fingerprint of a run, None if it is missing."""
+    """Return the fingerprint of a run; None if it is missing."""
     try:
         return manifest_sha256(folder)
     except RecordError:

@@ -1,5 +1,5 @@
-"""Integrity check of a sealed run: its files and tables, compared with the manifest, and what
-`cross_check` finds beside them.
+"""Integrity check of a sealed run: compare its files and tables with the manifest, and run
+`cross_check`.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ from jbclog.record.units import units_of
 
 NOT_LISTED: Final = "is not in the manifest"
 MOST_OF_A_KIND: Final = 100  # findings
-LONGEST: Final = 2000  # characters of one that repeats what the tables hold
-# a crash at the start, or a report, leaves them so
+LONGEST: Final = 2000  # characters of a finding that repeats text of the tables
+# a crash at the start, or a report, leaves them empty
 MAY_BE_EMPTY: Final = ("recipes", capture.FOLDER, "figures", "tables")
 
 
@@ -54,9 +54,9 @@ class Finding(NamedTuple):
 
 
 def check(folder: Path, head: str | None = None) -> list[Finding]:
-    """Return every disagreement within the run. Raises `RecordError` where the folder is not a run.
+    """Return every disagreement within the run. Raises `RecordError` if the folder is not a run.
 
-    `head` is an earlier fingerprint of the run, as a report shows it.
+    `head` is an earlier fingerprint of the run, from a report.
     """
     manifest = read_manifest(folder)
     digest = wrong_digest(folder)
@@ -88,7 +88,7 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
         ):
             findings += _first(kind)
         return findings
-    except Exception as error:  # rows that no recorder wrote must not hide the findings so far
+    except Exception as error:  # rows that no recorder wrote must not hide earlier findings
         return [
             *findings,
             Finding("tables", f"cannot be checked further: {unexpected_error_text(error)}"),
@@ -96,8 +96,8 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
 
 
 def _first(findings: Iterable[tuple[str, str]]) -> Iterator[Finding]:
-    """Yield the first `MOST_OF_A_KIND`, and how many more there are: a list that somebody made must
-    not hide the other kinds.
+    """Yield the first `MOST_OF_A_KIND`, and how many more there are, so that a long forged list
+    does not hide the other kinds.
     """
     more, last = 0, NAME
     for number, (last, text) in enumerate(findings):
@@ -110,7 +110,7 @@ def _first(findings: Iterable[tuple[str, str]]) -> Iterator[Finding]:
 
 
 def changed_files(folder: Path, manifest: Manifest) -> Iterator[Finding]:
-    """Yield the files of the manifest that differ from what was sealed, each once."""
+    """Yield the files of the manifest that differ from their sealed state, each once."""
     for listed in {file.path: file for file in manifest.files}.values():
         try:
             yield from _one_file(folder, listed)
@@ -283,14 +283,14 @@ def _values_with_reasons(rows: pa.Table) -> Iterator[Finding]:
 
 @dataclass(slots=True)
 class _Last:
-    """The last tick of a port, and the time of its last answer."""
+    """Last tick of a port, and the time of its last answer."""
 
     tick: int = -1
     time: int = 0
 
 
 def _order(rows: pa.Table, ends: dict[tuple[str, int], _Last], stepped: bool) -> Iterator[Finding]:
-    """Check that ticks rise within a port, and with them the times of answers unless the clock was
+    """Check that ticks increase within a port, and so do the times of answers unless the clock was
     stepped.
 
     A row without a temperature has its due time, which can precede a late answer to the previous
@@ -298,7 +298,7 @@ def _order(rows: pa.Table, ends: dict[tuple[str, int], _Last], stepped: bool) ->
     """
     known = rows.select(["station", "port", "tick", "time", "temperature_c"])
     places = [("station", "ascending"), ("port", "ascending")]
-    ordered = known.take(pc.sort_indices(known, sort_keys=places))  # within a port as they stand
+    ordered = known.take(pc.sort_indices(known, sort_keys=places))  # keeps the order within a port
     counted = ordered.group_by(["station", "port"], use_threads=False)
     begin = 0
     for pair in counted.aggregate([([], "count_all")]).to_pylist():
@@ -322,7 +322,9 @@ def _order(rows: pa.Table, ends: dict[tuple[str, int], _Last], stepped: bool) ->
 
 
 def _falls(values: pa.ChunkedArray, before: int, *, strictly: bool) -> tuple[int, int]:
-    """Return how often a value is not above (not `strictly`: below) the last; and the last."""
+    """Return how often a value is not above (not `strictly`: below) the previous one; and the last
+    value.
+    """
     numbers = [before, *values.to_pylist()]
     falls = sum(one >= two if strictly else one > two for one, two in pairwise(numbers))
     return falls, numbers[-1]

@@ -1,4 +1,4 @@
-"""Compares two records of the same session, except for the times of rows, which follow the drifting
+"""Compare two records of the same session, except for the times of rows, which follow the drifting
 wall clock.
 
 A tick's lateness and its scan's duration are compared. The result states how much was compared:
@@ -22,7 +22,7 @@ LEFT_OUT: Final = frozenset({"time", "earliest", "seq", "prev_sha256"})
 DERIVED: Final = "alarm.episode."
 """Events derived from samples, which are compared themselves; older records have none."""
 RULES: Final = "alarm_rules"  # not in older records
-MOST_SHOWN: Final = 3  # of a table of a station: later differences mostly follow from the first
+MOST_SHOWN: Final = 3  # in a table of a station: later differences mostly follow from the first
 
 Value = object
 Rows = list[tuple[Value, ...]]
@@ -40,7 +40,7 @@ class Compared:
 
     @property
     def rows(self) -> int:
-        """Return the number of compared rows."""
+        """The number of compared rows."""
         return min(self.first, self.second)
 
 
@@ -54,7 +54,9 @@ class Comparison:
 
     @property
     def differences(self) -> list[str]:
-        """Return the differences as sentences; where a record lacks its end, of the common part."""
+        """Return the differences as sentences; if a record lacks its end, those of the common
+        part.
+        """
         found: list[str] = []
         for one in self.tables:
             if one.first != one.second and not self.is_cut:
@@ -66,7 +68,7 @@ class Comparison:
 
     @property
     def rows(self) -> int:
-        """Return the number of compared rows of all tables."""
+        """The number of compared rows of all tables."""
         return sum(one.rows for one in self.tables)
 
     def share(self, table: str) -> tuple[int, int]:
@@ -87,8 +89,8 @@ class Comparison:
 def compare_records(first: Path, second: Path, *, is_cut: bool = False) -> Comparison:
     """Compare the sealed run in `second` with the one in `first`. Raises RecordError.
 
-    `is_cut`: one of them may lack its end; then only the common part of the tables is compared, not
-    the manifests. Events of the run as a whole are left out: they concern the recorder and its
+    `is_cut`: one of them may lack its end; then only the common part of the tables is compared, and
+    not the manifests. Events of the run as a whole are ignored: they concern the recorder and its
     host.
     """
     tables = [one for table in TABLES for one in _compared(first, second, table)]
@@ -105,7 +107,6 @@ def _compared(first: Path, second: Path, table: str) -> Iterator[Compared]:
 
 
 def _by_station(folder: Path, table: str) -> dict[str, Rows]:
-    """Return the rows of each station in order."""
     columns = [name for name in SCHEMAS[table].names if name not in LEFT_OUT]
     place, found = columns.index("station"), dict[str, Rows]()
     kind = columns.index("kind") if "kind" in columns else None

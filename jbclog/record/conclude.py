@@ -1,7 +1,7 @@
-"""Closes a run: derives the manifest's ledger, losses and files, and names tools that may be hot.
+"""Close a run: derive the manifest's accounting, losses and files, and name tools that may be hot.
 
-Safe to repeat after a crash at any point: everything is derived anew, and nothing is removed before
-a manifest with state "sealed" is on the disk.
+Safe to repeat after a crash at any point: everything is derived again, and nothing is removed
+before a manifest with state "sealed" is on the disk.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ from jbclog.record.store import companions, segments
 from jbclog.record.store_reader import StoreReader
 from jbclog.record.units import units_of
 
-# Whether a tool was made safe is not known if recorder and guard both died, without a guard, or if
-# the guard could not log its actions. The open lease and the sessions' last facts name these tools.
+# A tool's safe state is unknown if recorder and guard both died, without a guard, or if the guard
+# could not log its actions. The open lease and the sessions' last facts name these tools.
 
 KIND: Final = "safety.not_known"
 NO_GUARD: Final = "none"  # in the manifest
@@ -78,7 +78,7 @@ class Lease:
 
 
 class Unknown(NamedTuple):
-    """A tool, or with `port` None a feeder, whose safe state is not known; a sentence about it."""
+    """A tool, or with `port` None a feeder, whose safe state is unknown; a sentence about it."""
 
     station: str
     port: int | None
@@ -88,7 +88,7 @@ class Unknown(NamedTuple):
 
 @dataclass(slots=True)
 class Last:
-    """The last reading of a tool: UTC in µs, temperature in °C, and its status if that was read."""
+    """Last reading of a tool: UTC in µs, temperature in °C, and its status if that was read."""
 
     time: int
     celsius: float
@@ -96,12 +96,14 @@ class Last:
 
 
 def left_leases(folder: Path) -> dict[str, Lease]:
-    """Return the open lease of the folder by station, as far as it can be read."""
+    """Return the folder's open lease by station, as far as it can be read."""
     return _lease(folder)[0]
 
 
 def _lease(folder: Path) -> tuple[dict[str, Lease], str]:
-    """Return the leases by station, and why they cannot be read in full; empty without a lease."""
+    """Return the leases by station, and why they cannot be read in full; both empty without a
+    lease.
+    """
     found: dict[str, Lease] = {}
     try:
         lines = read_foreign(folder / guard_actions.LEASE, Kind.LEASE).splitlines()
@@ -122,11 +124,11 @@ def _lease(folder: Path) -> tuple[dict[str, Lease], str]:
 
 
 def unconfirmed_leases(folder: Path, stations: Collection[StationFacts]) -> set[str]:
-    """Return the stations of the open lease, but for those whose leased tools the facts have in
-    their safe state.
+    """Return the stations of the open lease, except those whose leased tools are in their safe
+    state by the facts.
 
-    A guard that is killed after it made the tools safe, and logged that, leaves its lease open. A
-    recorder that ends closes it: then only the guard's lines count.
+    A guard killed after it made the tools safe, and logged that, leaves its lease open. A recorder
+    that ends closes it: then only the guard's lines count.
     """
     held, known = left_leases(folder), {facts.name: facts for facts in stations}
     if not held.keys() & known.keys():
@@ -156,10 +158,10 @@ def _is_confirmed(
 def hot_warning(
     folder: Path, stations: Collection[StationFacts], unsafe: Collection[str] = ()
 ) -> str:
-    """Return the warning about stations that may still be hot, `unsafe` included; empty where there
+    """Return the warning about stations that may still be hot, `unsafe` included; empty if there
     are none.
 
-    `stations` are the facts that the record has, with the guard's results.
+    `stations` are the facts of the record, with the guard's results.
     """
     names, why = (
         ", ".join(sorted({*unconfirmed_leases(folder, stations), *unsafe})),
@@ -181,7 +183,7 @@ def hot_warning(
 
 
 def unknown_tools(folder: Path, stations: list[StationFacts], guard: str | None) -> list[Unknown]:
-    """Return the tools and feeders whose safe state is not known.
+    """Return the tools and feeders whose safe state is unknown.
 
     `stations` are the facts with the guard's results, `guard` is the manifest's state of the guard.
     """
@@ -228,7 +230,7 @@ def _seen(last: Last | None) -> str:
 def _last_read(
     folder: Path, places: set[tuple[str, int | None]]
 ) -> dict[tuple[str, int | None], Last]:
-    """Return the last reading of each place, searched from the end of the samples."""
+    """Return the last reading of each place, searching the samples from their end."""
     found: dict[tuple[str, int | None], Last] = {}
     for path in reversed(part_paths(folder, "samples")):
         with open_table(path) as file:
@@ -304,9 +306,9 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
     """Close a run whose rows are all sealed (`seal`); return the manifest as written, in state
     "sealed".
 
-    `manifest` has what only the recorder knows: outcome, verdict, times. Stations, ledger, losses
-    and files are added here. The lock is released and removed. Raises `RecordError`, and then
-    removed nothing.
+    `manifest` has what only the recorder knows: outcome, verdict, times; stations, ledger, losses
+    and files are added here. Releases and removes the lock. Raises `RecordError` before removing
+    anything.
     """
     lock.expect_ours()
     try:
@@ -345,17 +347,19 @@ def _refuse_unsealed(store: StoreReader) -> None:
 
 
 def stations_of(folder: Path, store: StoreReader, manifest: Manifest) -> list[StationFacts]:
-    """Return the stations' facts with the guard's results, where nothing in the record is later."""
+    """Return the stations' facts with the guard's results, unless something in the record is
+    later.
+    """
     return guard_actions.with_guard(
         folder, known_stations(store, manifest.stations), _overtaken(folder)
     )
 
 
 def _overtaken(folder: Path) -> dict[tuple[str, int], int]:
-    """Return from when on (UTC in µs) the guard's word counts, for each tool of the open lease.
+    """Return from when on (UTC in µs) the guard's results count, for each tool of the open lease.
 
     The guard logs a tool after the lease, and after the recorder's last reading: a lease or a
-    reading that is later than its line shows that the tool may have been touched again.
+    reading later than its line shows that the tool may have been touched again.
     """
     held, why = _lease(folder)
     if not held and not why:
@@ -377,13 +381,13 @@ def _overtaken(folder: Path) -> dict[tuple[str, int], int]:
 
 
 def unkept_rows(store: StoreReader) -> int:
-    """Return how many rows the disk never took, by the store or the lock's witness: the more."""
+    """Return how many rows the disk never took: the larger number of the store's and the lock's."""
     return max(store.dropped_rows, commit_status(store.folder).unkept)
 
 
 def known_stations(store: StoreReader, known: list[StationFacts]) -> list[StationFacts]:
-    """Return the facts in the live store, in the manifest's order of stations; those of an ended
-    session are the manifest's.
+    """Return the facts in the live store, in the manifest's order of stations; the manifest's for
+    an ended session.
     """
     ended = {one.name for one in known if one.outcome != StationOutcome.RUNNING}
     texts = {name: text for name, text in store.facts().items() if name not in ended}
@@ -398,7 +402,9 @@ def _lost(found: list[Damage], dropped: int) -> Lost | None:
 
 
 def _keep_damaged(folder: Path) -> None:
-    """Set a damaged store aside, not removed; one that only lost its end has nothing more."""
+    """Set a damaged store aside instead of removing it; one that only lost its end has nothing
+    more.
+    """
     if any(one.seconds is None for one in read_damage(folder)):
         for path in segments(folder):
             beside = companions(path)
@@ -409,7 +415,7 @@ def _keep_damaged(folder: Path) -> None:
 
 
 def last_time(folder: Path) -> str | None:
-    """Return the time of the last sealed row in the manifest's form; None without a row."""
+    """Return the time of the last sealed row in the manifest's format; None without a row."""
     latest = last_micros(folder)
     return None if latest is None else iso(latest)
 
@@ -447,12 +453,12 @@ def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
 
 
 def is_later(name: str) -> bool:
-    """Whether the file `name` may appear, change and disappear after sealing."""
+    """Return True if the file `name` may appear, change and disappear after sealing."""
     return name in LATER or is_of_report(name)
 
 
 def is_of_report(name: str) -> bool:
-    """Whether `report` writes a file of that name."""
+    """Return True if `report` writes a file of that name."""
     made = any(name.startswith(folder) and name.endswith(ending) for folder, ending in MADE)
     return name in OF_REPORT or (made and name.count("/") == 1)
 
@@ -463,7 +469,7 @@ def live_files(folder: Path) -> list[Path]:
 
 
 def remove_live(folder: Path, lock: FolderLock) -> None:
-    """Remove the live store and the lock of a run that is sealed. Raises `RecordError`."""
+    """Remove the live store and the lock of a sealed run. Raises `RecordError`."""
     try:
         for path in live_files(folder):
             if path.name != lock.name:

@@ -1,7 +1,7 @@
-"""Compares the manifest of a sealed run with what is not sealed: the report, the annotations, the
-neighbouring runs, and a fingerprint that somebody types from a printed page.
+"""Compare the manifest of a sealed run with unsealed sources: the report, the annotations, the
+neighbouring runs, and a fingerprint typed from a printed page.
 
-Hashes inside a folder reveal accidental and hasty changes. Whoever recomputes all of them is
+Hashes inside a folder reveal accidental and hasty changes. Somebody who recomputes all of them is
 revealed only by hashes kept elsewhere: the next run's manifest, a report, an annotation, a printed
 page.
 """
@@ -44,8 +44,8 @@ NOT_VOUCHED_FOR: Final = {
 
 
 def cross_check(folder: Path, manifest: Manifest, head: str | None) -> Iterator[tuple[str, str]]:
-    """Yield file and text of each disagreement with files that are not sealed, with other runs and
-    with `head`.
+    """Yield file and text of each disagreement with unsealed files, with other runs and with
+    `head`.
     """
     own = manifest_sha256(folder)
     if (folder / NAME).is_symlink():
@@ -63,7 +63,7 @@ def cross_check(folder: Path, manifest: Manifest, head: str | None) -> Iterator[
 
 
 def uncovered(folder: Path, head: str | None) -> Iterator[tuple[str, str]]:
-    """Yield file and reason for each file of a sealed run whose bytes `check` cannot vouch for; it
+    """Yield file and reason for each file of a sealed run whose bytes `check` cannot verify; it
     covers all others.
     """
     if head is None and not has_digest(folder):
@@ -86,7 +86,7 @@ def uncovered(folder: Path, head: str | None) -> Iterator[tuple[str, str]]:
 
 
 def _lease(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]]:
-    """A lease is left only while its tools may be hot, and the manifest names the same stations; or
+    """Check a remaining lease: its tools may be hot, and the manifest names the same stations; or
     its guard was killed late.
     """
     if not os.path.lexists(folder / guard_actions.LEASE):
@@ -104,7 +104,7 @@ def _lease(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]]:
 
 
 def _guard_lock(folder: Path) -> Iterator[tuple[str, str]]:
-    """A killed guard can leave its lock behind, an empty file."""
+    """Check a remaining lock: a killed guard can leave one, as an empty file."""
     try:
         found = (folder / guard_actions.LOCK).lstat()
     except FileNotFoundError:
@@ -116,7 +116,9 @@ def _guard_lock(folder: Path) -> Iterator[tuple[str, str]]:
 
 
 def _verifications(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]]:
-    """Each verification that the manifest cites is a line of the file beside the run, if any."""
+    """Check that each verification cited by the manifest is a line of the file beside the run, if
+    that exists.
+    """
     cited = {
         one.sha256: f"{one.station} port {one.port}"
         for one in reversed(manifest.verifications)
@@ -169,13 +171,13 @@ def report_disagreements(
     if said.report is None and "vouched_in" in report:
         yield REPORT, f"cites a line of {ANNOTATIONS} that is gone; {AGAIN}"
     if report["manifest_sha256"] == own:
-        yield from _unlike(report, manifest, said, own)
+        yield from _contradictions(report, manifest, said, own)
     if report.get("written"):  # the first release wrote none
         yield from _report_files(folder, report["written"], {*made})
 
 
 def _report(folder: Path) -> dict[str, Any] | None:
-    """Return the report's facts; None without a report or where the file is not one."""
+    """Return the report's facts; None without a report or if the file is not one."""
     try:
         report = read_json(folder / REPORT, Kind.REPORT)
         fits = isinstance(report["manifest_sha256"], str) and isinstance(
@@ -201,13 +203,13 @@ def _inside(folder: Path) -> list[Path]:
     try:
         return list(folder.iterdir())
     except OSError:
-        return []  # `check` says so
+        return []  # `check` reports it
 
 
-def _unlike(
+def _contradictions(
     report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str
 ) -> Iterator[tuple[str, str]]:
-    """Yield where this manifest's report contradicts the manifest or the annotations."""
+    """Yield contradictions between this manifest's report and the manifest or the annotations."""
     if said.links and str(report.get("annotations_head", own)) not in said.links:
         yield (
             ANNOTATIONS,
@@ -234,7 +236,7 @@ def _report_files(
 
 
 def _sha256(path: Path) -> str:
-    """Return the SHA-256 of a file; a text, which no hash equals, where it cannot be read."""
+    """Return the SHA-256 of a file; if it cannot be read, a text that no hash equals."""
     try:
         with open_foreign(path, Kind.OF_REPORT) as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -243,7 +245,6 @@ def _sha256(path: Path) -> str:
 
 
 def _annotations(folder: Path) -> tuple[Annotations, list[str]]:
-    """Return the annotations and the problems of their file."""
     try:
         found = read(folder)
     except RecordError as error:

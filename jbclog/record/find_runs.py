@@ -1,11 +1,10 @@
-"""Finds runs by their metadata and results, from their manifests alone.
+"""Find runs by their metadata and results, from their manifests alone.
 
     for one in find(Path("runs"), Filter(order="88123", since=datetime(2026, 11, 1, tzinfo=UTC))):
-        ...  # a `Found`, or an `Unreadable` one, which may fit
+        ...  # a `Found`, or an `Unreadable` one, which may match
 
-A text matches as a whole; ``*`` stands for any characters. Runs come in the order of their folders'
-names, which begin with their start. Serials read during a run are in its manifest once it is
-sealed.
+A text matches as a whole; ``*`` stands for any characters. Runs are ordered by their folders'
+names, which begin with their start. The manifest has serials read during a run once it is sealed.
 """
 
 from __future__ import annotations
@@ -41,8 +40,8 @@ from jbclog.record.manifest import (
     why_changed,
 )
 
-MOST_WHY: Final = 500  # characters of why a manifest cannot be read
-MOST_COPIES: Final = 10  # that are named
+MOST_WHY: Final = 500  # characters of the reason why a manifest cannot be read
+MOST_COPIES: Final = 10  # named individually
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
 ENDINGS: Final = {
     "success": "ended",
@@ -51,10 +50,10 @@ ENDINGS: Final = {
     "lost": "recovered",
 }
 """How a run ended, by the manifest's `exit_status`; independent of its verdict."""
-STARTED: Final = "%Y%m%dT%H%M%SZ"  # as a folder's name begins
+STARTED: Final = "%Y%m%dT%H%M%SZ"  # the beginning of a folder's name
 STARTED_LENGTH: Final = 16
 OVER: Final = b'\n "state": "sealed"'
-# of the run itself: deeper keys are indented more
+# at the top level: deeper keys are indented more
 ENDED: Final = re.compile(rb'\n "ended": "([0-9T:.+-]+)"')
 
 
@@ -67,7 +66,7 @@ class _Station:
 
 @dataclass(frozen=True, slots=True)
 class _Summary:
-    """The part of a manifest that finding needs."""
+    """The part of a manifest needed for finding."""
 
     run: str
     state: str
@@ -92,11 +91,10 @@ _read_summary: Final = decoder(_Summary)
 class Found:
     """A run. `state` is ``running``, ``crashed`` (`recover` finishes it) or ``sealed``.
 
-    `run` is the name that the manifest gives it, which its folder has unless somebody renamed or
-    copied it. `units` are all serials: named at the start, read during the run, added later.
-    `recipes` are ``NAME@REVISION``. `changed` says what is wrong with the manifest: somebody, or a
-    disk, changed it. `periods_s` are seconds between the ticks of each station that was sampled;
-    None without pause.
+    `run` is its name in the manifest, and that of its folder unless somebody renamed or copied it.
+    `units` are all serials: named at the start, read during the run, added later. `recipes` are
+    ``NAME@REVISION``. `changed` says what is wrong with the manifest: a person or a disk changed
+    it. `periods_s` are seconds between the ticks of each sampled station; None without pause.
     """
 
     folder: Path
@@ -141,8 +139,8 @@ class Unreadable:
 
 @dataclass(frozen=True, slots=True)
 class Copy:
-    """A folder with a run that another one, `counted`, has as well; `is_same`: their manifests are
-    the same, byte for byte.
+    """Another folder with the run of `counted`. `is_same`: their manifests are equal byte for
+    byte.
     """
 
     folder: Path
@@ -159,12 +157,11 @@ class Copy:
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """The conditions; None matches all. `since` and `until` limit a run's start, `until` excluded,
-    both with a zone.
+    """The conditions; None matches all. `since` and `until` limit a run's start, `until` excluded;
+    both need a zone.
 
-    `ended_since`: runs that ended then or later, or not at all; others are skipped by the end of
-    their manifest alone. A recipe is ``NAME`` or ``NAME@REVISION``, a tip its ID, with or without
-    its place.
+    `ended_since`: runs that ended then or later, or not at all; decided by the end of the manifest
+    alone. A recipe is ``NAME`` or ``NAME@REVISION``, a tip its ID, with or without its place.
     """
 
     operator: str | None = None
@@ -185,7 +182,6 @@ class Filter:
     ended_since: datetime | None = None
 
     def fits(self, run: Found) -> bool:
-        """Whether `run` matches all conditions."""
         sought: list[tuple[str | None, Iterable[str | None]]] = [
             (self.operator, [run.operator]),
             (self.order, [run.order]),
@@ -206,14 +202,14 @@ class Filter:
         return self._is_within(run.started) and not self._has_ended(run.ended)
 
     def may_have(self, folder: Path) -> bool:
-        """Whether the start in the folder's name lies within the limits."""
+        """Return True if the start in the folder's name lies within the limits."""
         began = folder.name[:STARTED_LENGTH]
         is_early = self.since is not None and began < self.since.strftime(STARTED)
         is_late = self.until is not None and began > self.until.strftime(STARTED)
         return not (is_early or is_late) or not RUN_NAME.fullmatch(folder.name)
 
     def may_be_in(self, data: bytes, *, has_annotations: bool = False) -> bool:
-        """Whether the bytes of a manifest contain all texts, so that the run may match."""
+        """Return True if a manifest's bytes contain all texts, so that the run may match."""
         sought = [
             self.operator,
             self.order,
@@ -228,14 +224,16 @@ class Filter:
         return all(json.dumps(text, ensure_ascii=False).encode() in data for text in texts)
 
     def had_ended(self, data: bytes) -> bool:
-        """Whether the bytes of a manifest show an end before `ended_since`."""
+        """Return True if a manifest's bytes show an end before `ended_since`."""
         if self.ended_since is None or OVER not in data:
             return False
         found = ENDED.search(data)
         return found is not None and self._has_ended(found[1].decode())
 
     def _has_ended(self, ended: str | None) -> bool:
-        """Raise ValueError for text that is no time, or has no zone."""
+        """Return True if `ended` is before `ended_since`. Raises ValueError for text that is no
+        time, or has no zone.
+        """
         if self.ended_since is None or ended is None:
             return False
         expect_time(ended)
@@ -272,10 +270,10 @@ def find(folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
 
 
 def once(found: Iterable[Found]) -> tuple[list[Found], list[Copy]]:
-    """Return each run once, in this order, and its other folders, those with another manifest
-    first: every figure over runs counts a run once.
+    """Return each run once, in this order, and its other folders, those with a different manifest
+    first. Every figure over runs counts a run once.
 
-    Of the folders with one run that counts which has the run's own name, else the first by name.
+    Of several folders the one with the run's own name counts, else the first by name.
     """
     runs = list(found)
     by_run: dict[str, list[Found]] = {}
@@ -377,8 +375,8 @@ def _found(folder: Path, summary: _Summary, changed: str | None, sha256: str) ->
 
 
 def runs_in(folder: Path) -> list[Path]:
-    """Return the runs' folders directly below `folder` by their names, or `folder` itself if it is
-    one. Raises RecordError.
+    """Return the runs' folders directly below `folder` by name, or `folder` itself if it is one.
+    Raises RecordError.
     """
     expect_answer(folder)
     try:

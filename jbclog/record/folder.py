@@ -1,4 +1,4 @@
-"""Creates a run's folder, and reads the recipe copies in it."""
+"""Create a run's folder, and read the recipe copies in it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from jbclog.core.foreign.toml_reader import parse, read_text
 from jbclog.core.rows import StationFacts
 
 FOLDER: Final = "recipes"
-# beside the record, after it was sealed; never a part of it
+# added after sealing; never part of the record
 METRICS_CACHE: Final = "metrics.parquet"
 
 
@@ -43,7 +43,7 @@ def _copies(folder: Path) -> Path:
 
 
 def joints_asked(folder: Path, facts: StationFacts) -> Mapping[str, object]:
-    """Return the table `[joints]` of a station's recipe, checked when the run began; empty if it is
+    """Return the table `[joints]` of a station's recipe, as checked at the start; empty if it is
     missing or unreadable.
     """
     return recipe_table(folder, facts, "joints")
@@ -67,8 +67,8 @@ TRIES = 20
 
 
 def create_run(out: Path, line_name: str, utc_s: float) -> Path:
-    """Create the folder of a new run below `out`, check that files in it last, and return its path.
-    Raises RecordError.
+    """Create the folder of a new run below `out`, test that files in it are durable, and return its
+    path. Raises RecordError.
 
     `utc_s`: the run's start in seconds since 1970 UTC.
     """
@@ -79,7 +79,7 @@ def create_run(out: Path, line_name: str, utc_s: float) -> Path:
     try:
         out.mkdir(parents=True, exist_ok=True)
         folder = _make(out, f"{start}-{line_name}")
-        _prove(folder)
+        _test_durability(folder)
         sync_folder(out)
     except OSError as error:
         raise RecordError(
@@ -99,7 +99,7 @@ def _make(out: Path, beginning: str) -> Path:
     raise FileExistsError(f"no free name that begins with {beginning}")
 
 
-def _prove(folder: Path) -> None:
+def _test_durability(folder: Path) -> None:
     """Write, sync, rename and remove a file, as sealing does."""
     probe = folder / "probe"
     try:

@@ -3,8 +3,8 @@ by station, port and signal.
 
 It is derived from the tables. A signal has the name of the first column that its answer fills; a
 reading was due if that column has a value or `reasons` names it. Counters are signals of their own
-names. The stations' facts supply what leaves no rows: ticks of a stopped host (`skipped`), and
-settings read again during the run.
+names. The stations' facts add what leaves no rows: ticks of a stopped host (`skipped`), and
+settings read repeatedly.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _ROWS = ""  # counts the rows of a port, beside its signals
 
 def ledger_of(folder: Path, stations: Iterable[StationFacts] = ()) -> Ledger:
     """Compute the accounting of sealed tables. Raises pyarrow's errors if a part cannot be read,
-    `RecordError` for what `row_groups` refuses, and for too many different counters.
+    and `RecordError` as `row_groups` does or for too many different counters.
     """
     ledger: Ledger = {}
     for group in row_groups(folder, "samples", ["station", "port", "reasons", *SIGNALS]):

@@ -2,14 +2,14 @@
 
 1. Adding a row costs an append (`RowBuffer`). Only `commit_now` and `close` wait for the disk.
 2. One synced transaction a second holds everything of all stations (`StoreWriter`); `at_once`
-   brings it forward.
-3. A kill loses only what came after the last commit, at most a second.
-4. If a commit fails, it is retried with space from the reserve or in a new file. If that fails too,
-   or the disk is full, `failure` is set, `on_failure` is called once, rows wait in memory up to
-   `HELD_BYTES`, and each second it is tried again. Dropped rows are counted.
+   commits sooner.
+3. A kill loses only rows after the last commit, at most a second.
+4. A failed commit is retried with space from the reserve or in a new file. If that fails too, or
+   the disk is full, `failure` is set, `on_failure` is called once, rows wait in memory up to
+   `HELD_BYTES`, and the commit is retried every second. Dropped rows are counted.
 5. Every hour a child process of low priority seals the committed rows into Parquet (`seal`).
-6. `on_event` gets each event after its commit was tried, so that what people read is in the record.
-   A commit that the disk delays holds events back for at most `WAITED_S`; after `STALLED_S` the
+6. `on_event` gets each event after its commit was tried, so that the record has what people read.
+   A commit delayed by the disk holds events back for at most `WAITED_S`; after `STALLED_S` the
    disk counts as failed (`check_stall`).
 """
 
@@ -48,8 +48,8 @@ OnEvent = Callable[[EventRow], None]
 
 
 class PendingEvents:
-    """Events that wait for their commit before people see them: what a person has read must survive
-    a kill.
+    """Events that wait for their commit before people see them: an event that somebody has read
+    must survive a kill.
 
     Calls `show` with each event once, in order. Callers may be in any thread.
     """
@@ -71,7 +71,7 @@ class PendingEvents:
             return self._shown + len(self._waiting)
 
     def show_first(self, count: int) -> None:
-        """Show those of the first `count` events not shown yet; an observer's error is not ours."""
+        """Show those of the first `count` events not shown yet; ignore an observer's error."""
         with self._lock:
             while self._waiting and self._shown < count:
                 event = self._waiting.popleft()
@@ -84,7 +84,7 @@ class PendingEvents:
 HELD_BYTES: Final = 32 << 20  # a quarter of an hour of 64 stations
 
 OnBadRow = Callable[[str, Exception], None]
-"""Called with the table and the error when a row cannot be recorded."""
+"""Called with the table and the error if a row cannot be recorded."""
 
 
 @dataclass(slots=True)
@@ -92,7 +92,7 @@ class _Rows:
     """The values of each table's rows end to end, events not linked yet, and stations' facts."""
 
     values: dict[str, list[object]] = field(default_factory=lambda: {table: [] for table in TABLES})
-    # how many values are in batches
+    # number of values already in batches
     done: dict[str, int] = field(default_factory=lambda: dict.fromkeys(TABLES, 0))
     events: list[EventRow] = field(default_factory=list)
     facts: dict[str, dict[str, object]] = field(default_factory=dict)
@@ -102,9 +102,9 @@ class RowBuffer:
     """Takes rows from any thread; `take` turns them into batches and facts, which stay here until
     they are stored.
 
-    Memory may be refused at any step of `take`: rows in work stay there and come first at the next
-    call. `take` calls `on_bad_row` in its own thread. `dropped_rows` counts invalid rows and the
-    oldest samples beyond `HELD_BYTES`.
+    Memory may be refused at any step of `take`: its rows stay here and come first at the next call.
+    `take` calls `on_bad_row` in its own thread. `dropped_rows` counts invalid rows and the oldest
+    samples beyond `HELD_BYTES`.
     """
 
     def __init__(self, run: str, on_bad_row: OnBadRow) -> None:
@@ -147,7 +147,7 @@ class RowBuffer:
         self._finish()
 
     def stored(self) -> None:
-        """Forget `backlog` and `changed_facts`: they are stored."""
+        """Clear `backlog` and `changed_facts`, which are stored."""
         self.backlog.clear()
         self.changed_facts.clear()
 
@@ -163,7 +163,9 @@ class RowBuffer:
                 self.backlog[place] = encode(batch.number, batch.table, ())
 
     def _finish(self) -> None:
-        """Move the rows on; each step ends with one that cannot fail: none is lost or doubled."""
+        """Move the rows on. Each step ends with one that cannot fail, so none is lost or
+        duplicated.
+        """
         rows = self._in_work
         while rows.events:
             self._link(rows.events[0], rows.values["events"])
@@ -183,7 +185,7 @@ class RowBuffer:
             self._bad_row("events", error)
 
     def _encode(self, table: str, values: list[object]) -> None:
-        """Move `values` into batches of the backlog, from the place that a failed call reached."""
+        """Move `values` into batches of the backlog, from where a failed call stopped."""
         done, most = self._in_work.done, ROWS_A_BATCH * len(BARE[table])
         while done[table] < len(values):
             count = min(len(values) - done[table], most)
@@ -191,7 +193,7 @@ class RowBuffer:
             while not self._has_encoded(table, values[done[table] : end]):
                 count = self._half(table, count)
                 end = done[table] + count
-            done[table] = end  # needs no memory, as `clear` below; deleting a slice may
+            done[table] = end  # needs no memory, like `clear` below; deleting a slice may
         values.clear()
         done[table] = 0
 
@@ -245,7 +247,7 @@ class LiveStore:
     ) -> None:
         self.folder = folder
         self.failure: RecordError | None = None
-        # made while memory is available
+        # created while memory is available
         self._no_memory = RecordError(f"{folder}: the record is not whole: memory was refused")
         self._is_failure_reported = False
         self._on_failure = on_failure
@@ -258,7 +260,7 @@ class LiveStore:
         self._pending = PendingEvents(on_event)
         self._committing = threading.Lock()  # held for a whole commit
         self._commit_began: float | None = None  # monotonic seconds, during a commit
-        self._witness = CommitStatus()
+        self._commit_status = CommitStatus()
         self._safe_until = time.monotonic()  # rows added before this moment are stored
         self._wake = threading.Event()
         self._ending = False
@@ -289,7 +291,7 @@ class LiveStore:
 
     @property
     def unkept_rows(self) -> int:
-        """Rows that are in no commit; after `close` they are lost."""
+        """Rows in no commit; after `close` they are lost."""
         return self.dropped_rows + sum(batch.rows for batch in self._buffer.backlog)
 
     def start(self) -> None:
@@ -308,7 +310,7 @@ class LiveStore:
         self._thread.start()
 
     def commit_now(self) -> None:
-        """Commit all rows so far; they are stored on return. Raises `RecordError` otherwise."""
+        """Commit all rows so far; on return they are stored. Raises `RecordError` otherwise."""
         with self._committing:
             if not self._commit():
                 raise self.failure or RecordError(f"{self.folder}: not committed")
@@ -323,7 +325,7 @@ class LiveStore:
                     self._not_sealed(str(error))
 
     def check_stall(self) -> None:
-        """Report a commit that the disk delays. To be called about every second; never waits."""
+        """Report a commit that the disk delays. Call this about every second; it never waits."""
         began = self._commit_began
         waited = 0.0 if began is None else time.monotonic() - began
         if waited >= STALLED_S:
@@ -332,7 +334,7 @@ class LiveStore:
             self._pending.show_first(self._pending.count)
 
     def close(self) -> None:
-        """Commit the rest, end the thread and close the file. Does not raise: see `failure`."""
+        """Commit the rest, end the thread and close the file. Sets `failure` instead of raising."""
         self._ending = True
         self._wake.set()
         if self._thread.is_alive():
@@ -376,26 +378,26 @@ class LiveStore:
                     self._fail(cause(error))
 
     def _commit(self, *, closing: bool = False) -> bool:
-        """Store all rows so far, or keep them; return whether all are stored. Then show events."""
+        """Store all rows so far, or keep them; return True if all are stored. Then show events."""
         pending = self._pending.count
         self._commit_began = began = time.monotonic()
         try:
             is_safe = self._stored(closing)
-            self._write_witness(began if is_safe else None)
+            self._write_commit_status(began if is_safe else None)
             return is_safe
         finally:
             self._commit_began = None
             self._pending.show_first(pending)
 
-    def _write_witness(self, began: float | None) -> None:
-        """Write into the lock up to which batch all is stored. `began`: start of the commit."""
-        now, before = time.monotonic(), self._witness
+    def _write_commit_status(self, began: float | None) -> None:
+        """Write into the lock the number of the last stored batch. `began`: start of the commit."""
+        now, before = time.monotonic(), self._commit_status
         waited = now - self._safe_until
         if began is None:
-            self._witness = replace(before, unkept=self.unkept_rows)
+            self._commit_status = replace(before, unkept=self.unkept_rows)
         else:
             self._safe_until = began
-            self._witness = CommitStatus(
+            self._commit_status = CommitStatus(
                 self._buffer.number,
                 round(time.time() - (now - began), 3),
                 max(before.risk_s, round(waited, 3)),
@@ -403,7 +405,7 @@ class LiveStore:
                 round(now - began, 3),
             )
         if self._lock is not None:
-            self._lock.write_status(self._witness)
+            self._lock.write_status(self._commit_status)
 
     def _stored(self, closing: bool) -> bool:
         try:
@@ -449,7 +451,7 @@ class LiveStore:
         return {(META, key): str(value) for key, value in meta.items()} | closed
 
     def _reap(self) -> None:
-        """Reap the sealing child when it has ended; what it could not seal is sealed later."""
+        """Reap the sealing child if it has ended; rows that it could not seal are sealed later."""
         if self._child is not None and (problem := self._child.ended()) is not None:
             self._child = None
             if problem:
@@ -466,7 +468,7 @@ class LiveStore:
         self._fail(f"a row of {table} could not be recorded: {cause(error)}")
 
     def _fail(self, text: str) -> None:
-        """Keep the first failure, also where memory is refused, and report it."""
+        """Keep the first failure, even if memory is refused, and report it."""
         if self.failure is None:
             try:
                 self.failure = RecordError(f"{self.folder}: the record is not whole: {text}")

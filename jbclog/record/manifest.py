@@ -109,7 +109,7 @@ class RecipeFile:
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
-    """What people stated when they started the run.
+    """What people stated at the start of the run.
 
     A tip is ``ID``, ``STATION=ID`` or ``STATION:PORT=ID``: for all tools, for those of a station,
     for one.
@@ -156,7 +156,7 @@ def _joined(texts: list[str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit worked on during the run; times as in the manifest, `end` None if not known."""
+    """A unit worked on during the run; times as in the manifest, `end` None if unknown."""
 
     serial: str
     begin: str
@@ -165,8 +165,8 @@ class Unit:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """What a crash, a disk or damage took: at most so many seconds of each station (None: not
-    known), and a sentence.
+    """What a crash, a disk or damage took: at most so many seconds of each station (None: unknown),
+    and a sentence.
     """
 
     seconds_at_most: float | None
@@ -175,7 +175,7 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class SealedFile:
-    """A file of the run: its path in the folder, its rows (None: no table), its size, its hash."""
+    """A file of the run: path in the folder, rows (None: no table), size, hash."""
 
     path: str
     rows: int | None
@@ -185,7 +185,9 @@ class SealedFile:
 
 @dataclass(frozen=True, slots=True)
 class Previous:
-    """The run before on the same line, and its fingerprint; without one the text states why."""
+    """The previous run on the same production line, and its fingerprint; without one the text says
+    why.
+    """
 
     run: str | None
     sha256: str | None
@@ -194,17 +196,17 @@ class Previous:
 
 @dataclass(slots=True)
 class Manifest:
-    """`exit_status` is ``success``, ``aborted``, ``failed``, ``lost`` or not yet known.
+    """The manifest. `exit_status` is ``success``, ``aborted``, ``failed``, ``lost`` or not yet
+    known.
 
     Times are ISO 8601 in UTC. `t0_mono`: tick 0 on the recorder's monotonic clock in seconds;
     `t0_utc`: the same moment in seconds since 1970 UTC. `rate`: in Hz, or ``max``. `wire`: None
     without serial captures, ``whole`` with complete ones, else what is missing. `previous`: None if
-    the recorder did not get as far as searching for it. `units`: those whose serials were read
-    during the run; units named at its start are in `metadata`. `verifications`: the tip
-    verifications in force when the run began.
-    `goals`: the numbers after which it was to end, and their results. `rules`: version of the rules
-    and methods of its verdict (`analysis/rule_versions.py`); older records have none, which is
-    1.
+    the recorder ended before it searched. `units`: those whose serials were read during the run;
+    units named at its start are in `metadata`. `verifications`: the tip verifications in force at
+    the start. `goals`: the numbers after which it was to end, and their results. `rules`: version
+    of the rules and methods of its verdict (`analysis/rule_versions.py`); 1 in older records, which
+    lack it.
 
     The file has a last key `digest`: the SHA-256 of the file without it.
     """
@@ -243,7 +245,7 @@ class Manifest:
 
     @property
     def t0_utc_us(self) -> int:
-        """`t0_utc` in µs, as the origin of a time axis: 0 where it is not known."""
+        """`t0_utc` in µs, as the origin of a time axis; 0 if it is unknown."""
         return round((self.t0_utc or 0.0) * 1e6)
 
     def serials(self) -> list[str]:
@@ -274,7 +276,6 @@ class Manifest:
         }
 
     def station(self, name: str) -> StationFacts | None:
-        """Return the facts of the station `name`."""
         return next((facts for facts in self.stations if facts.name == name), None)
 
 
@@ -303,7 +304,7 @@ def iso(micros: int) -> str:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read a run's manifest. Raises RecordError if it is missing, none, or of a newer jbclog."""
+    """Read a run's manifest. Raises RecordError if it is missing, invalid, or of a newer jbclog."""
     path = folder / NAME
     try:
         data = read_json(path, Kind.MANIFEST, in_utf8=True)
@@ -347,9 +348,9 @@ def facts_in(folder: Path, texts: Mapping[str, str]) -> dict[str, StationFacts]:
 def merged_facts(
     known: Iterable[StationFacts], stored: Mapping[str, StationFacts]
 ) -> list[StationFacts]:
-    """Return the facts of a manifest, in its order, with those of the live store.
+    """Return the facts of a manifest, in its order, updated from the live store.
 
-    For a session that has ended the manifest's win: the store may not have taken them.
+    The manifest's take precedence for a session that has ended: the store may not have them.
     """
     facts = {one.name: one for one in known}
     for name, found in stored.items():
@@ -359,8 +360,8 @@ def merged_facts(
 
 
 def _expect_signals(stations: Iterable[StationFacts]) -> None:
-    """Raise ValueError for a signal that is no column of the samples: coverage and verdict read
-    the columns of these names.
+    """Raise ValueError for a signal that is no column of the samples: coverage and verdict read the
+    columns of these names.
     """
     for one in stations:
         unknown = next((name for name in one.signals if name not in SIGNAL_COLUMNS), None)
@@ -369,7 +370,7 @@ def _expect_signals(stations: Iterable[StationFacts]) -> None:
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Write it atomically. Raises RecordError."""
+    """Write the manifest atomically. Raises RecordError."""
     try:
         write_whole(folder / NAME, manifest_text(manifest).encode())
     except OSError as error:
@@ -379,8 +380,8 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 
 
 def manifest_text(manifest: Manifest) -> str:
-    """Format a manifest with its digest; what UTF-8 cannot encode (a folder's name in another
-    encoding) becomes a question mark.
+    """Format a manifest with its digest; characters that UTF-8 cannot encode (from a folder's name
+    in another encoding) become question marks.
     """
     plain = (
         json.dumps(asdict(manifest), indent=1, ensure_ascii=False, allow_nan=False)
@@ -392,8 +393,8 @@ def manifest_text(manifest: Manifest) -> str:
 
 
 def expect_readable(manifest: Manifest) -> None:
-    """Raise RecordError for a manifest that no reader would take: a list or the whole is too long,
-    or a signal is none.
+    """Raise RecordError for a manifest that no reader would accept: a list or the whole is too
+    long, or a signal is invalid.
     """
     try:
         _expect_signals(manifest.stations)
@@ -412,7 +413,7 @@ def expect_readable(manifest: Manifest) -> None:
 
 
 def fitting_units(manifest: Manifest, units: list[Unit]) -> list[Unit]:
-    """Return the first units, as many as fit beside these other parts; all are in the events."""
+    """Return the first units, as many as fit with the other parts; the events have all of them."""
     size = len(manifest_text(replace(manifest, units=[])).encode())
     ends = accumulate(
         (
@@ -435,15 +436,17 @@ def manifest_sha256(folder: Path) -> str:
 
 
 def wrong_digest(folder: Path) -> str | None:
-    """Return what is wrong with the manifest's own digest, None if it is right. Raises OSError.
+    """Return what is wrong with the manifest's own digest; None if it is right. Raises OSError.
 
-    It shows accidental changes: who changes the manifest on purpose can also change the digest.
+    It shows accidental changes: a deliberate change of the manifest can include the digest.
     """
     return why_changed(read_foreign(folder / NAME, Kind.MANIFEST))
 
 
 def has_digest(folder: Path) -> bool:
-    """Whether the manifest has a digest; those of the first release have none. Raises OSError."""
+    """Return True if the manifest has a digest; those of the first release have none. Raises
+    OSError.
+    """
     return (
         _DIGEST.fullmatch(read_foreign(folder / NAME, Kind.MANIFEST)[-_DIGEST_BYTES:]) is not None
     )

@@ -1,4 +1,4 @@
-"""How long a manifest's lists may be: a few megabytes must not cost gigabytes and minutes."""
+"""Limits for the lists in a manifest: a few megabytes must not cost gigabytes and minutes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from jbclog.core.rows import StationFacts
 MOST: Final = {
     "stations": 512,  # 250 are claimed
     "recipes": 1024,  # two a station
-    "units": 200_000,  # a week of one each 5 s has 121 000
+    "units": 200_000,  # a week of one every 5 s has 121 000
     "files": 20_000,  # tables of 8 million rows a part, two captures a station
     "verdict rules": 100_000,
     "verifications": 8192,  # 16 ports a station
@@ -25,10 +25,10 @@ MOST: Final = {
     "stations in the accounting": 512,
     "signals in the accounting": 200_000,  # 250 stations of 4 ports have 30 000
 }
-"""The maximum number of entries of each list, generous against the longest run."""
+"""Maximum number of entries of each list, far above the longest run."""
 MOST_OF_STATION: Final = 1000  # entries of each list of a station
 
-LONGEST_NAME: Final = 200  # a line file takes 64; each figure and table has them
+LONGEST_NAME: Final = 200  # a line file allows 64; each figure and table contains them
 
 
 def expect_counts(counts: Mapping[str, int], stations: Iterable[StationFacts]) -> None:

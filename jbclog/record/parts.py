@@ -1,11 +1,11 @@
 """Parquet parts of a run's tables, and notes of damage.
 
-A part is written aside, synced, read back, compared with its source, and only then renamed to its
-place. Its metadata holds the number of its last batch (`jbclog.through`): with both a part and the
-live store, that separates their rows.
+A part is written to a temporary file, synced, read back, compared with its source, and only then
+renamed. Its metadata holds the number of its last batch (`jbclog.through`), which separates its
+rows from those of a live store.
 
 Encodings (an hour of 32 stations, zstd 3: 5.4 bytes a row, 10 with Arrow's defaults): times and
-ticks as differences, noisy whole numbers with split bytes, the rest by dictionary.
+ticks as differences, noisy integers with split bytes, the rest by dictionary.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ REMAINS: Final = "damaged"
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A loss: where, how many rows (None: not known), why, and at most how many `seconds` of the
+    """A loss: where, how many rows (None: unknown), why, and at most how many `seconds` of the
     run's end, if known.
     """
 
@@ -82,7 +82,6 @@ def note_damage(folder: Path, found: Iterable[Damage]) -> None:
 
 
 def read_damage(folder: Path) -> list[Damage]:
-    """Return the notes of damage."""
     try:
         lines = (
             read_foreign(folder / DAMAGE_NOTES, Kind.DAMAGE).decode(errors="replace").split("\n")
@@ -111,25 +110,25 @@ def set_aside(folder: Path, path: Path) -> None:
 
 # -- parts -----------------------------------------------------------------------------------------
 
-ROWS_A_GROUP: Final = 32_768  # some 8 MB while it is in memory
+ROWS_A_GROUP: Final = 32_768  # some 8 MB in memory
 BYTES_A_GROUP: Final = 32 << 20  # long texts; a reader takes four times that
 SPLIT: Final = ("late_us", "scan_us", "temperature_c", "power_permille")
 DIFFERENCES: Final = ("time", "tick", "seq")
 THROUGH: Final = b"jbclog.through"
 PART: Final = re.compile(r"part-[0-9]{1,9}\.parquet")
-PROBE: Final = "probe"  # with which a new folder is tried
+PROBE: Final = "probe"  # file name for testing a new folder
 HALF_A_LEASE: Final = "lease.json.new"
 MOST_PLACES: Final = 4096  # a run has at most 512 stations, with four ports each
-PREPARING: Final = "."  # readers of Parquet folders leave out what begins with a dot
+PREPARING: Final = "."  # readers of Parquet folders ignore names that begin with a dot
 
 Groups = Callable[[], Iterable[pa.Table]]
-"""Gives the rows of a part, a row group at a time, and the same ones each time it is called."""
+"""Returns the rows of a part, a row group at a time; the same ones on each call."""
 Wanted = Callable[[int], bool]
-"""Whether a row group of a table is to be read, by its number from 0 over all parts."""
+"""Returns True if a row group of a table is to be read, by its number from 0 over all parts."""
 
 
 def part_paths(folder: Path, table: str) -> list[Path]:
-    """The parts of a table that are there, in their order."""
+    """Return the existing parts of a table, in order."""
     if not is_plain_folder(folder / table):
         return []
     return sorted(
@@ -139,17 +138,17 @@ def part_paths(folder: Path, table: str) -> list[Path]:
 
 
 def through(folder: Path, table: str) -> int:
-    """The number of the last batch that the table's parts hold; 0 where there is none."""
+    """Return the number of the last batch in the table's parts; 0 if there is none."""
     return parts_through(part_paths(folder, table))
 
 
 def parts_through(parts: list[Path]) -> int:
-    """The same of parts that were listed before."""
+    """As `through`, for parts listed before."""
     return part_through(parts[-1]) if parts else 0
 
 
 def part_through(path: Path) -> int:
-    """The number of the last batch in a part. Raises `RecordError` if it is not readable."""
+    """Return the number of the last batch in a part. Raises `RecordError` if it is not readable."""
     try:
         last = (metadata_of(path).metadata or {}).get(THROUGH, b"")
     except (pa.ArrowException, OSError) as error:
@@ -214,8 +213,8 @@ def _write(path: Path, table: str, groups: Groups, last: int) -> None:
 
 
 def _compare(path: Path, groups: Groups) -> None:
-    """Raise RecordError unless the file equals `groups` as it will be read: nothing is written that
-    jbclog refuses to read.
+    """Raise RecordError unless the file, as read back, equals `groups`: jbclog must be able to read
+    what it writes.
     """
     try:
         with open_table(path) as file:
@@ -258,7 +257,7 @@ def groups_of(
     coded: bool = False,
     wanted: Wanted | None = None,
 ) -> Iterator[pa.Table]:
-    """Yield the rows of these parts by row groups, all or those that are `wanted`; `coded`: with
+    """Yield the rows of these parts by row groups, all or only those `wanted`; `coded`: with
     dictionaries for texts.
     """
     numbers, places = count(), _Places()
@@ -279,27 +278,27 @@ def groups_of(
 def group_of(
     file: ParquetTable, table: str, index: int, columns: Sequence[str] | None = None
 ) -> pa.Table:
-    """Return a row group of a part; the columns that its version lacks are null."""
+    """Return a row group of a part; columns that its version lacks are null."""
     lacking = lacking_in(table, file.schema.names)
     if not lacking:
         return file.group(index, columns)
     asked = SCHEMAS[table].names if columns is None else columns
-    # a file gives no rows without any column
+    # without any column a file returns no rows
     there = [name for name in asked if name not in lacking] or file.schema.names[:1]
     rows = with_columns(file.group(index, there), table, [one for one in lacking if one in asked])
     return rows.select([name for name in rows.column_names if name in asked])
 
 
 class _Places:
-    """The stations and ports in the rows that were read: whoever splits rows by them does not
-    expect a million.
+    """Counts the stations and ports in the rows read, because code that splits rows by them does
+    not expect a million.
     """
 
     def __init__(self) -> None:
         self._found: dict[str, set[object]] = {"station": set(), "port": set()}
 
     def add(self, rows: pa.Table) -> None:
-        """Add those of `rows`. Raises `RecordError` for more than a run can have."""
+        """Add the places in `rows`. Raises `RecordError` for more than a run can have."""
         for name, found in self._found.items():
             if name in rows.column_names:
                 found.update(rows[name].unique().to_pylist())
@@ -309,7 +308,7 @@ class _Places:
 
 @contextmanager
 def _opened(path: Path, *, coded: bool) -> Iterator[ParquetTable]:
-    """Open a part; checks its pages by checksums, its footer by content. Raises RecordError."""
+    """Open a part; check its pages by checksums, its footer by content. Raises RecordError."""
     table = path.parent.name
     schema = SCHEMAS[table]
     texts = [one.name for one in schema if one.type == TEXT and (table, one.name) not in FIRST_IN]
@@ -333,7 +332,7 @@ def remove_leavings(folder: Path) -> None:
 
 def remove_unfinished(folder: Path) -> None:
     """Remove temporary files of a crash: those of small files, of the guard's lease, and of the
-    folder's check.
+    folder's test.
     """
     for path in [
         *folder.glob(".*.tmp"),
@@ -345,10 +344,9 @@ def remove_unfinished(folder: Path) -> None:
 
 
 def read_through(path: Path, listed_rows: int | None = None) -> None:
-    """Read a part to its end, with the check sums of its pages. Raises `RecordError`.
+    """Read a part to its end, verifying the checksums of its pages. Raises `RecordError`.
 
-    `listed_rows` is how many the manifest says that it has: nothing is read of a part that declares
-    more.
+    `listed_rows` is the number in the manifest: nothing is read of a part that declares more.
     """
     part_through(path)
     declared = metadata_of(path).num_rows

@@ -1,9 +1,9 @@
-"""Finds the run in progress that holds a station's port.
+"""Find the run in progress that holds a station's port.
 
-A run holds a port until that station's session ends, also while the link is down and the port
+A run holds a port until that station's session ends, even while the link is down and the port
 closed. Its manifest lists the ports, its live store the ended sessions, and the lock of its folder
 the recorder. This needs /proc; without it only the lock of the port itself protects it. The code
-that reads a record is imported only where there is one.
+that reads a record is imported only if there is one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,9 @@ from jbclog.core.states import StationOutcome
 
 
 def run_that_holds(url: str) -> Path | None:
-    """Return the folder of the run in progress on this machine that holds the port at `url`."""
+    """Return the folder of the run in progress on this machine that holds the port at `url`, or
+    None.
+    """
     return next(iter(runs_that_hold([url])), None)
 
 
@@ -46,7 +48,7 @@ def runs_that_hold(urls: Collection[str]) -> list[Path]:
 
 
 def holds(folder: Path, urls: Collection[str]) -> bool:
-    """Whether the run in `folder` is in progress and holds any of the ports at `urls`."""
+    """Return True if the run in `folder` is in progress and holds any of the ports at `urls`."""
     return _is_recorded(folder) and _holds(folder, [port_address(url) for url in urls])
 
 
@@ -89,7 +91,7 @@ def _folders_of(process: int) -> Iterator[Path]:
 
 
 def _is_recorded(folder: Path) -> bool:
-    """Whether a recorder holds the folder's lock. A pipe of that name is not a lock."""
+    """Return True if a recorder holds the folder's lock. A pipe of that name is not a lock."""
     with contextlib.suppress(NotReadable):
         return is_held(folder)
     return False
@@ -115,11 +117,11 @@ def _holds(folder: Path, wanted: Collection[PortAddress]) -> bool:
 
 
 def _ended(folder: Path) -> set[str]:
-    """Return the stations whose stored facts say that their session has ended."""
+    """Return the stations whose session has ended, by their stored facts."""
     from jbclog.record.store import FACTS, Segment, segments
 
     facts: dict[str, str] = {}
-    # a foreign store can hold anything
+    # an untrusted store can hold anything
     with contextlib.suppress(OSError, sqlite3.Error, RecordError, ValueError, TypeError):
         for path in segments(folder):
             with closing(Segment.look(path)) as segment:
@@ -128,7 +130,9 @@ def _ended(folder: Path) -> set[str]:
 
 
 def _says_ended(text: str) -> bool:
-    """Whether a station's facts say that its session has ended. Foreign text may be no facts."""
+    """Return True if a station's facts say that its session has ended; False if the text is not
+    facts.
+    """
     with contextlib.suppress(ValueError, TypeError, RecursionError):
         facts = json.loads(text)
         return (

@@ -1,8 +1,8 @@
-"""Finishes runs that a crash left open.
+"""Finish runs that a crash left open.
 
 A crash can leave an empty folder, inputs without a manifest, a live store with some of its rows
-already sealed, or a sealed run whose store was not removed. All of these end in the same sealed
-form; the manifest states what is missing.
+already sealed, or a sealed run whose store was not removed. `recover` brings all of them to the
+same sealed form; the manifest states what is missing.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ from jbclog.record.store_reader import StoreReader
 
 
 def changed_parts(folder: Path, manifest: Manifest) -> dict[str, str]:
-    """Return the parts of a manifest that differ from what was sealed, each with the reason."""
+    """Return the parts of a manifest that differ from their sealed state, each with the reason."""
     found = {}
     for listed in manifest.files:
         if listed.path.partition("/")[0] in TABLES:
@@ -108,7 +108,7 @@ def _unreadable(path: Path) -> str | None:
     return None
 
 
-PATIENCE_S: Final = 10.0  # how long to wait for a sealing child that outlived its recorder
+PATIENCE_S: Final = 10.0  # for a sealing child that outlived its recorder
 FINISHED: Final = "already finished; nothing was changed."
 NOT_REBUILT: Final = (
     "No live store is left to rebuild it from; `jbclog check` lists what else is wrong."
@@ -126,10 +126,10 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """The result for one run: a sentence in `text`, the sealed rows by table and lines of captures
-    in `rows`.
+    """The result for one run: a sentence in `text`; in `rows` the sealed rows by table and lines of
+    captures.
 
-    `is_safe` is False where the record shows a tool that may still be hot.
+    `is_safe` is False if the record shows a tool that may still be hot.
     """
 
     folder: Path
@@ -155,7 +155,9 @@ def is_run(folder: Path) -> bool:
 
 
 def recover_all(folder: Path, patience_s: float = PATIENCE_S) -> list[Recovery]:
-    """Recover the run in `folder`, or every run directly below it; a refused one stops none."""
+    """Recover the run in `folder`, or every run directly below it; a refusal does not stop the
+    others.
+    """
     expect_answer(folder)
     runs = [folder] if is_run(folder) else sorted(path for path in folder.iterdir() if is_run(path))
     return [_tried(run, patience_s) for run in runs]
@@ -174,8 +176,8 @@ def _tried(folder: Path, patience_s: float) -> Recovery:
 def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     """Finish the run in `folder`.
 
-    Raises `RecordError` where the run is being written, is of a newer jbclog, or the disk fails.
-    The record is then unchanged.
+    Raises `RecordError`, and leaves the record unchanged, if the run is being written, is of a
+    newer jbclog, or the disk fails.
     """
     hangs = why_link_hangs(folder)
     if hangs is not None:
@@ -208,7 +210,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
 
 
 def _not_rebuilt(folder: Path, manifest: Manifest) -> str:
-    """Describe damaged parts of a sealed run, which nothing can rebuild; empty: none."""
+    """Describe damaged parts of a sealed run, which nothing can rebuild; empty for none."""
     found = [f"{name} {why}" for name, why in changed_parts(folder, manifest).items()]
     return f" But {'; '.join(found)}. {NOT_REBUILT}" if found else ""
 
@@ -258,7 +260,7 @@ def _recovery(
 
 
 def _note_left_hot(folder: Path, manifest: Manifest, store: StoreReader) -> list[StationFacts]:
-    """Add an event for each tool whose safe state is not known; return stations' facts with it."""
+    """Add an event for each tool whose safe state is unknown; return stations' facts with it."""
     stations = stations_of(folder, store, manifest)
     unknown = unknown_tools(folder, stations, manifest.guard)
     guard_actions.take_in(folder, manifest.run, hot_events(unknown, last_micros(folder) or 0))
@@ -291,7 +293,7 @@ def _named(name: str, count: int) -> str:
 
 
 def _draft(folder: Path) -> Manifest:
-    """Return the manifest as the recorder left it, or an empty one where there is none."""
+    """Return the manifest as the recorder left it, or an empty one if there is none."""
     if not (folder / NAME).exists():
         return Manifest(run=folder.name)
     try:
@@ -358,7 +360,9 @@ def _at_risk_s(folder: Path) -> float:
 
 
 def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
-    """Whether a recipe of the run states limits. An unreadable recipe counts as one that does."""
+    """Return True if a recipe of the run sets limits. An unreadable recipe counts as one that
+    does.
+    """
     if manifest.verdict is not None:
         return manifest.verdict != "NOT JUDGED"
     try:
@@ -368,8 +372,8 @@ def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
 
 
 def _wire(folder: Path, manifest: Manifest) -> str | None:
-    """Cut incomplete ends off the serial captures; return what is missing of them, `WHOLE` for
-    nothing, None without captures.
+    """Cut incomplete ends off the serial captures; return what they lack, `WHOLE` for nothing, None
+    without captures.
     """
     paths = capture.wire_paths(folder)
     if not paths:

@@ -1,8 +1,8 @@
-"""Compares what `report.json` repeats of a run with its manifest and annotations.
+"""Compare the facts that `report.json` repeats of a run with its manifest and annotations.
 
-Who rewrites `report.json` can also rewrite the line that vouches for it; what it repeats must then
-still agree with the manifest, which a fingerprint kept elsewhere proves. What it does not repeat
-(joints, metrics, figures, the text of page and paper) only `report --verify` derives again.
+Somebody who rewrites `report.json` can also rewrite the line that vouches for it; its facts must
+then still agree with the manifest, which a fingerprint kept elsewhere proves. Only `report
+--verify` derives the rest again (joints, metrics, figures, the text of page and paper).
 """
 
 from __future__ import annotations
@@ -54,13 +54,13 @@ SAME_OF_STATION: Final = (
 MAIN: Final = "temperature_c"
 WITH_THE_RUN: Final = "with the run"
 Found = tuple[str, object, object]
-"""What differs: its place, what the report says, what the record says."""
+"""A difference: its place, the report's value, the record's value."""
 
 
 def differences(
     report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str
 ) -> Iterator[str]:
-    """Yield a sentence for each thing repeated otherwise. `own`: the manifest's fingerprint."""
+    """Yield a sentence for each difference. `own`: the manifest's fingerprint."""
     found = (one for one in _all(report, manifest, said, own) if one[1] != _plain(one[2]))
     for place, says, is_so in islice(found, MOST):
         yield f"{place}: {_short(says)}, the manifest says {_short(_plain(is_so))}"
@@ -69,7 +69,7 @@ def differences(
 def _all(
     report: Mapping[str, Any], manifest: Manifest, said: Annotations, own: str
 ) -> Iterator[Found]:
-    """Yield everything that a report repeats; what an earlier release did not write is left out."""
+    """Yield each fact that a report repeats; skip those that an earlier release did not write."""
     whole = asdict(manifest)
     yield from _same(report, {key: whole[key] for key in SAME} | {"line": whole["line"] or {}}, "")
     yield from _same(report, {"lost": None if manifest.lost is None else manifest.lost.text}, "")

@@ -1,10 +1,10 @@
 """The four tables of a run: columns, types, units, and their commands.
 
-Times are UTC microseconds; whole numbers are int64 (narrow ones overflow in squares and sums and
-take the same space on disk). A nullable value was not due, or not answered.
+Times are UTC microseconds; integers are int64 (narrow ones overflow in squares and sums and take
+the same space on disk). A null value was not due, or not answered.
 
-Parts and batches with other columns are refused (`parts.py`, `batches.py`), but those of earlier
-versions, which lack the columns of `FIRST_IN`: docs/how-to/change.md has what a new column takes.
+Parts and batches with other columns are refused (`parts.py`, `batches.py`), except those of earlier
+versions, which lack the columns of `FIRST_IN`. docs/how-to/change.md explains how to add a column.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def field_of(column: Column, of_text: str = "command") -> pa.Field:
 
 
 def _pandas_hint(fields: Sequence[pa.Field]) -> str:
-    """Return the metadata by which pandas uses Int64 and boolean, which have missing values,
+    """Return the metadata that make pandas use Int64 and boolean, which have missing values,
     instead of float and object.
     """
     columns = [
@@ -155,8 +155,8 @@ SCHEMAS: Final[Mapping[str, pa.Schema]] = MappingProxyType(
 
 
 def lacking_in(table: str, names: Sequence[str]) -> list[str]:
-    """Return the columns that rows with the columns `names`, of an earlier version, lack; none for
-    rows of this version, and of no version.
+    """Return the columns that rows of an earlier version, with the columns `names`, lack; empty for
+    rows of this version or of none.
     """
     for version in sorted({*FIRST_IN.values()}):
         later = [one for (of, one), first in FIRST_IN.items() if of == table and first >= version]
@@ -166,7 +166,9 @@ def lacking_in(table: str, names: Sequence[str]) -> list[str]:
 
 
 def with_columns(rows: pa.Table, table: str, lacking: Sequence[str]) -> pa.Table:
-    """Return rows of an earlier version with the columns that they lack, null, in their places."""
+    """Return rows of an earlier version with the columns that they lack added, null, in schema
+    order.
+    """
     schema = SCHEMAS[table]
     for name in lacking:
         field = schema.field(name)

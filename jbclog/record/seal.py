@@ -1,4 +1,4 @@
-"""Sealing: moves rows from the live store into Parquet parts.
+"""Sealing: move rows from the live store into Parquet parts.
 
 The order survives a crash anywhere. A part is complete, synced and compared before it gets its name
 (`parts`) and carries the number of its last batch; then its batches are deleted; the store itself
@@ -44,7 +44,7 @@ def seal_rows(folder: Path, *, part: bool = False) -> int:
     try:
         remove_leavings(folder)
         last, sound = _seal_store(folder)
-        if part and sound:  # a damaged store is kept as it is
+        if part and sound:  # a damaged store stays as it is
             _delete(folder, last)
     except (OSError, sqlite3.Error) as error:
         raise RecordError(
@@ -54,7 +54,7 @@ def seal_rows(folder: Path, *, part: bool = False) -> int:
 
 
 def _seal_store(folder: Path) -> tuple[int, bool]:
-    """Seal all batches; return the number of the last one and whether all were sound."""
+    """Seal all batches; return the number of the last one, and True if all were sound."""
     with StoreReader(folder) as store:
         for table in TABLES:
             numbers = store.numbers_of(table, through(folder, table))
@@ -65,8 +65,8 @@ def _seal_store(folder: Path) -> tuple[int, bool]:
 
 
 def _shares(store: StoreReader, numbers: list[int]) -> Iterator[tuple[list[int], int]]:
-    """Divide batches among parts, whose footers are read whole; yield those of a part and the
-    number of its last.
+    """Divide batches among parts, whose footers are read whole; yield the batches of each part and
+    the number of its last.
     """
     count = max(ROWS_A_PART // store.mean_rows, 1)
     for at in range(0, len(numbers), count):
@@ -84,7 +84,6 @@ def _delete(folder: Path, last: int) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the child process."""
     parser = argparse.ArgumentParser(
         prog="python -m jbclog.record.seal", description="Seals a run's rows into Parquet."
     )

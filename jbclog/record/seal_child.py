@@ -1,4 +1,6 @@
-"""The child process that seals a run's rows: what it loads, the recorder does not."""
+"""The child process that seals a run's rows, so that the recorder need not load what sealing
+needs.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from typing import Final
 from jbclog.core.errors import RecordError
 from jbclog.core.locks import FolderLock
 
-SEAL_S: Final = 3600.0  # between two of them, by default
+SEAL_S: Final = 3600.0  # default interval
 
 
 class SealChild:

@@ -1,6 +1,6 @@
-"""Compares sealed files with the manifest before they are shown or replayed.
+"""Compare sealed files with the manifest before they are shown or replayed.
 
-Parquet's check sums do not cover its footer, where one flipped bit changes times, types and counts;
+Parquet's checksums do not cover its footer, where one flipped bit changes times, types and counts;
 the manifest's hashes do.
 """
 
@@ -18,7 +18,7 @@ from jbclog.record.manifest import NAME, Manifest, wrong_digest
 
 
 def expect_manifest_unchanged(folder: Path) -> None:
-    """Raise `RecordError` where the manifest's digest does not fit."""
+    """Raise `RecordError` if the manifest's digest does not match."""
     try:
         digest = wrong_digest(folder)
     except (OSError, ValueError) as error:
@@ -31,7 +31,7 @@ def expect_manifest_unchanged(folder: Path) -> None:
 
 
 def expect_unchanged(folder: Path, manifest: Manifest, table: str, parts: Sequence[Path]) -> None:
-    """Raise `RecordError` unless the parts of a sealed run's table are those that were sealed."""
+    """Raise `RecordError` unless the parts of a sealed run's table are the sealed ones."""
     listed = {
         file.path: file.sha256 for file in manifest.files if file.path.startswith(f"{table}/")
     }
@@ -60,13 +60,13 @@ def _trouble(path: Path | None, sha256: str | None, folder: Path) -> str | None:
 
 @lru_cache(4096)
 def _sha256(folder: Path, path: Path, _mtime_ns: int, _size: int) -> str:
-    """Return the SHA-256 of a file, computed once as long as its time and size stay."""
+    """Return the SHA-256 of a file, computed again only if its time or size changes."""
     return sealed_file(folder, path, None).sha256
 
 
-PLAYED: Final = (f"{FOLDER}/", "recipes/", "line.toml")  # what a replay reads
+PLAYED: Final = (f"{FOLDER}/", "recipes/", "line.toml")  # files that a replay reads
 CHANGED: Final = "was changed: its SHA-256 is not the manifest's"
-MOST_LOSSES: Final = 100  # of a capture, that are reported one by one
+MOST_LOSSES: Final = 100  # of a capture, reported one by one
 
 
 def losses(path: Path) -> Iterator[str]:
@@ -96,12 +96,12 @@ def _portable(error: RecordError, path: Path) -> str:
 
 
 def ends_early(path: Path) -> bool:
-    """Whether a capture file lacks its session's end."""
+    """Return True if a capture file lacks its session's end."""
     return path.stat().st_size > 0 and not is_done(path)
 
 
 def readable_heads(paths: Sequence[Path]) -> list[Head]:
-    """Return the readable heads of capture files. Raises `RecordError` where none is."""
+    """Return the readable heads of capture files. Raises `RecordError` if there is none."""
     found, failures = [], []
     for path in paths:
         try:

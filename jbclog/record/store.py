@@ -1,9 +1,9 @@
 """The live store's files: SQLite, with a reserve of disk space and a successor for a file that
 fails.
 
-The store is one file, `live.sqlite`. After an input/output error that file takes nothing new,
-because data that a failed fsync lost stays lost: recording continues in `live-1.sqlite` and so on,
-and unacknowledged batches are written again under their numbers.
+The store is one file, `live.sqlite`. After an input/output error it accepts nothing more, because
+data lost by a failed fsync stays lost: recording continues in `live-1.sqlite` and so on, and
+unacknowledged batches are written again under their numbers.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from jbclog.core.foreign.database import Database, NotAStore, open_database
 from jbclog.core.rows import SCHEMA_VERSION
 from jbclog.record.batches import MOST_PACKED, Batch
 
-MOST_BATCHES: Final = 2_000_000  # of a file: more than two weeks of commits that were never sealed
-MOST_NOTES_BYTES: Final = 16 << 20  # 250 stations take below one
+MOST_BATCHES: Final = 2_000_000  # of a file: more than two weeks of commits never sealed
+MOST_NOTES_BYTES: Final = 16 << 20  # 250 stations take less than one
 BUSY_S = 10.0  # a sealing child holds the file for some 0.05 s
 # batches deleted in one transaction, some 50 ms: the recorder's commit can wait that long
 DELETE_AT_ONCE = 40
@@ -55,7 +55,7 @@ _GET = (
     "SELECT substr(name, 1, 20), rows, crc, length(data), CASE WHEN length(data) <= ? THEN data END"
     " FROM batch WHERE number = ?"
 )
-LEAST_NOTE = 64  # bytes that a note takes in memory beside its text
+LEAST_NOTE = 64  # bytes of memory for a note beside its text
 _SET_NOTE = (
     "INSERT INTO note VALUES (?, ?, ?, ?) ON CONFLICT (kind, key) DO UPDATE SET text ="
     " excluded.text, crc = excluded.crc"
@@ -72,7 +72,7 @@ Notes = Mapping[tuple[str, str], str]
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """A batch as found, with its stored check sum."""
+    """A batch as found, with its stored checksum."""
 
     batch: Batch
     crc: int
@@ -137,7 +137,7 @@ class Segment:
             self._remove_made_for_reading()
 
     def _remove_made_for_reading(self) -> None:
-        """Remove the log and index made for this reader, if the store was removed meanwhile."""
+        """Remove the log and index created for this reader, if the store was removed meanwhile."""
         for path in companions(self.path):
             with contextlib.suppress(OSError):  # already gone, or not ours to remove
                 # a log with content is not a reader's
@@ -145,14 +145,14 @@ class Segment:
                     path.unlink()
 
     def is_begun(self) -> bool:
-        """Whether its tables exist: a kill can come between creating the file and creating them.
+        """True if its tables exist: a kill can come between creating the file and creating them.
 
         Raises `NotAStore` for any other table, view or trigger.
         """
         return self._db.expect_tables(COLUMNS)
 
     def add(self, batches: Iterable[Batch], notes: Notes) -> None:
-        """Store all in one synced transaction. Raises sqlite3.Error, and then stored nothing."""
+        """Store everything in one synced transaction. Raises sqlite3.Error, with nothing stored."""
         with self._transaction():
             self._db.executemany(
                 _ADD_BATCH, ((b.number, b.table, b.rows, b.crc, b.data) for b in batches)
@@ -194,7 +194,7 @@ class Segment:
 
     @contextmanager
     def snapshot(self) -> Iterator[None]:
-        """Read everything inside from one snapshot."""
+        """Read everything inside the ``with`` from one snapshot."""
         self._db.execute("BEGIN")
         try:
             # this fixes the snapshot
@@ -205,7 +205,7 @@ class Segment:
                 self._db.execute("ROLLBACK")
 
     def notes(self, kind: str) -> dict[str, str]:
-        """Return the notes of a kind by key, without those whose check sum fails."""
+        """Return the notes of a kind by key, without those whose checksum fails."""
         self._db.within()
         found, size = dict[str, str](), 0
         for key, text, crc in self._db.execute(
@@ -228,8 +228,8 @@ class Segment:
             yield int(number), str(name), declared if isinstance(declared, int) else 0
 
     def get(self, number: int) -> Stored | None:
-        """Return a batch, None if it is missing. Raises sqlite3.DatabaseError for a damaged page,
-        `NotAStore` for a large one.
+        """Return a batch; None if it is missing. Raises sqlite3.DatabaseError for a damaged page,
+        `NotAStore` for a batch that is too large.
         """
         self._db.within()
         row = self._db.execute(_GET, (MOST_PACKED, number)).fetchone()
@@ -287,10 +287,10 @@ NEW_FILE_ON: Final = (sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLI
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """The result of storing: whether everything is safe, and the trouble on the way, if any.
+    """Result of storing: whether everything is safe, and any trouble.
 
     `moved_to` names a new file in which recording continues. Trouble without it means that the disk
-    is failing or full, even if it took this.
+    is failing or full, even if it accepted this.
     """
 
     safe: bool
@@ -298,7 +298,7 @@ class Kept:
     moved_to: str | None = None
 
 
-# made beforehand: a refused allocation must not hide that something was stored
+# created beforehand: a refused allocation must not hide that something was stored
 KEPT: Final = Kept(True)
 
 
@@ -313,10 +313,10 @@ class StoreWriter:
         self._home = folder.lstat()
 
     def begin(self, notes: Notes) -> None:
-        """Take the reserve and create the first file. Raises OSError or sqlite3.Error, and then
-        leaves nothing open.
+        """Allocate the reserve and create the first file. Raises OSError or sqlite3.Error, leaving
+        nothing open.
         """
-        self._take_reserve()
+        self._allocate_reserve()
         segment = Segment.create(self.folder / segment_name(0))
         try:
             segment.add([], notes)
@@ -362,7 +362,7 @@ class StoreWriter:
         """Try once more: in the same file with space from the reserve, or in a new file."""
         full, trouble = _code(error) == sqlite3.SQLITE_FULL, f"writing failed: {error}"
         try:
-            if full and self._segment is not None and self._give_half():
+            if full and self._segment is not None and self._release_half():
                 self._segment.add(batches, everything)
                 return Kept(True, trouble)
             if _code(error) in NEW_FILE_ON:
@@ -389,12 +389,12 @@ class StoreWriter:
         self._segment, self._index = segment, self._index + 1
         return path.name
 
-    def _take_reserve(self) -> None:
+    def _allocate_reserve(self) -> None:
         """Reserve space for a full disk: half of it for the last rows, half for sealing them."""
         (self.folder / RESERVE).write_bytes(bytes(RESERVE_BYTES))
         sync_file(self.folder / RESERVE)  # some file systems allocate only now
 
-    def _give_half(self) -> bool:
+    def _release_half(self) -> bool:
         """Release half of the reserve; return False if that was done before."""
         return self._shrink(RESERVE_BYTES // 2)
 
@@ -407,5 +407,5 @@ class StoreWriter:
 
 
 def _code(error: sqlite3.Error) -> int:
-    """SQLite's primary result code, or 0 where the error carries none."""
+    """Return SQLite's primary result code; 0 if the error carries none."""
     return getattr(error, "sqlite_errorcode", 0) & 0xFF

@@ -1,4 +1,4 @@
-"""Reads a live store, beside its recorder or after a crash, also where parts of it are damaged."""
+"""Read a live store, beside its recorder or after a crash, even if parts of it are damaged."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from jbclog.record.batches import MOST_ROWS, Damaged, decode
 from jbclog.record.parts import ROWS_A_GROUP, Damage, regroup, through
 from jbclog.record.store import FACTS, META, Segment, segments
 
-LEAST_BYTES: Final = 1024  # no batch is smaller, so no file holds more batches than this says
+LEAST_BYTES: Final = 1024  # no batch is smaller, which bounds the number of batches in a file
 MOST_DAMAGE: Final = 100  # places of damage that are listed
 LARGEST_NUMBER: Final = 1 << 62
 MORE: Final = Damage(
@@ -40,7 +40,7 @@ UNREADABLE: Final = (
 
 
 def expect_damage(path: Path, error: Exception) -> None:
-    """Raise `RecordError` where `error` has a passing cause and shows no damage to the file."""
+    """Raise `RecordError` if `error` has a temporary cause and shows no damage to the file."""
     code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT)
     if code & 0xFF in TRANSIENT and code not in UNREADABLE:
         raise RecordError(f"{path} cannot be read now: {error}; nothing was changed") from error
@@ -55,7 +55,7 @@ class StoreReader:
     found.
 
     `rows` counts those that the batches declare. A batch in two segments is read from the first in
-    which it is sound. A passing cause (no space for SQLite's index, missing permission, a failing
+    which it is sound. A temporary cause (no space for SQLite's index, missing permission, a failing
     disk) is not damage: any call raises `RecordError`. If files disappear while they are opened,
     the run is being sealed, and the reader lists them again. Read manifest and parts after this, so
     that no row is missed: they exist before the store's files are removed.
@@ -67,7 +67,7 @@ class StoreReader:
             pass  # the run is being sealed: its rows are in parts now
 
     def _opened(self) -> bool:
-        """Open and index all segments; return False where a file disappeared meanwhile."""
+        """Open and index all segments; return False if a file disappeared meanwhile."""
         self.damage: list[Damage] = []
         self.segments: list[Segment] = []
         self._where: dict[int, _Place] = {}
@@ -115,7 +115,7 @@ class StoreReader:
 
     @property
     def mean_rows(self) -> int:
-        """The rows of a batch on average, at least 1."""
+        """Average number of rows in a batch, at least 1."""
         return max(self.rows // max(len(self._where), 1), 1)
 
     def numbers_of(self, table: str, after: int) -> list[int]:
@@ -125,8 +125,8 @@ class StoreReader:
         )
 
     def tables(self, numbers: Sequence[int]) -> Iterator[pa.Table]:
-        """Yield the rows of these batches in pieces of at most `ROWS_A_GROUP`; damaged ones are
-        skipped and noted.
+        """Yield the rows of these batches in pieces of at most `ROWS_A_GROUP`; skip and note
+        damaged ones.
         """
         for number in numbers:
             table = self._sound(number)
@@ -136,12 +136,12 @@ class StoreReader:
                 )
 
     def row_groups(self, numbers: Sequence[int]) -> Iterator[pa.Table]:
-        """Yield the same rows as a part has them: in its row groups."""
+        """Yield the same rows in the row groups of a part."""
         return regroup(self.tables(numbers))
 
     @property
     def was_closed(self) -> bool:
-        """Whether the recorder committed everything and closed the store itself."""
+        """True if the recorder committed everything and closed the store itself."""
         return self.notes.get("closed") == "1"
 
     @property
@@ -173,7 +173,7 @@ class StoreReader:
         )
 
     def _index(self) -> None:
-        # few are different, so that an index of millions of batches stays small
+        # few differ, so an index of millions of batches stays small
         places: dict[_Place, _Place] = {}
         for segment in self.segments:
             for number, table, rows in self._listed(segment):

@@ -1,9 +1,9 @@
 """The units of a run, from its events.
 
-A unit lasts from its `unit.begin` to its `unit.end`, or to the begin of the next; after a crash it
-has no end. A serial named after sealing is an annotation `unit.late`. A joint belongs to the unit
-at its time. If no serial was read during a run, all joints belong to the one unit named at its
-start or later; if several were named, their unit is not known.
+A unit lasts from its `unit.begin` to its `unit.end`, or to the beginning of the next; after a crash
+it has no end. A serial added after sealing is an annotation `unit.late`. A joint belongs to the
+unit at its time. If no serial was read during a run, all joints belong to the one unit named at its
+start or later; if several were named, their unit is unknown.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def units_of(folder: Path) -> list[Unit]:
 
 
 def units_in(events: Iterable[pa.Table]) -> list[Unit]:
-    """Return the units that events report; `events` have `COLUMNS`, oldest first."""
+    """Return the units in `events`, which have `COLUMNS`, oldest first."""
     found: list[Unit] = []
     for group in events:
         marks = group.filter(pc.is_in(group["kind"], pa.array([BEGIN, END])))

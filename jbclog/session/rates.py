@@ -1,5 +1,5 @@
-"""Which rate a station is asked to be sampled at, and whether it fits the link: known from files
-and a response time, without a session.
+"""The sampling rate requested for a station, and whether it fits the link, from files and a
+response time, without a session.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ WATCHED_SETTINGS: Final = (
     "selected_external_temperature",
     "work_mode",
 )
-"""Settings without a column, which are read again during a run."""
+"""Settings without a column, read periodically during a run."""
 
 
 def readings_for(
     family: Family, ports: Sequence[int], recipe: Recipe, line: LineFormat, addressed: bool
 ) -> list[ScheduledRead]:
-    """List everything that a run, or `plan`, reads repeatedly on a station of `family` with
+    """List everything that a run, or `plan`, reads periodically on a station of `family` with
     `ports`.
     """
     sampling = recipe.sampling
@@ -75,8 +75,8 @@ class ResponseTimes:
 
 
 def response(family: Family, median_s: float, p99_s: float) -> ResponseTimes:
-    """Return the response times for choosing a rate; the longest measured one counts where the
-    manual prints that it varies.
+    """Return the response times for choosing a rate; the longest measured one counts if the manual
+    prints that it varies.
     """
     return ResponseTimes(median_s, median_s if family.turnaround_ms is None else p99_s)
 
@@ -89,11 +89,10 @@ def asked_rate(rate: float | str | None, recipe: Recipe, family: Family | None) 
 def taken_rate_hz(
     asked: float | str, recipe: Recipe, family: Family, demand: Demand, response: ResponseTimes
 ) -> float:
-    """Return the rate in Hz for `asked` (not ``max``); 0.0 where none fits. A number is taken as it
-    is.
+    """Return the rate in Hz for `asked` (not ``max``); 0.0 if none fits. A number is returned
+    unchanged.
 
-    ``auto`` must hold for the whole run, so it allows for the longest response time that the manual
-    prints.
+    ``auto`` must hold for the whole run, so it allows for the longest response time in the manual.
     """
     if asked == AS_AUTO:
         printed_s = family.turnaround_ms[1] / 1000 if family.turnaround_ms else 0.0
@@ -104,7 +103,7 @@ def taken_rate_hz(
 
 
 def rate_problem(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str | None:
-    """Describe why a rate cannot be kept with all readings; None where it can. 0 Hz: ``auto`` found
+    """Describe why a rate cannot be kept with all readings; None if it can. 0 Hz: ``auto`` found
     none.
     """
     if not rate_hz:
@@ -123,7 +122,7 @@ def rate_problem(name: str, rate_hz: float, demand: Demand, turnaround_s: float)
 
 
 def too_fast(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str:
-    """Describe by how much a rate does not fit, and what would."""
+    """Describe by how much a rate does not fit, and which one would."""
     load, best = demand.load(rate_hz, turnaround_s), demand.best_rate_hz(turnaround_s)
     most = demand.greatest_turnaround_s(rate_hz) * 1000
     why = (
@@ -144,7 +143,7 @@ def too_fast(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> 
 
 
 def nothing_left(name: str, demand: Demand, turnaround_s: float) -> str:
-    """Describe that no rate of ``auto`` leaves a fifth of the link's time free."""
+    """Say that no rate of ``auto`` leaves a fifth of the link's time free."""
     best = demand.best_rate_hz(turnaround_s)
     by_hand = "" if demand.is_too_slow(best) else f", or name a rate: {best:g} Hz is the best"
     return (

@@ -1,4 +1,4 @@
-"""Decides which reading is due when on one link, and whether all of them fit: a cyclic executive.
+"""Decide which reading is due when on one link, and whether all of them fit: a cyclic executive.
 
 Fast signals are due on every tick of an absolute grid. Slow ones have a period, at which they are
 read when the link has time (once a tick at most), and a ceiling of three periods, which the plan
@@ -55,11 +55,11 @@ FIXED_PERIODS_S = {ReadInterval.FIVE: 5.0, ReadInterval.TEN: 10.0}
 
 @dataclass(frozen=True, slots=True)
 class ScheduledRead:
-    """Something to read repeatedly on one port: a signal, a counter, a watched setting or the
+    """Something read periodically on one port: a signal, a counter, a watched setting or the
     identity.
 
-    `port` is the port of its row; `asks_port` is None where the command addresses the whole
-    station. `period_s` is None for a fast signal.
+    `port` is the port of its row; `asks_port` is None if the command addresses the whole station.
+    `period_s` is None for a fast signal.
     """
 
     name: str
@@ -70,11 +70,11 @@ class ScheduledRead:
     period_s: float | None
     columns: tuple[str, ...] = ()
     counter: UsageCounter | None = None
-    is_identity: bool = False  # the model, or the software, of the station
+    is_identity: bool = False  # the station's model or software
 
     @property
     def was_read(self) -> bool:
-        """Whether it was read before the first tick."""
+        """True if it was read before the first tick."""
         return self.counter is not None or self.is_identity
 
 
@@ -114,28 +114,34 @@ class Demand:
         )
 
     def tick_s(self, turnaround_s: float) -> float:
-        """Return the time that the fast reads of a tick take."""
+        """Return the time that the fast reads of a tick take, in seconds."""
         return self.fast_s + self.fast_reads * turnaround_s
 
     def longest_slow_s(self, turnaround_s: float) -> float:
-        """Return the time that the longest slow read takes; 0.0 where there is none."""
+        """Return the time that the longest slow read takes, in seconds; 0.0 if there is none."""
         return max((wire_s + turnaround_s for wire_s, _ in self.slow), default=0.0)
 
     def load(self, rate_hz: float, turnaround_s: float) -> float:
-        """The share of the link's time in use, slow readings at their ceilings; 1.0 is all."""
+        """Return the share of the link's time in use, slow readings at their ceilings; 1.0 is
+        all.
+        """
         return (
             rate_hz * self.tick_s(turnaround_s) + self._slow_share(rate_hz, turnaround_s) / CEILING
         )
 
     def fits(self, rate_hz: float, turnaround_s: float, kept: float = KEPT_FOR_REPEATS) -> bool:
-        """Whether every tick and slow reading is in time while the share `kept` stays free."""
+        """Return True if every tick and slow reading is in time while the share `kept` stays
+        free.
+        """
         free_s = 1 / rate_hz - self.tick_s(turnaround_s)
         return self.load(rate_hz, turnaround_s) <= 1 - kept and self._is_in_time(
             free_s, rate_hz, turnaround_s
         )
 
     def runs_over(self, rate_hz: float, turnaround_s: float) -> bool:
-        """Whether slow readings run into the next tick: too few complete ones fit before it."""
+        """Return True if slow readings run into the next tick, because too few complete ones fit
+        before it.
+        """
         one_s = self.longest_slow_s(turnaround_s)
         free_s = 1 / rate_hz - self.tick_s(turnaround_s)
         return bool(self.slow) and not self._is_in_time(
@@ -146,7 +152,7 @@ class Demand:
         """Return the highest rate that fits, in Hz, rounded down to a tenth (to a hundredth below 1
         Hz); 0.0 for none.
         """
-        rate = _border(
+        rate = _boundary(
             lambda rate_hz: self.fits(rate_hz, turnaround_s), 1e-3, 1 / self.tick_s(turnaround_s)
         )
         grain = 10 if rate >= 1 else 100
@@ -170,10 +176,10 @@ class Demand:
         )
 
     def greatest_turnaround_s(self, rate_hz: float, kept: float = KEPT_FOR_REPEATS) -> float:
-        """Return the longest response time at which `rate_hz` fits, in seconds; negative where the
+        """Return the longest response time at which `rate_hz` fits, in seconds; negative if the
         bytes alone are too many.
         """
-        return _border(
+        return _boundary(
             lambda turnaround_s: self.fits(rate_hz, turnaround_s, kept),
             -self.fast_s / self.fast_reads,
             1 / rate_hz,
@@ -181,11 +187,13 @@ class Demand:
 
     @property
     def slowest_rate_hz(self) -> float:
-        """The lowest rate that keeps the slow readings' ceilings; 0.0 without slow readings."""
+        """Return the lowest rate that keeps the slow readings' ceilings, in Hz; 0.0 without slow
+        readings.
+        """
         return 1 / (CEILING * min(period_s for _, period_s in self.slow)) if self.slow else 0.0
 
     def is_too_slow(self, rate_hz: float) -> bool:
-        """Whether `rate_hz` is too low for the slow readings' ceilings."""
+        """Return True if `rate_hz` is too low for the slow readings' ceilings."""
         return rate_hz < self.slowest_rate_hz * (1 - 1e-9)
 
     def _slow_share(self, rate_hz: float, turnaround_s: float) -> float:
@@ -195,7 +203,7 @@ class Demand:
         )
 
     def _is_in_time(self, free_s: float, rate_hz: float, turnaround_s: float) -> bool:
-        """Whether slow readings are in time when each tick leaves `free_s` for them."""
+        """Return True if slow readings are in time when each tick leaves `free_s` for them."""
         tick_s = 1 / rate_hz
         window_s = max(min((period_s for _, period_s in self.slow), default=0.0), tick_s)
         whole, rest_s = divmod(window_s + 1e-12, tick_s)
@@ -207,7 +215,7 @@ class Demand:
         return window_s - blocked_s >= needed_s - 1e-9
 
 
-def _border(fits: Callable[[float], bool], good: float, bad: float) -> float:
+def _boundary(fits: Callable[[float], bool], good: float, bad: float) -> float:
     """Find where `fits` changes from true at `good` to false at `bad`."""
     while bad - good > 1e-9:
         between = (good + bad) / 2
@@ -241,7 +249,7 @@ class Grid:
 
 @dataclass(slots=True, eq=False)
 class SlowRead:
-    """A slow reading, when it is due next and when it was read last."""
+    """A slow reading: when it is due next, and when it was last read."""
 
     reading: ScheduledRead
     period_s: float
@@ -266,7 +274,7 @@ class SlowReadings:
         tick_s: float = 0.0,
         runs_over: bool = False,
     ) -> None:
-        """Signals are due at `start`, so that everything is known as soon as there is time for it.
+        """Signals are due at `start`, so that everything is known as soon as possible.
 
         Counters, model and software were read before the first tick and are due a period later.
         """
@@ -283,18 +291,18 @@ class SlowReadings:
         self._coming = [(slow.due, number, slow) for number, slow in enumerate(found)]  # a heap
         heapify(self._coming)
         self._number = count(len(found))
-        self._waiting: list[SlowRead] = []  # due, and not yet taken
+        self._waiting: list[SlowRead] = []  # due, not yet taken
         self._longest_s = longest_s
         self._runs_over = runs_over
-        # the longest wait of any reading, in its own periods; CEILING is the promise
+        # longest wait of any reading, in its own periods; CEILING is the guarantee
         self.worst_periods = 0.0
 
     def next(self, now: float, following: float) -> SlowRead | None:
         """Return the due reading nearest to its ceiling, if there is time for it before the tick
         due at `following`.
 
-        One that has waited a whole period is returned even without time: on a link with many
-        repeats ticks may be late or skipped, but slow signals are not starved.
+        Returns one that has waited a whole period even without time: on a link with many repeats
+        ticks may be late or skipped, but slow signals are not starved.
         """
         if self._coming and self._coming[0][0] <= now:
             self._fall_due(now)
@@ -307,7 +315,7 @@ class SlowReadings:
         return one if is_room or now > one.due + one.period_s else None
 
     def all_due(self, now: float) -> list[SlowRead]:
-        """Return every reading due by `now`, for a station that cannot be reached."""
+        """Return every reading due by `now`, for an unreachable station."""
         self._fall_due(now)
         return list(self._waiting)
 
@@ -316,10 +324,9 @@ class SlowReadings:
             self._waiting.append(heappop(self._coming)[2])
 
     def taken(self, slow: SlowRead, now: float, following: float = 0.0) -> None:
-        """Note that `slow` was read, with whatever result; it is due again a period after it was
-        due.
-
-        But not before the tick due at `following`, nor twice in a row: a row has one value for it.
+        """Register that `slow` was read, with whatever result; it is due again a period after it
+        was due, but not before the tick due at `following`, nor twice in a row: a row has one value
+        for it.
         """
         waited = (now - slow.last) / slow.period_s
         if waited > self.worst_periods:
@@ -336,7 +343,7 @@ class SlowReadings:
 
 
 def _urgency(slow: SlowRead) -> float:
-    """The smaller, the nearer to its ceiling."""
+    """Return its urgency: the smaller, the nearer to its ceiling."""
     return slow.due + slow.period_s
 
 
@@ -349,8 +356,8 @@ def readings_of(
     alarms_every_s: float,
     counters_every_s: float,
 ) -> list[ScheduledRead]:
-    """List everything that is read repeatedly on one station; station-wide signals once, in the
-    first port's row.
+    """List everything read periodically on one station; station-wide signals once, in the first
+    port's row.
     """
     found: list[ScheduledRead] = []
     for signal, command in signals:
@@ -388,7 +395,7 @@ def watched_readings(
     addressed: bool,
     every_s: float,
 ) -> list[ScheduledRead]:
-    """List settings that are read periodically to detect changes; they fill no column."""
+    """List settings read periodically to detect changes; they fill no column."""
     return [
         ScheduledRead(
             command.name, command, port, port, read_wire_s(line, command, addressed), every_s

@@ -1,4 +1,4 @@
-"""``python -m jbclog.sim LINE --dir DIR``: serves a line's stations in a separate process.
+"""``python -m jbclog.sim LINE --dir DIR``: serve a line file's stations in a separate process.
 
 Writes the path of its line file to stdout as soon as all ports exist, and ends on SIGINT or
 SIGTERM; with ``--until-eof`` also when its stdin is closed, so that it does not outlive its parent.

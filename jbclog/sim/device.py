@@ -1,9 +1,9 @@
-"""A virtual station as seen on the serial line, and its log.
+"""A virtual station as seen on the serial link, and its log.
 
 Where the manuals are silent: W-RST is acknowledged, then nothing is answered for `BOOT_S` (B-40); a
 delay that does not run reads 99999 (B-25), and so does an alarm limit that is not set (B-23); a
-missing port or tool is a command that is not accepted; N repeats the code, if there was one (B-11).
-`quirks.py` has the alternatives.
+request for a missing port or tool is refused like an unknown command; N repeats the code, if there
+was one (B-11). `quirks.py` has the alternatives.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from jbclog.sim.soldering import (
 
 
 class AcceptedWrite(NamedTuple):
-    """An accepted write; `at` in monotonic seconds, `port` and `tool` 0 where it has none."""
+    """An accepted write; `at` in monotonic seconds, `port` and `tool` 0 if it has none."""
 
     at: float
     name: str
@@ -35,7 +35,7 @@ class AcceptedWrite(NamedTuple):
 
 
 class RefusedRequest(NamedTuple):
-    """A question that the station refused with communication error `code`."""
+    """A request refused with communication error `code`."""
 
     at: float
     text: str
@@ -43,7 +43,7 @@ class RefusedRequest(NamedTuple):
 
 
 class FaultyAnswer(NamedTuple):
-    """An answer changed by a fault: as it would have been sent, and as it was."""
+    """An answer changed by a fault: before and after."""
 
     at: float
     kind: str
@@ -53,7 +53,7 @@ class FaultyAnswer(NamedTuple):
 
 @dataclass(slots=True)
 class StationLog:
-    """What a station received and sent, in order, for tests. `reads` counts those answered."""
+    """Requests and answers of a station, in order, for tests. `reads` counts those answered."""
 
     reads: int = 0
     writes: list[AcceptedWrite] = field(default_factory=list)
@@ -73,7 +73,7 @@ Answer = tuple[str, str]
 
 
 class Device:
-    """One station: headers and texts in and out, without addresses and check bytes."""
+    """One station: takes and returns headers and texts, without addresses and check bytes."""
 
     def __init__(
         self, family: Family, face: StationModel, identity: Identity, quirks: Quirks | None = None
@@ -87,11 +87,11 @@ class Device:
         self._questions = questions(family.name, tuple(face.ports))
 
     def asked(self, header: str, text: str) -> TableRequest | None:
-        """Look up a request; None where the table does not have it."""
+        """Look up a request; None if the table does not have it."""
         return self._questions.get(header + (text if header == "R" else text[:3]))
 
     def hears(self, now: float) -> bool:
-        """Whether it receives anything; it does not while it restarts."""
+        """Return True unless it is restarting and receives nothing."""
         return now >= self._silent_until
 
     def answer(self, header: str, text: str, now: float) -> Answer | None:
@@ -118,7 +118,7 @@ class Device:
         return "N", self.quirks.refusal(f"{text[:3]}{code:05d}")
 
     def restart(self, now: float, silent_s: float = BOOT_S) -> None:
-        """Restart: volatile values are lost, and nothing is answered for `silent_s`."""
+        """Restart: volatile values are lost, and there is no answer for `silent_s`."""
         self.face.restart(now)
         self._silent_until = now + silent_s
 

@@ -1,4 +1,4 @@
-"""Applies faults by name to answers, to the cable and to the physics. Data-driven, no I/O.
+"""Apply faults by name to answers, to the cable and to the physics. Data-driven, no I/O.
 
 Times count from `start`; nothing happens before. `FaultSpec` describes each kind.
 """
@@ -62,11 +62,10 @@ class FaultSchedule:
         return taken
 
     def unplugged(self, now: float) -> bool:
-        """Whether the cable is disconnected."""
         return bool(self._outages) and any(begin <= now < end for begin, end in self._outages)
 
     def next_plugging(self, now: float) -> float | None:
-        """Return when the cable is next unplugged or plugged; None: never, or not asked yet."""
+        """Return when the cable is next unplugged or plugged; None: never, or no request yet."""
         return min(
             (moment for outage in self._outages for moment in outage if moment > now), default=None
         )
@@ -82,7 +81,7 @@ class FaultSchedule:
         ]
 
     def spoil(self, answer: bytes, faults: Sequence[FaultSpec]) -> tuple[bytes, float]:
-        """Apply faults to `answer`; return what is left (b"": silence), and the delay in s."""
+        """Apply faults to `answer`; return the result (b"": silence), and the delay in s."""
         late_s = 0.0
         for fault in faults:
             match fault.kind:
@@ -118,7 +117,6 @@ class FaultSchedule:
 
 
 def _meant(fault: FaultSpec, asked: TableRequest | None, header: str) -> bool:
-    """Whether the fault concerns this request."""
     if fault.only is not None and header != fault.only[0].upper():
         return False
     if fault.command is None and fault.port is None:

@@ -17,8 +17,8 @@ from jbclog.sim.soldering import COUNTER_ROOM, Identity, TableRequest, set_value
 from jbclog.sim.tip import NEVER, JointSchedule, SimJoint
 
 # The heater is one heat capacity that gives its heat to the air stream; the tool's thermocouple
-# measures the heater. The regulator knows the holding power and adds a proportional part, so that
-# it never overshoots. Each step is the exact exponential of its regime, so steps may be long while
+# measures the heater. The regulator knows the holding power and adds a proportional part, so it
+# never overshoots. Each step is the exact exponential of its regime, so steps may be long while
 # nothing changes.
 
 CAPACITY_J_PER_K = 15.0  # 25 to 350 °C in about ten seconds at 900 W and half the air
@@ -94,12 +94,13 @@ class Thermocouple:
 
 
 # Where the manuals are silent: cooling blows at the maximum, and ends by itself below `COLD_C`; off
-# switches off at once, without cooling; removing the tool keeps the state; a tool cycle counts each
-# switching on, a suction cycle each start of suction. The external temperature regulates nothing.
+# switches off at once, without cooling; removing the tool keeps the state; the tool cycles count
+# each switching on, the suction cycles each start of suction. The external temperature regulates
+# nothing.
 
 STEP_S = 0.05
 COLD_C = 50.0
-READY_C = 30.0  # no work begins while the air is colder than this below its setpoint
+READY_C = 30.0  # no work begins while the air is more than this below its setpoint
 LIFT_S = 1.0  # suction time for lifting a part
 NO_TOOL = 0
 NO_TOOL_ERROR, NO_THERMOCOUPLE_ERROR = 9, 4
@@ -109,8 +110,6 @@ StatusWord = tuple[int, ...]
 
 @dataclass(slots=True)
 class AirSettings:
-    """Settings."""
-
     selected_air_temperature: int
     selected_air_flow: int
     selected_external_temperature: int
@@ -119,8 +118,6 @@ class AirSettings:
 
 @dataclass(slots=True)
 class AirLimits:
-    """Limits of the settings."""
-
     maximum_air_temperature: int
     minimum_air_temperature: int
     maximum_air_flow: int
@@ -200,7 +197,7 @@ class AirStation:
         self.has_suction, self._let_go = on, inf
 
     def plug(self, tool: int) -> None:
-        """Exchange the tool for a cold one with number `tool`; 0 removes it."""
+        """Replace the tool with a cold one of number `tool`; 0 removes it."""
         self.tool_before, self.tool = self.tool, tool
         self.heater.temperature_c = self.heater.ambient_c
         self._work = None
@@ -216,7 +213,7 @@ class AirStation:
         self.changed()
 
     def factory_reset(self) -> None:
-        """Restore settings and limits; counters stay."""
+        """Restore settings and limits; keep counters."""
         self.limits = _limits()
         self.reset_settings()
 
@@ -227,7 +224,7 @@ class AirStation:
 
     @property
     def target_c(self) -> float | None:
-        """The heater's target; None where it is off."""
+        """The heater's target; None if off."""
         if self.tool == NO_TOOL or not self.is_on or self.is_cooling:
             return None
         return self.settings.selected_air_temperature + (self.runaway_by_c or 0.0) - self._offset_c
@@ -261,7 +258,9 @@ class AirStation:
         )
 
     def external_temperature(self) -> int:
-        """Return the thermocouple's temperature; 0 without one: no manual prints the value."""
+        """Return the thermocouple's temperature in °C; 0 without one: no manual prints the
+        value.
+        """
         return round(self.probe.temperature_c) if self.character.has_thermocouple else 0
 
     def power(self) -> int:
@@ -291,7 +290,7 @@ class AirStation:
         return self.character.sensor_error_c - self.adjust.get(self.tool, 0)
 
     def advance_to(self, moment: float) -> None:
-        """Simulate until `moment`; a moment in the past changes nothing."""
+        """Simulate until `moment`; ignore a moment in the past."""
         while self.now < moment:
             coarse = self.now + max(STEP_S, (self.now - self._quiet_since) / 4)
             due = min(self._work.end if self._work else self._next.start, self._let_go)
@@ -313,7 +312,7 @@ class AirStation:
             self.is_cooling, self._quiet_since = False, self.now
 
     def _turn(self) -> None:
-        """Process the due event: work begins or ends, or suction ends."""
+        """Process the due event: start or end of work, or end of suction."""
         self._quiet_since = self.now
         if self.now >= self._let_go:
             self.suck(on=False)
@@ -335,8 +334,8 @@ class AirStation:
             self._let_go = self.now + LIFT_S
 
 
-# Accepted are the status words that manual 001 prints, with and without suction; on and cooling
-# together is refused.
+# Accepts the status words that manual 001 prints, with and without suction; refuses on and cooling
+# together.
 
 PORT = 1
 
@@ -410,7 +409,7 @@ class AirModel:
                 station.plug(fault.code if begins else station.tool_before)
 
     def _holder(self, command: Command) -> object:
-        """Return the holder of a setting."""
+        """Return the object that holds a setting."""
         return self.station.settings if command.scope is Scope.PORT else self.station.limits
 
     def _range(self, command: Command) -> tuple[float, float]:

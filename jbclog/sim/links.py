@@ -1,4 +1,4 @@
-"""The links of virtual stations: pseudo-terminals and TCP ports, with a serial line's timing."""
+"""Links of virtual stations: pseudo-terminals and TCP ports, with a serial line's timing."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from typing import Protocol
 from jbclog.core.errors import UsageError
 from jbclog.core.serial_line import LineFormat
 
-# A pseudo-terminal has no line and passes bytes at any format. Linux keeps the client's rate, stop
-# bits and odd parity, but not even parity, so even and none cannot be distinguished.
+# A pseudo-terminal passes bytes at any format. Linux keeps the client's rate, stop bits and odd
+# parity, but not even parity, so even and none cannot be distinguished.
 
 with suppress(ImportError):  # Windows has no terminals
     import fcntl
     import termios
 
 
-# rates of any number; the same on all machines but MIPS, PowerPC, SPARC and Alpha
+# arbitrary rates; the same on all machines but MIPS, PowerPC, SPARC and Alpha
 TCGETS2 = 0x802C542A
 _SETTINGS = struct.Struct("4I B 19s 2I")
 
 
 def line_set(descriptor: int, like: LineFormat) -> LineFormat:
-    """Return the line format set by the client of the terminal behind `descriptor`; `like` as far
-    as it is not known.
+    """Return the line format set by the client of the terminal behind `descriptor`, completed from
+    `like`.
     """
     try:
         settings = fcntl.ioctl(descriptor, TCGETS2, bytes(_SETTINGS.size))
@@ -48,9 +48,9 @@ def line_set(descriptor: int, like: LineFormat) -> LineFormat:
     return LineFormat(baudrate, f"8{parity}{like.stop_bits}")
 
 
-# What a receiver makes of characters sent at another rate or parity, bit by bit: it waits for a
-# falling edge and samples the middle of each following bit by its own clock. It samples only the
-# first stop bit, so their number does not matter.
+# Simulates, bit by bit, how a receiver reads characters sent at another rate or parity: it waits
+# for a falling edge and samples the middle of each following bit by its own clock. It samples only
+# the first stop bit, so their number does not matter.
 
 IDLE = 1
 DATA_BITS = 8
@@ -61,7 +61,7 @@ def heard(
 ) -> bytes:
     """Return what `receiver` reads from `data`, sent without a pause by `sender`.
 
-    Characters with a wrong parity or stop bit are dropped, as a careful station does, or kept, as
+    Drops characters with a wrong parity or stop bit, as a careful station does, or keeps them, as
     Linux does with the usual settings.
     """
     if (sender.baudrate, sender.parity) == (receiver.baudrate, receiver.parity):
@@ -85,7 +85,7 @@ def _parity(ones: int, line: LineFormat) -> list[int]:
 
 
 def _received(levels: list[int], baudrate: int, receiver: LineFormat) -> Iterator[tuple[int, bool]]:
-    """Yield each character in the levels, and whether its parity and stop bit are correct."""
+    """Yield each character in the levels, and True if its parity and stop bit are correct."""
 
     def level_at(seconds: float) -> int:
         place = int(seconds * baudrate)
@@ -110,7 +110,7 @@ def _received(levels: list[int], baudrate: int, receiver: LineFormat) -> Iterato
 
 
 def _falling_edge(levels: list[int], first: int) -> int | None:
-    """Return the first place from `first` on at which the level falls to 0."""
+    """Return the first index from `first` on at which the level falls to 0."""
     before = levels[first - 1] if 0 < first <= len(levels) else IDLE
     for place in range(first, len(levels)):
         if before and not levels[place]:
@@ -120,10 +120,10 @@ def _falling_edge(levels: list[int], first: int) -> int | None:
 
 
 # epoll counts whole milliseconds, but a simulated line needs shorter waits. So select(), which
-# counts microseconds, ends each wait and watches one descriptor: that of epoll. A request arriving
-# meanwhile is noticed at once. Where possible timers are exact to the nanosecond instead of 50 µs,
-# and a long wait aims `LEAD_S` before its end, because a sleeping processor needs about as long to
-# wake.
+# counts microseconds, ends each wait and watches one descriptor, that of epoll, so that a request
+# arriving meanwhile is noticed at once. Where possible timers are exact to the nanosecond instead
+# of 50 µs, and a long wait aims `LEAD_S` before its end, because a sleeping processor needs about
+# that long to wake.
 
 Ready = Callable[[float], None]
 """Called when bytes can be read, with the time (monotonic seconds)."""
@@ -135,7 +135,7 @@ PR_SET_TIMERSLACK = 29
 
 
 def exact_timers() -> None:
-    """Let Linux end this thread's waits exactly, not up to 50 µs later."""
+    """Make Linux end this thread's waits exactly, not up to 50 µs late."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
 
@@ -174,12 +174,12 @@ class Waiter:
 
     def wake(self) -> None:
         """End a wait, from a signal handler or another thread."""
-        with suppress(BlockingIOError):  # full: it wakes as it is
+        with suppress(BlockingIOError):  # full: it wakes anyway
             os.write(self._wake_write, b".")
 
     def wake_on_signals(self) -> None:
-        """Let each signal with a handler end a wait, also one that arrives just before the wait:
-        Python would call the handler only afterwards.
+        """Let each signal with a handler end a wait, even one that arrives just before the wait,
+        whose handler Python would call only afterwards.
         """
         signal.set_wakeup_fd(self._wake_write, warn_on_full_buffer=False)
 
@@ -211,10 +211,10 @@ class Link(Protocol):
     def url(self) -> str: ...
 
     def plug_in(self, on_bytes: OnBytes) -> None:
-        """Create the port, and pass whatever is written to it to `on_bytes`."""
+        """Create the port, and pass bytes written to it to `on_bytes`."""
 
     def send(self, data: bytes) -> None:
-        """Let the client read `data`; it is lost without a client."""
+        """Send `data` to the client; lost without a client."""
 
     def pull_out(self) -> None:
         """Remove the port, as a pulled cable does."""
@@ -224,7 +224,7 @@ class PtyLink:
     """A pseudo-terminal with a symbolic link to it at `path`.
 
     Without a client the station holds the client's side open itself, so that the terminal stays
-    connected; it closes it at the first byte, to notice when the client closes, and then clears the
+    connected. It closes it at the first byte, to notice when the client closes, and then clears the
     exclusive mode, which outlives the client.
 
     If the client has set another line format than the station's, `line`, each receives what a real
@@ -379,7 +379,7 @@ def _forget(_data: bytes, _now: float) -> None:
 
 
 def _link(path: Path, target: str) -> None:
-    """Make `path` a symbolic link to `target`; only a link is replaced."""
+    """Make `path` a symbolic link to `target`; replaces only a link."""
     if path.exists() and not path.is_symlink():
         raise UsageError(f"{path} is there already and is no link; it is left alone")
     path.parent.mkdir(parents=True, exist_ok=True)

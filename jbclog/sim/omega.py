@@ -1,6 +1,6 @@
 """A virtual OMEGA: its process, and its answers.
 
-It answers after a random 0 to 250 ms, or after `turnaround_ms` if the line file has it. A wrong
+It answers after a random 0 to 250 ms, or after `turnaround_ms` if the line file sets it. A wrong
 sum, an unknown command, an unknown number and a value out of range get no answer (003, 11.2;
 docs/reference/protocol.md). H is answered when the joint is completed, however late.
 """
@@ -39,8 +39,8 @@ from jbclog.sim.virtual import FaultyStation, LineTiming, Reply
 
 # Where no document describes a controller: it prepares for `WARM_UP_S` after switching on; its
 # temperature leaves the range in the later part of each joint and is back at its end; a condition
-# takes as long as its times and its feeds, and 0 mm/s moves nothing; its wire moves at most at
-# `MOST_MM_S`. That proves nothing about a real one.
+# takes as long as its times and its feeds, and 0 mm/s moves nothing; its solder wire moves at most
+# at `MOST_MM_S`. That proves nothing about a real one.
 
 WARM_UP_S = 5.0
 DIPS_AFTER = 0.4  # share of a joint after which its temperature leaves the range
@@ -110,7 +110,7 @@ class OmegaPlant:
         return [(self._joint.start, self._joint.end), (self._run_from, self._run_to)]
 
     def takes(self, value: StoredRecord) -> bool:
-        """Whether every field is in its range."""
+        """Return True if every field is in its range."""
         return all(float(text) <= MOST_MM_S for _, unit, text in value.values() if unit == "mm/s")
 
     def store(self, value: StoredRecord) -> None:
@@ -128,7 +128,7 @@ class OmegaPlant:
 
 
 def seconds_of(condition: StoredRecord, *, first_stage: bool = False) -> float:
-    """Return the duration of its joint; of a slide only the first stage."""
+    """Return the duration of its joint in seconds; of a slide only the first stage."""
     if isinstance(condition, Cleaning):
         return condition.air_blow_s
     if not isinstance(condition, ConditionRecord):
@@ -156,7 +156,7 @@ SET_C = 350  # of condition 399, which sets a temperature
 
 
 class VirtualOmega(FaultyStation):
-    """One controller, switched on at `now`. `log` is its own log, `plant` its machine."""
+    """One controller, switched on at `now`. `log` is its log, `plant` its machine."""
 
     def __init__(self, spec: StationSpec, *, now: float) -> None:
         sim = spec.sim or SimSpec()
@@ -261,7 +261,7 @@ class VirtualOmega(FaultyStation):
     def _send(
         self, text: str, struck: list[FaultSpec], after: float, *, by_itself: bool = False
     ) -> list[Reply]:
-        """Send an answer, after applying its faults. An unsolicited message waits for no answer."""
+        """Send an answer after applying its faults. An unsolicited message waits for no answer."""
         clean = encode(text)
         sent, late_s = self.faults.spoil(clean, struck)
         self.log.struck.extend(FaultyAnswer(after, fault.kind, clean, sent) for fault in struck)
@@ -321,7 +321,7 @@ def _stored(station: str, sim: SimSpec) -> dict[int, StoredRecord]:
 
 
 def _check_names(station: str, sim: SimSpec) -> None:
-    """Refuse a name that does not exist, and would silently have no effect."""
+    """Reject a name that does not exist, because it would silently have no effect."""
     wrong = [f"counters: {name}" for name in sim.counters]
     wrong += [f"quirks: {name}" for name in sim.quirks if name not in OMEGA_QUIRKS]
     wrong += [f"fault {fault.kind}" for fault in sim.fault if fault.kind not in KINDS]

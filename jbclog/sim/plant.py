@@ -36,7 +36,7 @@ def fresh_feeder() -> FeederSettings:
 
 @dataclass(slots=True)
 class Feeder:
-    """Motor and counters. `settings` apply to a feed from its start on."""
+    """Motor and counters. A feed uses the `settings` at its start."""
 
     settings: FeederSettings = field(default_factory=fresh_feeder)
     fed_mm: float = 0.0
@@ -47,7 +47,7 @@ class Feeder:
     _speed: float = 1.0
 
     def start(self, now: float) -> None:
-        """Start feeding; without effect while running."""
+        """Start feeding; no effect while running."""
         if self.motor(now) != 0:
             return
         self._count()
@@ -61,7 +61,6 @@ class Feeder:
         self._stopped = self._forward_until + self.settings.feeder_backward / self._speed
 
     def stop(self, now: float) -> None:
-        """Stop the motor."""
         self._forward_until = min(self._forward_until, now)
         self._stopped = min(self._stopped, now)
         self._count()
@@ -95,15 +94,13 @@ AMBIENT_C = 23.0
 
 @dataclass(slots=True)
 class StationSettings:
-    """Settings of the station itself."""
-
     maximum_temperature: int
     minimum_temperature: int
 
 
 @dataclass(slots=True)
 class Plant:
-    """A station since `began`. `start_counts` are its counters at that time, by command name."""
+    """A station since `began`. `start_counts` are its counters then, by command name."""
 
     began: float
     ports: dict[int, SimPort]
@@ -124,7 +121,7 @@ class Plant:
             port.advance_to(moment)
 
     def transformer_temperature(self, now: float) -> float:
-        """Return the temperature in °C, by the energy of all ports."""
+        """Return the temperature in °C, computed from the energy of all ports."""
         self.advance_to(now)
         return self.transformer.temperature_c(
             now, sum(port.energy_j for port in self.ports.values())
@@ -170,7 +167,7 @@ class Plant:
             port.restart()
 
     def factory_reset(self, now: float) -> None:
-        """Restore factory settings; counters stay."""
+        """Restore factory settings; keep counters."""
         self.settings = replace(self.factory)
         self.feeder.stop(now)
         self.feeder.settings = fresh_feeder()

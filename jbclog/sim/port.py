@@ -1,9 +1,9 @@
 """One port of a virtual station: its tool, settings, states and hours.
 
-Stand keeps the selected temperature, sleep the sleep temperature; hibernation has the heater off,
-and so has the extractor state of robots unless `extractor_cools` is false. A port is simulated only
-on demand: its steps grow from 50 ms while nothing happens, and end at each joint and each change of
-state. All classes have slots, so a misspelt attribute raises.
+Stand keeps the selected temperature, sleep the sleep temperature. In hibernation the heater is off,
+and so it is in the extractor state of robots unless `extractor_cools` is false. A port is simulated
+only on demand: its steps grow from 50 ms while nothing happens, and end at each joint and each
+change of state. All classes have slots, so a misspelt attribute raises.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class ToolState:
 
 
 STEP_S = 0.05
-READY_C = 30.0  # no joint begins while the tip is colder than this below its target
+READY_C = 30.0  # no joint begins while the tip is more than this below its target
 NO_TOOL = 0
 NO_TOOL_ERROR = 4
 
@@ -174,7 +174,7 @@ class SimPort:
         self.changed()
 
     def plug(self, tool: int) -> None:
-        """Exchange the tool for a cold one with number `tool`; 0 removes it."""
+        """Replace the tool with a cold one of number `tool`; 0 removes it."""
         self.tool_before, self.tool = self.tool, tool
         self.tip.temperature_c = self.tip.ambient_c
         self._load = None
@@ -185,13 +185,12 @@ class SimPort:
         self.changed()
 
     def factory_reset(self) -> None:
-        """Restore factory settings."""
         self.settings, self.tools = _port_settings(), _tool_settings()
         self.stored_c = self.settings.selected_temperature
         self.restart()
 
     def restart(self) -> None:
-        """Lose what is volatile: selected temperature, state and alarm flags."""
+        """Lose volatile values: selected temperature, state and alarm flags."""
         self.settings.selected_temperature = self.stored_c
         self.high, self.low = Comparator(), Comparator()
         self.order(WORKING, True)
@@ -231,7 +230,7 @@ class SimPort:
         return NO_TOOL_ERROR if self.tool == NO_TOOL else self.error
 
     def seconds_to_sleep(self) -> int | None:
-        """Return the seconds to the next automatic change of state; None for none."""
+        """Return the seconds to the next automatic change of state, or None."""
         due = self.doing.due(self.tools[self.tool])
         return None if due == inf or self.tool == NO_TOOL else max(round(due - self.now), 0)
 
@@ -239,7 +238,7 @@ class SimPort:
         return self.transistor.temperature_c(self.now, self.energy_j)
 
     def advance_to(self, moment: float) -> None:
-        """Simulate until `moment`; a moment in the past changes nothing."""
+        """Simulate until `moment`; ignore a moment in the past."""
         while self.now < moment:
             coarse = self.now + max(STEP_S, (self.now - self._quiet_since) / 4)
             self._step(min(moment, self._due, coarse))
@@ -269,7 +268,7 @@ class SimPort:
             self.low.see(limit - before, limit - after, seconds, self.now, settings.alarm_low_delay)
 
     def _turn(self) -> None:
-        """Process the due event: the next state, or the begin or end of a joint."""
+        """Process the due event: the next state, or the start or end of a joint."""
         if self.now >= self.doing.due(self.tools[self.tool]):
             self.doing.next_state(self.now)
         elif self._load is not None:

@@ -1,4 +1,4 @@
-"""Virtual stations in a separate process, for the duration of a `with`."""
+"""Virtual stations in a separate process, for the duration of a `with` block."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ END_S = 5.0
 
 
 class SimProcess:
-    """Serves the stations of the line file at `line` below `folder`; `line_path` is the line file
+    """Serve the stations of the line file at `line` below `folder`; `line_path` is the line file
     for a run.
 
     The process ends with the `with` block, and also, by the end of its stdin, when this process
-    dies. Raises `UsageError` where the stations cannot be served.
+    dies. Raises `UsageError` if the stations cannot be served.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class SimProcess:
 
     @property
     def pid(self) -> int | None:
-        """The id of the serving process, if there is one."""
+        """Id of the serving process; None if there is none."""
         return self._process.pid if self._process else None
 
     def __enter__(self) -> Self:
@@ -75,7 +75,7 @@ class SimProcess:
 
 
 def _first_line(process: subprocess.Popen[str]) -> str:
-    """Read the line that says that all ports exist."""
+    """Read the line that reports that all ports exist."""
     if process.stdout is None or process.stderr is None:
         raise UsageError("the virtual stations have no output")
     with selectors.DefaultSelector() as selector:

@@ -1,9 +1,9 @@
-"""Quirks by name: how a station may depart from the recommended form where the manuals contradict
+"""Quirks by name: deviations of a station from the recommended form where the manuals contradict
 each other.
 
-``[station.sim] quirks = ["addresses_swapped", "hex_with_0x"]`` in a line file. Each is the
-alternative of one row of docs/reference/contradictions.md: it changes requests, answers, addresses
-or the initial physics, but no values.
+A line file selects them: ``[station.sim] quirks = ["addresses_swapped", "hex_with_0x"]``. Each is
+the alternative of one row of docs/reference/contradictions.md: it changes requests, answers,
+addresses or the initial physics, but no values.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ class ParsedRequest(NamedTuple):
 
     @property
     def data(self) -> str:
-        """The data of a write."""
         return self.text[len(self.asked.code) :]
 
 
@@ -47,12 +46,12 @@ error.
 """
 
 Say = Callable[[ParsedRequest, str], str | None]
-"""Maps the characters after the A of an answer to those that are sent; None is silence."""
+"""Maps the characters after the A of an answer to those sent; None is silence."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quirk:
-    """One departure; a field that is None keeps the recommended form. `number` is its B-number.
+    """One deviation; a field that is None keeps the recommended form. `number` is its B-number.
 
     `addresses` returns those of an answer, given the usual ones, the station's present address, and
     whether the answer acknowledges a change of address.
@@ -226,8 +225,6 @@ QUIRKS: Mapping[str, Quirk] = MappingProxyType(
 
 
 class Quirks:
-    """All quirks of one station."""
-
     def __init__(self, names: Sequence[str] = ()) -> None:
         self._quirks = [QUIRKS[name] for name in names]
         self.refuses_others = any(quirk.refuses_others for quirk in self._quirks)
@@ -239,7 +236,9 @@ class Quirks:
                 quirk.begin(face)
 
     def hear(self, question: str) -> str | int:
-        """Return the request as the station takes it, or the communication error of its refusal."""
+        """Return the request as the station interprets it, or the communication error of its
+        refusal.
+        """
         heard: str | int = question
         for quirk in self._quirks:
             if quirk.hear is not None and isinstance(heard, str):

@@ -1,4 +1,6 @@
-"""Reads a serial capture: requests with their answers, and the answers that its session took."""
+"""Reads a serial capture: requests with their answers, and the answers that its session
+accepted.
+"""
 
 from __future__ import annotations
 
@@ -15,25 +17,25 @@ from jbclog.protocol.commands.robot import READINGS
 from jbclog.protocol.frame import Frame, FrameReader
 from jbclog.protocol.omega import OmegaReader
 
-# A write changes later answers. So a capture is divided at its writes into *stretches*: within one,
-# the same writes came before. A write repeated because its answer was lost begins no new stretch. A
-# stretch also begins at the first tick of sampling, where the clocks of capture and client are
-# synchronized.
+# A write changes later answers. So a capture is divided at its writes into *stretches*: all
+# requests in one follow the same writes. A write repeated because its answer was lost begins no new
+# stretch. A stretch also begins at the first tick of sampling, where the clocks of capture and
+# client are synchronized.
 
 EARLY_S = 1e-3  # tolerance before a tick
-ON_TIME = 0.05  # share of the period in which an undisturbed tick begins
+ON_TIME = 0.05  # the part of the period in which an undisturbed tick begins
 
 
 class RecordedGrid(NamedTuple):
-    """The sampling grid of a recorded station: when its first tick was due, on the recorder's
-    clock, and its period.
+    """Sampling grid of a recorded station: when its first tick was due, on the recorder's clock,
+    and its period.
     """
 
     first_s: float
     period_s: float
 
     def is_on_time(self, at_s: float) -> bool:
-        """Whether a tick is due at this time, or slightly earlier."""
+        """Return True if a tick is due at this time, or slightly earlier."""
         return (
             at_s - self.first_s >= -EARLY_S
             and (at_s - self.first_s + EARLY_S) % self.period_s < ON_TIME * self.period_s
@@ -48,8 +50,8 @@ class RecordedGrid(NamedTuple):
 class Exchange:
     """One recorded request, and what followed until the next; seconds count from the request.
 
-    `at_s` is its time on the recorder's clock; `stretch` the number of its stretch. It `was_late`
-    where nothing had come when the session stopped waiting; what came then was not accepted.
+    `at_s` is its time on the recorder's clock; `stretch` the number of its stretch. `was_late`:
+    nothing had come when the session stopped waiting, and what came then was not accepted.
     """
 
     question: bytes
@@ -61,12 +63,12 @@ class Exchange:
     was_late: bool = False
 
     def lost(self, after_s: float) -> None:
-        """Note that the link was lost, or is still down."""
+        """Record that the link was lost, or is still down."""
         self.lost_s, self.back_s = after_s if self.lost_s is None else self.lost_s, inf
 
 
 def is_write(question: bytes) -> bool:
-    """Whether it may change anything in the station."""
+    """Return True if the request may change anything in the station."""
     return not (frame.only_reads(question) or omega.only_reads(question))
 
 
@@ -89,7 +91,7 @@ class _Stretches:
 
 
 def exchanges(rows: Iterable[CaptureRow], sampling_s: float | None = None) -> Iterator[Exchange]:
-    """Yield the exchanges of a capture, in order. Bytes before the first request are dropped."""
+    """Yield the exchanges of a capture, in order. Drops bytes before the first request."""
     one, down_since, stretches = None, 0.0, _Stretches(sampling_s)
     for row in rows:
         if isinstance(row, ResultRow):
@@ -107,7 +109,7 @@ def exchanges(rows: Iterable[CaptureRow], sampling_s: float | None = None) -> It
             one.lost(row.at_s - one.at_s)
             down_since = row.at_s
         elif row.what == "opened" and one.lost_s is not None and one.back_s == inf:
-            # between the last failed try and this one
+            # between the last failed attempt and this one
             one.back_s = (down_since + row.at_s) / 2 - one.at_s
     if one is not None:
         yield one
@@ -115,14 +117,14 @@ def exchanges(rows: Iterable[CaptureRow], sampling_s: float | None = None) -> It
 
 @dataclass(slots=True)
 class Contents:
-    """A summary of a capture: its requests, the first of each stretch, the time of the last, and
+    """Summary of a capture: its requests, the first of each stretch, the time of the last, and
     those after which the link was lost.
     """
 
     known: Counter[bytes] = field(default_factory=Counter)
     firsts: list[bytes] = field(default_factory=list)
     last_s: float = -inf
-    sampled: bytes = b""  # the first request of the first tick; empty if not known
+    sampled: bytes = b""  # the first request of the first tick; empty if unknown
     losses: list[Exchange] = field(default_factory=list)
 
     @classmethod
@@ -151,14 +153,14 @@ class Contents:
 LOOK_S = 0.25
 RETRY_S = 1.0  # the same after a garbled answer: a time-out, and a probe's answer
 MOST = 9  # three looks, each with three tries
-# up to so many answers the last one was accepted: without doubt, or there was a third
+# up to this number of answers the last one was accepted: without doubt, or there was a third
 BELIEVED_AT_ONCE = 2
 
 CLEARED = tuple(command.letters for command in READINGS if command.effect is Effect.CLEARS)
 
 
 def is_understood(one: Exchange) -> bool:
-    """Whether a correct frame arrived in time."""
+    """Return True if a correct frame arrived in time."""
     if one.was_late:
         return False
     heard = received(one)
@@ -170,7 +172,7 @@ def is_understood(one: Exchange) -> bool:
 
 
 def has_flags(one: Exchange) -> bool:
-    """Whether the answer has flags that the station clears when they are read."""
+    """Return True if the answer has flags that the station clears when they are read."""
     heard = FrameReader().feed(received(one))
     found = next(
         (answer for answer in heard if isinstance(answer, Frame) and answer.header == "A"), None
@@ -208,7 +210,6 @@ class RetryGroup:
         return any(has_flags(one) for one in self.all)
 
     def includes(self, one: Exchange, number: int) -> bool:
-        """Whether `one` belongs to this group."""
         last, behind = self.all[-1], number - self.number
         if (
             (one.question, one.stretch) != (self.question, self.stretch)
@@ -220,7 +221,7 @@ class RetryGroup:
         return gap_s < LOOK_S if behind == 1 else gap_s < RETRY_S and not self.is_over(number - 1)
 
     def is_over(self, number: int) -> bool:
-        """Whether a request after that number cannot belong to this group."""
+        """Return True if a request after that number cannot belong to this group."""
         return number - self.number >= (1 if self.is_understood else 2)
 
     def add(self, one: Exchange, number: int) -> None:
@@ -228,7 +229,7 @@ class RetryGroup:
         self.number, self.is_understood = number, is_understood(one)
 
     def believed(self, before: Exchange | None) -> Exchange | None:
-        """Return the accepted answer, which is `before` where none of these was."""
+        """Return the accepted answer, or `before` if none of these was."""
         last = self.all[-1]
         if before is None:
             return last if last.replies else None
@@ -242,7 +243,9 @@ class RetryGroup:
 def retry_groups(
     recording: Iterable[Exchange], ticks: RecordedGrid | None = None, sampled: bytes = b""
 ) -> Iterator[RetryGroup]:
-    """Yield the groups of a capture, by their begin. Ticks begin with the request `sampled`."""
+    """Yield the groups of a capture, in order of their starts. Ticks begin with the request
+    `sampled`.
+    """
     waiting: list[RetryGroup] = []
     for number, one in enumerate(recording):
         group = next((group for group in waiting if group.includes(one, number)), None)
@@ -256,7 +259,7 @@ def retry_groups(
 
 
 def _is_next_tick(ticks: RecordedGrid | None, group: RetryGroup, one: Exchange) -> bool:
-    """Whether a tick begins here, which matters where a station has only one signal."""
+    """Whether a tick begins here, which matters if a station has only one signal."""
     return (
         ticks is not None
         and ticks.is_on_time(one.at_s)

@@ -1,8 +1,8 @@
 """A recorded station, replayed from its capture without I/O: each request gets its recorded answer.
 
 Answers come as recorded, with their delay: whole, in pieces, corrupt, late, twice, or not at all.
-Where the link was lost after a request, it is lost again, for the same time, and on a sampling grid
-also for a client that left out this request. The rules:
+If the link was lost after a request, it is lost again, for the same time, and on a sampling grid
+even for a client that skipped this request. The rules:
 
 1. Each request has its own queue of answers, and each repetition takes the next: so a client with a
    slightly different order of requests gets the same values.
@@ -11,16 +11,16 @@ also for a client that left out this request. The rules:
    it left out.
 3. The clocks of client and capture run alike. Time that a host loses in passing bytes on is
    subtracted from the next answer, except from one that came too late, which must not
-   come in time now. An answer well before the client's time is skipped where a later
+   come in time now. An answer well before the client's time is skipped if a later
    one is nearer, which `left_out` counts: a client that missed a tick gets the values of its
    present tick.
 4. A request and its second and third look are one group (`retry_groups`), replayed in order or
    skipped as a whole: an answer that the recording contradicts right after is never given without
    the contradiction.
-5. A request repeated more often than recorded gets the accepted answer at this place of the
+5. A request repeated more often than recorded gets the accepted answer at this position of the
    capture, which `repeated` counts. Alarm flags, which a station holds until they are read, are
-   neither given twice nor skipped. After the end of the capture there is silence, and so there is
-   for a request that was never recorded, which `strange` counts: nothing is made up.
+   neither given twice nor skipped. After the end of the capture there is silence, as for a request
+   that was never recorded, which `strange` counts: nothing is made up.
 """
 
 from __future__ import annotations
@@ -50,22 +50,22 @@ LATELY = 16  # exchanges for comparing the two clocks
 NEAR = 0.25
 MADE_GOOD_S = 0.02  # maximum difference of a request's time that its answer compensates
 LEFT = 0.5  # minimum share of a recorded delay
-# of a loss that the client missed: until it begins, and the shortest
+# of a loss that the client missed: time until it begins, and shortest duration
 SOON_S, SHORTEST_S = 1e-3, 0.05
-# after the last recorded request, in which the last answers still count for a client that runs a
-# little longer
+# after the last recorded request; in this time the last answers still count for a client that runs
+# a little longer
 OVER_S = 5.0
-AGAIN = 3  # repetitions of the last answer where the capture may be over
+AGAIN = 3  # repetitions of the last answer if the capture may be over
 
 
 class ReplayedStation:
-    """A station that replays `rows`, which are read when needed.
+    """A station that replays `rows`, read when needed.
 
-    Recorded delays include the passing of bytes between programs; where that happens again, on a
-    port, each answer begins `early_s` before its time. `ticks` is the sampling grid, if known.
+    Recorded delays include the passing of bytes between programs; if that happens again, on a port,
+    each answer begins `early_s` before its time. `ticks` is the sampling grid, if known.
 
     `strange` counts requests that were never recorded, `repeated` those that came more often than
-    recorded, `left_out` recorded ones that the client has skipped.
+    recorded, `left_out` recorded ones that the client skipped.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class ReplayedStation:
         # the rest of the present group
         self._left: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)
         self._last: dict[bytes, Exchange] = {}
-        self._believed: dict[bytes, Exchange] = {}
+        self._accepted: dict[bytes, Exchange] = {}
         self._asked, self._asked_at = b"", -inf  # the previous request
         self._starts = {
             question[:length]
@@ -99,14 +99,14 @@ class ReplayedStation:
         self._lengths = sorted({len(question) for question in self._contents.known}, reverse=True)
         self._heard = b""
         self._outages: list[tuple[float, float]] = []
-        self._lost_after: set[float] = set()  # times of the exchanges that these came after
+        self._lost_after: set[float] = set()  # times of the exchanges after which the link was lost
         self._stretch = 0
         self._again: Counter[bytes] = Counter()  # as `repeated`, in this stretch
-        # clock of the capture minus the client's, of the last exchanges
+        # clock of the capture minus the client's, at the last exchanges
         self._offsets: deque[float] = deque(maxlen=LATELY)
-        # the same, of requests that began a tick on time
+        # the same, at requests that began a tick on time
         self._tick_offsets: deque[float] = deque(maxlen=LATELY)
-        self._is_in_time = False  # whether the offsets determine the place in the capture
+        self._is_in_time = False  # the offsets determine the position in the capture
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
         """Return the answers to `data` written at `now`: bytes, each with its time of arrival."""
@@ -119,7 +119,6 @@ class ReplayedStation:
         return [reply for reply in replies if not self.is_unplugged(reply.at)]
 
     def is_unplugged(self, now: float) -> bool:
-        """Whether the link is lost."""
         return any(begin <= now < end for begin, end in self._outages)
 
     def next_plugging(self, now: float) -> float | None:
@@ -130,7 +129,7 @@ class ReplayedStation:
         )
 
     def _questions(self, data: bytes) -> Iterator[bytes]:
-        """Yield the known requests received; part of one is kept until the rest arrives."""
+        """Yield the known requests received; an incomplete one is kept until the rest arrives."""
         self._heard += data
         dropped = False
         while self._heard and self._heard not in self._starts:
@@ -154,7 +153,7 @@ class ReplayedStation:
             return []
         one = self._next(question, now)
         if one is None:
-            one, behind_s = self._once_more(question, now), 0.0
+            one, behind_s = self._repeated_answer(question, now), 0.0
         else:
             behind_s = self._behind_s(one, now)
             self._note(one, now)
@@ -184,7 +183,7 @@ class ReplayedStation:
             self._begin(found)
 
     def _written(self, question: bytes) -> int | None:
-        """Return the next stretch that begins with this write; None where it belongs to the present
+        """Return the next stretch that begins with this write; None if it belongs to the present
         one, or to none.
         """
         firsts = self._contents.firsts
@@ -200,14 +199,16 @@ class ReplayedStation:
         )
 
     def _sampled(self, question: bytes) -> int | None:
-        """Return the next stretch, if it begins with the first tick and the client is there."""
+        """Return the next stretch, if it begins with the first tick and the client has reached
+        it.
+        """
         firsts, number = self._contents.firsts, self._stretch + 1
         if number >= len(firsts) or is_write(firsts[number]) or self._is_waited_for(question):
             return None
         return number if firsts[number] == question or self._again[question] >= AGAIN else None
 
     def _begin(self, stretch: int) -> None:
-        """Enter a stretch and skip what lies before it."""
+        """Enter a stretch, skipping everything before it."""
         self._stretch = stretch
         self._again.clear()
         for row in self._rows.values():
@@ -224,11 +225,13 @@ class ReplayedStation:
         self._is_in_time = False  # off the grid times depend on the host: only the order counts
 
     def _is_waited_for(self, question: bytes) -> bool:
-        """Whether the present stretch still has this request."""
+        """Return True if the present stretch still has this request."""
         return bool(self._left[question]) or self._reach(question, 1)
 
     def _reach(self, question: bytes, count: int, until_s: float = inf) -> bool:
-        """Read on until `count` groups of that request wait, or to a time, within this stretch."""
+        """Read ahead until `count` groups of that request wait, or to a time, within this
+        stretch.
+        """
         row = self._rows[question]
         while len(row) < count:
             one = self._ahead
@@ -248,11 +251,11 @@ class ReplayedStation:
             return None
         self._leave(left, now)
         if is_in_time:
-            self._pass_over(row, question, now)
+            self._skip_groups(row, question, now)
         return self._begin_group(row.popleft())
 
     def _is_at(self, question: bytes, now: float) -> bool:
-        """Whether the client is still at the present group."""
+        """Return True if the client is still at the present group."""
         if not (self._is_in_time and self._offsets) or self._is_next_look(question, now):
             return True
         time_s, left_s, row = self._time(now), self._left[question][0].at_s, self._rows[question]
@@ -262,13 +265,13 @@ class ReplayedStation:
         )
 
     def _is_next_look(self, question: bytes, now: float) -> bool:
-        """Whether the client repeats the request right after its answer."""
+        """Return True if the client repeats the request right after its answer."""
         last = self._last.get(question)
         answered_s = last.replies[-1][0] if last is not None and last.replies else 0.0
         return question == self._asked and now - self._asked_at - answered_s < LOOK_S
 
     def _reach_due(self, question: bytes, now: float) -> bool:
-        """Whether there is a next group, and the client has reached it."""
+        """Return True if there is a next group, and the client has reached it."""
         last, row = self._last.get(question), self._rows[question]
         if last is None or last.stretch != self._stretch:
             return self._reach(question, 1)
@@ -278,7 +281,7 @@ class ReplayedStation:
         far_s = last.at_s + max(gone_s, 0.0) / NEAR
         return self._reach(question, 1, far_s) and row[0].at_s <= far_s
 
-    def _pass_over(self, row: deque[RetryGroup], question: bytes, now: float) -> None:
+    def _skip_groups(self, row: deque[RetryGroup], question: bytes, now: float) -> None:
         """Skip the groups before the client's time."""
         time_s = self._time(now)
         while self._reach(question, 2, 2 * time_s - row[0].at_s) and self._is_nearer(
@@ -298,18 +301,17 @@ class ReplayedStation:
         """Return the first of a group; the others wait."""
         question, (first, *others) = group.question, group.all
         self._left[question].extend(others)
-        believed = group.believed(self._believed.get(question))
+        believed = group.believed(self._accepted.get(question))
         if believed is not None:
-            self._believed[question] = believed
+            self._accepted[question] = believed
         return first
 
     @staticmethod
     def _is_nearer(time_s: float, first_s: float, second_s: float) -> bool:
-        """Whether the second of two moments is nearer."""
         return time_s > second_s - NEAR * (second_s - first_s)
 
-    def _once_more(self, question: bytes, now: float) -> Exchange:
-        """Return the answer at this place of the capture."""
+    def _repeated_answer(self, question: bytes, now: float) -> Exchange:
+        """Return the answer at this position of the capture."""
         self.repeated[question] += 1
         self._again[question] += 1
         is_over = self._is_in_last_stretch() and (
@@ -321,31 +323,31 @@ class ReplayedStation:
         return (
             silence
             if is_over and self._again[question] > AGAIN
-            else self._still_said(question, silence)
+            else self._accepted_answer(question, silence)
         )
 
     def _is_in_last_stretch(self) -> bool:
-        """Whether no recorded write or first tick is still to come: before it the capture cannot be
-        over, however often a client with a busy host asks again.
+        """Return True if no recorded write or first tick is still to come: before it the capture
+        cannot be over, however often a client with a busy host asks again.
         """
         return self._stretch + 1 >= len(self._contents.firsts)
 
-    def _still_said(self, question: bytes, silence: Exchange) -> Exchange:
+    def _accepted_answer(self, question: bytes, silence: Exchange) -> Exchange:
         """Return the accepted answer; for flags that reading clears, the next one if cleared."""
-        one = self._believed.get(question, silence)
+        one = self._accepted.get(question, silence)
         if not has_flags(one) or not self._reach(question, 1):
             return one
         after = self._rows[question][0]
         return one if after.has_flags else after.all[-1]
 
     def _note(self, one: Exchange, now: float) -> None:
-        """Note the exchange: it sets the place in the capture, and the state of the link."""
+        """Register the exchange: it sets the place in the capture, and the state of the link."""
         self._last[one.question] = one
         self._set_clock(one, one.at_s - now)
         self._lose(one, now)
 
     def _set_clock(self, one: Exchange, offset: float) -> None:
-        """Synchronize the clocks, on a grid by requests that began ticks in time."""
+        """Synchronize the clocks; on a grid, by requests that began ticks in time."""
         self._offsets.append(offset)
         ticks = self._ticks
         if ticks is None:
@@ -361,8 +363,8 @@ class ReplayedStation:
             self._outages.append((now + one.lost_s, now + one.back_s))
 
     def _loses_link(self, now: float) -> bool:
-        """Lose the link if the client's time has passed a loss: a busy client left out the request
-        before it, and there is nothing to repeat from after it.
+        """Lose the link if the client's time has passed a loss whose request a busy client left
+        out; return whether it was.
         """
         if not self._tick_offsets:
             return False
@@ -375,7 +377,7 @@ class ReplayedStation:
         return bool(missed)
 
     def _is_missed(self, one: Exchange, time_s: float) -> bool:
-        """Whether the link should have been lost after this exchange at `time_s`."""
+        """Return True if the link should have been lost after this exchange at `time_s`."""
         return (
             one.lost_s is not None
             and one.stretch == self._stretch

@@ -1,4 +1,4 @@
-"""Serves virtual stations on their links, in one thread.
+"""Serve virtual stations on their links, in one thread.
 
 An answer is sent whole at the time when its last byte would arrive on a real line.
 """
@@ -23,7 +23,7 @@ from jbclog.sim.virtual import Reply
 
 
 class ByteLog:
-    """Logs the bytes of all served stations as JSON lines, for tests and troubleshooting.
+    """Log the bytes of all served stations as JSON lines, for tests and troubleshooting.
 
     ``{"t": 123.4, "station": "dde-1", "kind": "question", "text": "0001RTT1", "hex": "02..."}``:
     `t` is in monotonic seconds; `kind` is question, answer, unplugged or plugged; `text` has the
@@ -122,7 +122,7 @@ class Server:
             signal.signal(number, lambda *_: self.stop())
 
     def stop_at_end_of(self, descriptor: int) -> None:
-        """End `run` when the writer of `descriptor` is gone."""
+        """End `run` when the writer of `descriptor` has closed it."""
         self._waiter.add(descriptor, partial(self._read_to_end, descriptor))
 
     def _read_to_end(self, descriptor: int, _now: float) -> None:

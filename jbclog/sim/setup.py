@@ -1,4 +1,4 @@
-"""Sets up virtual stations from a line file."""
+"""Set up virtual stations from a line file."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ from jbclog.sim.virtual import VirtualStation
 
 
 def virtual_station(spec: StationSpec, *, now: float) -> VirtualStation | VirtualOmega:
-    """Return the virtual station that a line file describes, switched on at `now`. Raises
-    `UsageError` where there is none.
+    """Return the virtual station that a line file describes, switched on at `now`.
+
+    Raises `UsageError` for a station that cannot be virtual.
     """
     family = FAMILIES.get(spec.family)
     if family is not None and family.protocol == OMEGA:
@@ -60,8 +61,8 @@ def set_up(
     serves them.
 
     `stations` are served, in the line's order; by default the virtual ones that the line describes.
-    `replay` is the pace of a recorded run. Raises `UsageError` where a station cannot be virtual or
-    a link cannot be made.
+    `replay` is the pace of a recorded run. Raises `UsageError` if a station cannot be virtual or a
+    link cannot be created.
     """
     allow_descriptors(DESCRIPTORS_EACH * len(line.stations) + DESCRIPTORS_BESIDE)
     served_line = folder / SERVED_LINE
@@ -86,7 +87,7 @@ def set_up(
 
 
 def _expect_place(served_line: Path, line: Line) -> None:
-    """Raise `UsageError` where the line file for the run must not be written."""
+    """Raise `UsageError` if the line file for the run must not be written."""
     if os.path.realpath(served_line) == os.path.realpath(line.path):
         raise UsageError(
             f"{line.path} would be overwritten with the line file for the run; choose another"

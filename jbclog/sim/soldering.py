@@ -21,7 +21,7 @@ from jbclog.sim.port import SimPort
 
 @dataclass(frozen=True, slots=True)
 class TableRequest:
-    """One request of the table: `code` is its code, `port` and `tool` are 0 where it has none."""
+    """A request of the table; `port` and `tool` are 0 if it has none."""
 
     command: Command
     code: str
@@ -61,8 +61,6 @@ COUNTER_ROOM = 100_000  # counters have five digits and roll over; no manual say
 
 @dataclass(slots=True)
 class Identity:
-    """A station's identity."""
-
     model: str
     software: str
     address: int | None
@@ -131,13 +129,13 @@ _DELAY = re.compile(r"\d\d\.\d\d|99999", re.ASCII)
 
 
 def well_formed(command: Command, data: str) -> bool:
-    """Whether `data` has the form of this command's data, whatever the value."""
+    """Return True if `data` has the form of this command's data, whatever the value."""
     form = _DELAY if isinstance(command.quantity, AlarmDelay) else _NUMBER
     return len(data) == 5 and form.fullmatch(data) is not None
 
 
 def is_beyond_inferred(command: Command, value: Value) -> bool:
-    """Whether the value exceeds a limit that only another manual prints."""
+    """Return True if the value exceeds a limit that only another manual prints."""
     return command.inferred is not None and command.inferred.limits.problem(value) is not None
 
 
@@ -170,7 +168,7 @@ def _apply_to_station(name: str, value: Value, plant: Plant, now: float) -> None
 
 
 class StationModel(Protocol):
-    """The physics of one kind of station, for the device. Times are monotonic seconds, `port` is 0
+    """The physics of one kind of station, for the device. Times are monotonic seconds; `port` is 0
     for the station itself.
     """
 
@@ -185,7 +183,7 @@ class StationModel(Protocol):
         """Return the value of an answer to `asked`; OFF is sent as 99999."""
 
     def allowed(self, command: Command, value: Value) -> bool:
-        """Whether the station accepts this value of a well-formed write."""
+        """Return True if the station accepts this value of a well-formed write."""
 
     def apply(self, asked: TableRequest, value: Value, now: float) -> None:
         """Apply an accepted write."""

@@ -14,7 +14,7 @@ from random import Random
 
 from jbclog.core.quantities import Off
 
-# Joints follow each other evenly, scattered a little by the seed; the n-th joint is always the
+# Joints follow each other evenly, with a little jitter from the seed; the n-th joint is always the
 # same, so that a run can be repeated.
 
 LOAD_W_PER_K = 0.35
@@ -24,7 +24,7 @@ MOST_OF_PERIOD = 0.6  # maximum duration of a joint, as a share of the time betw
 
 @dataclass(frozen=True, slots=True)
 class SimJoint:
-    """One joint: begin and end in seconds, and its heat draw in W/K."""
+    """Start and end of a joint in seconds, and its heat draw in W/K."""
 
     start: float
     end: float
@@ -102,7 +102,7 @@ class WarmPart:
     energy_j: float = 0.0
 
     def temperature_c(self, now: float, energy_j: float) -> float:
-        """Return its temperature, given the total energy so far."""
+        """Return its temperature in °C, given the total energy so far."""
         seconds = now - self.at
         if seconds > 0:
             end = (energy_j - self.energy_j) / seconds * self.kelvin_per_w

@@ -42,7 +42,7 @@ TIP_W, HOT_AIR_W = 130.0, 900.0
 
 
 def family_for(spec: StationSpec) -> Family:
-    """Return the family of a virtual station; ``auto`` goes by its model."""
+    """Return the family of a virtual station; ``auto`` is resolved by its model."""
     name = spec.sim.family if spec.sim and spec.sim.family else spec.family
     given = spec.sim.model if spec.sim else None
     family = FAMILIES.get(name) if name != AUTO else family_of(given or "")
@@ -67,7 +67,7 @@ def build_device(spec: StationSpec, now: float, seed: int) -> Device:
         family, face, Identity(model, sim.software, spec.address, sim.robot_mode), quirks
     )
     for name, value in sim.settings.items():
-        _begin_with(device, spec.name, name, value, now)
+        _set_initial(device, spec.name, name, value, now)
     return device
 
 
@@ -82,7 +82,9 @@ def _face(
 
 
 def _check_names(station: str, sim: SimSpec, family: Family, face: StationModel) -> None:
-    """Refuse a counter, command or port that does not exist, and would silently have no effect."""
+    """Reject a counter, command or port that does not exist, because it would silently have no
+    effect.
+    """
     counters = {counter.command for counter in (*family.counters, *DISPENSING_COUNTERS)} & set(
         family.commands
     )
@@ -149,7 +151,7 @@ def _port(
     )
 
 
-def _begin_with(
+def _set_initial(
     device: Device, station: str, name: str, given: int | float | str, now: float
 ) -> None:
     """Apply an initial setting on all ports and tools."""
@@ -201,7 +203,7 @@ class LineTiming:
         return self._heard
 
     def sent_at(self, characters: int, after: float) -> float:
-        """Return when the last of `characters` has arrived, begun at `after`."""
+        """Return when the last of `characters` arrives, begun at `after`."""
         self._sent_at = (
             max(self._sent_at, after + self._turnaround_s) + characters * self._character_s
         )
@@ -217,7 +219,7 @@ class FaultyStation:
         self.faults = FaultSchedule(sim.fault, self.seed)
 
     def is_unplugged(self, now: float) -> bool:
-        """Whether the cable is disconnected: there is no port."""
+        """Return True if the cable is disconnected: there is no port."""
         return self.faults.unplugged(now)
 
     def next_plugging(self, now: float) -> float | None:
@@ -226,7 +228,7 @@ class FaultyStation:
 
 
 class VirtualStation(FaultyStation):
-    """One station, switched on at `now`. `log` is its own log, `plant` the physics of a soldering
+    """One station, switched on at `now`. `log` is its log, `plant` the physics of a soldering
     station.
     """
 
@@ -311,7 +313,9 @@ class VirtualStation(FaultyStation):
         return None if answer is None else self._send(self._addressed(answer, frame), struck, heard)
 
     def _addressed(self, answer: Answer, question: Frame) -> bytes:
-        """Encode an answer; its source is who was asked (docs/reference/contradictions.md, B-6)."""
+        """Encode an answer; its source is the address that was asked
+        (docs/reference/contradictions.md, B-6).
+        """
         usual, own = (question.target, question.source), self.device.identity.address
         return _encoded(*answer, *self.device.quirks.addresses(usual, own, moves=answer == MOVED))
 
@@ -328,7 +332,7 @@ class VirtualStation(FaultyStation):
         return next((write.at for write in self.log.written("status")), None)
 
     def _send(self, clean: bytes, struck: list[FaultSpec], heard: float) -> Reply | None:
-        """Send an answer, after applying its faults."""
+        """Send an answer after applying its faults."""
         sent, late_s = self.faults.spoil(clean, struck) if struck else (clean, 0.0)
         if struck:
             self.log.struck.extend(FaultyAnswer(heard, fault.kind, clean, sent) for fault in struck)
@@ -340,7 +344,7 @@ class VirtualStation(FaultyStation):
 
 @lru_cache(maxsize=4096)
 def _encoded(header: str, text: str, source: int | None, target: int | None) -> bytes:
-    """Encode a frame, cached, because stations repeat themselves."""
+    """Encode a frame; cached, because stations repeat themselves."""
     return Frame(header, text, source, target).encode()
 
 

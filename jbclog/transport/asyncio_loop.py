@@ -1,4 +1,4 @@
-"""asyncio's event loop as the reactor's, where the system has no epoll."""
+"""asyncio's event loop for the reactor, where the system has no epoll."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class AsyncioLoop(asyncio.SelectorEventLoop):
         self.set_exception_handler(self._on_error)
 
     def time(self) -> float:
-        """Return the time, including suspension of the machine."""
+        """Return monotonic seconds, including suspension of the machine."""
         return clock.elapsed()
 
     def wake_at(self, moment: float, ring: Ring) -> None:
@@ -30,7 +30,7 @@ class AsyncioLoop(asyncio.SelectorEventLoop):
             raise error
 
     def _on_error(self, _loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
-        """Keep the exception of a call, and stop: asyncio would only log it."""
+        """Keep the exception of a callback and stop; asyncio would only log it."""
         error = context.get("exception")
         self._error = self._error or (
             error if isinstance(error, Exception) else RuntimeError(str(context.get("message")))

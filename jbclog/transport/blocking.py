@@ -1,4 +1,4 @@
-"""Runs one session in a plain loop on one port: for single commands, and the shortest driver to
+"""Run one session in a plain loop on one port: for single commands, and the shortest driver to
 read.
 """
 
@@ -25,7 +25,9 @@ def run(
     sleep: Callable[[float], None],
     clock: Clock | None = None,
 ) -> T:
-    """Run `steps` to its end and return its result. Before its first `Reopen` it may only wait."""
+    """Run `steps` to completion and return its result. Before its first `Reopen` it may only
+    wait.
+    """
     puller = _Driver(open_port, sleep, clock or SystemClock())
     heard: IoResult | None = None
     failure: LinkError | None = None
@@ -48,8 +50,6 @@ def run(
 
 
 class _Driver:
-    """Carries out requests."""
-
     def __init__(self, open_port: OpenPort, sleep: Callable[[float], None], clock: Clock) -> None:
         self._open_port = open_port
         self._sleep = sleep
@@ -57,7 +57,7 @@ class _Driver:
         self._port: Port | None = None
         self._sent = 0.0
         self._budget = Budget()
-        # pause of a flooded port; without it this thread would starve the others
+        # end of a flooded port's pause, without which this thread would starve the others
         self._rests_until = 0.0
 
     def do(self, request: Request) -> IoResult:
@@ -79,7 +79,7 @@ class _Driver:
         return self._heard(b"")
 
     def _read(self, port: Port, until: float) -> bytes:
-        """Return the next bytes, or none at `until`."""
+        """Return the next bytes; none at `until`."""
         if self._rests_until:
             self._sleep(max(min(self._rests_until, until) - self._now(), 0.0))
             self._rests_until = 0.0

@@ -1,9 +1,9 @@
-"""Ends a process whose interpreter is stuck.
+"""End a process whose interpreter is stuck.
 
-CPython that gets no memory while it handles an exception may loop in C forever: no Python code,
+If CPython gets no memory while it handles an exception, it may loop in C forever: no Python code,
 thread or signal handler runs. So the system ends the process (SIGPROF) after a limit of CPU time
-without any Python code. Its parent notices, and a guard takes over its stations, or another guard
-its place.
+without any Python code. Its parent notices; a guard takes over a recorder's stations, and another
+guard replaces a guard.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ RENEW_S: Final = 1.0
 @contextmanager
 def cpu_limit(seconds: float = LIMIT_S, every_s: float = RENEW_S) -> Iterator[None]:
     """Enforce the limit inside the ``with``; a thread renews it as long as Python code runs."""
-    # no `Event`: refused memory in its `wait` would leave its own lock held, for ever
+    # no `Event`: if its `wait` is refused memory, its own lock stays held forever
     ending = Lock()
     ending.acquire()
 

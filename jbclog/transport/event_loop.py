@@ -1,10 +1,10 @@
-"""The reactor's event loop: one epoll with all ports, one heap of alarms, and a queue of calls.
+"""The reactor's event loop: one epoll for all ports, a heap of alarms, and a queue of calls.
 
 epoll counts whole milliseconds and rounds up, so a wait would end half a millisecond late on
-average. Here the rest of a wait is left to select(), which counts microseconds and watches one
+average. Here select(), which counts microseconds, waits for the remaining fraction and watches one
 descriptor: that of epoll.
 
-Where the system has no epoll, asyncio's loop does the same work (`asyncio_loop.py`).
+Without epoll, asyncio's loop does the same work (`asyncio_loop.py`).
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ from jbclog.core import clock
 
 WATCHED_BY_SELECT = 1024  # select() cannot watch descriptors from here on
 LONGEST_S = 3600.0  # of a wait
-WAKE_UPS = 4096  # bytes read at once of those that only wake the loop
+WAKE_UPS = 4096  # most wake-up bytes read at once
 
 Ring = Callable[[float], object]
-"""Called at a moment, with that moment."""
+"""Alarm handler; called with the moment it was set for."""
 
 
 class Handle(Protocol):
     """A scheduled call."""
 
     def cancel(self) -> None:
-        """Drop the call, if it has not been made."""
+        """Drop the call if it has not been made."""
 
 
 class EventLoop(Protocol):
-    """A part of asyncio's interface, and `wake_at`. Moments are those of `clock.elapsed`, in
+    """A subset of asyncio's interface, plus `wake_at`. Moments are those of `clock.elapsed`, in
     seconds.
 
-    All methods but `call_soon_threadsafe` belong to the thread that runs the loop.
+    Call every method but `call_soon_threadsafe` in the loop's thread only.
     """
 
     def call_soon(self, call: Callable[..., object], *arguments: object) -> Handle:
-        """Schedule a call in the next turn."""
+        """Schedule a call for the next turn."""
 
     def call_at(self, when: float, call: Callable[..., object], *arguments: object) -> Handle:
         """Schedule a call at a moment."""
@@ -53,7 +53,7 @@ class EventLoop(Protocol):
         """Schedule a call after `delay` seconds."""
 
     def wake_at(self, moment: float, ring: Ring) -> None:
-        """Schedule ``ring(moment)``, which cannot be cancelled and costs less."""
+        """Schedule ``ring(moment)``: cheaper than `call_at`, and cannot be cancelled."""
 
     def call_soon_threadsafe(self, call: Callable[..., object], *arguments: object) -> object:
         """Schedule a call from any thread or signal handler. Raises `RuntimeError` once the loop is
@@ -67,12 +67,14 @@ class EventLoop(Protocol):
         """Stop watching a descriptor; call it before closing the descriptor."""
 
     def run_forever(self) -> None:
-        """Run until `stop`. Raises what a call raised; run again, it continues with the other
+        """Run until `stop`. Raises whatever a call raised; run again to continue with the other
         calls.
         """
 
     def stop(self) -> None:
-        """Return from `run_forever` at the end of this turn, or as soon as it is called."""
+        """Make `run_forever` return at the end of this turn; if it is not running, at its next
+        call.
+        """
 
     def close(self) -> None:
         """Release the loop's descriptors."""
@@ -181,9 +183,9 @@ if sys.platform == "linux":
                 soon.popleft()()
 
         def _wait(self, left_s: float) -> list[tuple[int, int]]:
-            """Return what is readable, after `left_s` at the latest.
+            """Return the readable descriptors, after `left_s` at the latest.
 
-            A wait ends after its whole milliseconds, and the next one is for the rest.
+            Waits for whole milliseconds only; the next call waits for the rest.
             """
             if left_s > LONGEST_S:
                 left_s = LONGEST_S
@@ -200,14 +202,14 @@ if sys.platform == "linux":
 
 
 BEAT_S: Final = 0.05
-NOTED_S: Final = 0.005  # on a machine with time to spare timers are less late
+NOTED_S: Final = 0.005  # on an idle machine timers are less late
 
 
 class LoopLag:
-    """Measures by how much the loop is late, with a timer each `BEAT_S`.
+    """Measures how late the loop is, with a timer every `BEAT_S`.
 
     A session that receives bytes late cannot know whether the station or the computer was late; a
-    timer waits for no station.
+    timer depends on no station.
     """
 
     __slots__ = ("_due_s", "_loop", "noted_after_s", "noted_s")
@@ -218,11 +220,11 @@ class LoopLag:
         self._due_s = self.noted_after_s = float("inf")
 
     def start(self) -> None:
-        """Start the timer; call it once, before the loop runs."""
+        """Start the timer, once, before the loop runs."""
         self._next(clock.elapsed())
 
     def late_s(self, now: float) -> float:
-        """Return the total time by which the loop was late until `now`."""
+        """Return the loop's total lateness until `now`, in seconds."""
         return self.noted_s if now <= self.noted_after_s else self.noted_s + now - self._due_s
 
     def _beat(self, _moment: float) -> None:

@@ -1,6 +1,6 @@
-"""Opens ports: any URL that pyserial knows, exclusively, as many as the system allows.
+"""Open ports: any pyserial URL, exclusively, as many as the system allows.
 
-pyserial finds, opens and configures the port. The descriptor of a device is then duplicated and
+pyserial finds, opens and configures the port. For a device the descriptor is then duplicated and
 pyserial's object closed, with the four pipe ends that it opens for each device: lock and settings
 belong to the open file and stay. So a port costs one descriptor instead of five.
 """
@@ -37,8 +37,8 @@ BESIDE = 160
 
 
 def allow_ports(ports: int) -> None:
-    """Raise this process's soft limit of open files for `ports` ports. Raises `UsageError` where
-    the hard limit is too low.
+    """Raise this process's soft limit of open files for `ports` ports. Raises `UsageError` if the
+    hard limit is too low.
     """
     try:
         import resource
@@ -67,7 +67,7 @@ try:
 except ImportError:  # Windows, which opens every port exclusively
     fcntl = termios = None  # type: ignore[assignment]  # checked below
 
-# bytes of a connection's receive buffer; a server that sends more has to wait
+# bytes of a connection's receive buffer; beyond it the server has to wait
 HELD_BY_SYSTEM = 1 << 16
 MOST_WAITING = 4096  # buffered bytes of an rfc2217 port
 WRITE_S = 1.0  # write time-out of ports that pyserial writes to
@@ -77,10 +77,10 @@ TOO_MANY = (errno.EMFILE, errno.ENFILE)
 
 
 def open_port(url: str, line: LineFormat) -> Port:
-    """Open `url` at the rate and format of `line`, exclusively (a device; for a socket its server
-    decides).
+    """Open `url` exclusively, at the rate and format of `line`. For a socket, its server decides
+    both.
 
-    Raises `PortBusy`, which names the holder if known, and `LinkError` for everything else.
+    Raises `PortBusy`, naming the holder if known, and `LinkError` for everything else.
     """
     opened = None
     _expect_port(url)
@@ -100,9 +100,7 @@ def open_port(url: str, line: LineFormat) -> Port:
 
 
 def make_ready(url: str) -> None:
-    """Load the modules that opening such a port needs, without opening it: later the disk may be
-    gone.
-    """
+    """Load the modules needed to open such a port, because the disk may be gone later."""
     with contextlib.suppress(*BROKEN, LinkError):
         _expect_port(url)
         serial.serial_for_url(url, do_not_open=True)
@@ -110,9 +108,7 @@ def make_ready(url: str) -> None:
 
 
 def _expect_port(url: str) -> None:
-    """Raise `LinkError` for a URL scheme that is never opened: pyserial acts on some while
-    parsing.
-    """
+    """Raise `LinkError` for a forbidden URL scheme: pyserial acts on some while parsing."""
     if "://" in url and scheme_of(url) not in SCHEMES:
         kinds = ", ".join(f"{scheme}://" for scheme in SCHEMES)
         raise LinkError(
@@ -135,10 +131,10 @@ def _set_up(opened: serial.SerialBase, url: str, line: LineFormat) -> None:
 
 
 def _open(opened: serial.SerialBase, parity: str) -> None:
-    """Open the port. A pseudo-terminal has no parity: the C library reports an error if nothing
-    else changes.
+    """Open the port. A pseudo-terminal has no parity, and the C library reports an error if nothing
+    else changes, so its parity is set afterwards.
     """
-    _let_reader_end(opened)
+    _silence_reader(opened)
     is_terminal = is_pseudo_terminal(str(opened.port))
     opened.parity = serial.PARITY_NONE if is_terminal else parity
     opened.open()  # type: ignore[attr-defined]  # every port has it, the stubs' base has not
@@ -147,7 +143,7 @@ def _open(opened: serial.SerialBase, parity: str) -> None:
             opened.parity = parity  # a virtual station sees odd parity (`sim`)
 
 
-def _let_reader_end(opened: serial.SerialBase) -> None:
+def _silence_reader(opened: serial.SerialBase) -> None:
     """Silence the reader thread of pyserial's rfc2217, which prints a traceback when the server is
     gone.
     """
@@ -163,12 +159,12 @@ def _let_reader_end(opened: serial.SerialBase) -> None:
 
 
 def is_pseudo_terminal(device: str) -> bool:
-    """Whether `device` leads to a program, as virtual stations do, not to a cable."""
+    """Return True if `device` leads to a program, as virtual stations do, not to a cable."""
     return os.path.realpath(device).startswith(PSEUDO_TERMINALS)
 
 
 def _device(opened: serial.SerialBase | None, url: str) -> str:
-    """Return the device path of a URL: hwgrep:// searches for one."""
+    """Return the device path of a URL; hwgrep:// searches for it."""
     return str(getattr(opened, "port", None) or url)
 
 
@@ -186,17 +182,17 @@ def _port(url: str, opened: serial.SerialBase) -> Port:
 def _connected(
     url: str, opened: serial.SerialBase, connection: socket.socket, descriptor: int | None
 ) -> Port:
-    """Wrap a connection. pyserial's own close sleeps 0.3 s, and leaves the connection open where
-    the server closed first.
+    """Wrap a connection. pyserial's own close sleeps 0.3 s, and leaves the connection open if the
+    server closed first.
     """
 
-    let_all_in = _bound(opened)
+    remove_limit = _limit_queue(opened)
 
     def hang_up() -> None:
         with contextlib.suppress(OSError):
             connection.shutdown(socket.SHUT_RDWR)
         connection.close()
-        let_all_in()
+        remove_limit()
 
     if descriptor is None:
         return ObjectPort(url, opened, hang_up)
@@ -204,9 +200,9 @@ def _connected(
     return DescriptorPort(url, descriptor, hang_up)
 
 
-def _bound(opened: serial.SerialBase) -> Callable[[], None]:
-    """Bound the receive queue of pyserial's rfc2217, which its thread fills without limit; return
-    how to unbound it on closing.
+def _limit_queue(opened: serial.SerialBase) -> Callable[[], None]:
+    """Limit the receive queue of pyserial's rfc2217, which its thread fills without bound; return a
+    function that removes the limit on closing.
 
     Otherwise the thread would wait forever on a full queue.
     """
@@ -215,12 +211,12 @@ def _bound(opened: serial.SerialBase) -> Callable[[], None]:
         return lambda: None
     queue.maxsize = MOST_WAITING
 
-    def let_all_in() -> None:
+    def remove_limit() -> None:
         with queue.mutex:
             queue.maxsize = sys.maxsize
             queue.not_full.notify_all()
 
-    return let_all_in
+    return remove_limit
 
 
 def _device_port(url: str, opened: serial.SerialBase, descriptor: int) -> Port:
@@ -237,7 +233,7 @@ def _device_port(url: str, opened: serial.SerialBase, descriptor: int) -> Port:
 
 
 def _descriptor(url: str, opened: serial.SerialBase) -> int | None:
-    """Return the descriptor to watch, if there is one and pyserial does not buffer its bytes."""
+    """Return the descriptor to watch; None if there is none or pyserial buffers its bytes."""
     if fcntl is None or url.startswith("spy:"):
         return None
     try:
@@ -250,7 +246,8 @@ def _descriptor(url: str, opened: serial.SerialBase) -> int | None:
 def _keep_others_out(descriptor: int) -> None:
     """Let the kernel refuse other processes (not root): pyserial's lock is only advisory.
 
-    Not on a pseudo-terminal: the flag outlives a killed recorder as long as the other end is open.
+    Not on a pseudo-terminal, where the flag outlives a killed recorder as long as the other end is
+    open.
     """
     with contextlib.suppress(OSError):
         if not os.ttyname(descriptor).startswith(PSEUDO_TERMINALS):
@@ -259,7 +256,7 @@ def _keep_others_out(descriptor: int) -> None:
 
 def _close_device(descriptor: int) -> None:
     with contextlib.suppress(OSError):
-        # otherwise the flag stays while another process has it open
+        # the flag would stay while another process has it open
         fcntl.ioctl(descriptor, termios.TIOCNXCL)
     os.close(descriptor)
 
@@ -294,6 +291,6 @@ def _refused(url: str, device: str, error: BaseException) -> LinkError:
 
 
 def _number(error: BaseException | None) -> int | None:
-    """Return the error number; termios has it only as its first argument."""
+    """Return the errno; termios has it only as its first argument."""
     numbers = (getattr(error, "errno", None), *getattr(error, "args", ()))
     return next((number for number in numbers if isinstance(number, int)), None)

@@ -1,4 +1,4 @@
-"""An open port: reading and writing bytes without waiting, and limits for floods.
+"""An open port: non-blocking reads and writes, and limits for floods.
 
 pyserial opens and configures a port; afterwards its descriptor is used directly. pyserial's own
 `read` waits in `select()`, which cannot watch a descriptor above 1023, and on a pulled cable raises
@@ -23,8 +23,8 @@ from typing import Final, Protocol
 import serial
 from jbclog.core.errors import LinkError
 
-MOST_AT_ONCE = 1024  # bytes of a read: many answers
-CLOSE_S = 0.2  # close() of a driver may hang; then a thread is left waiting for it
+MOST_AT_ONCE = 1024  # bytes of one read: many answers
+CLOSE_S = 0.2  # a driver's close() may hang; after this, a thread waits for it
 SLICE_S = 0.02  # time-out of a port without a descriptor; rfc2217 renegotiates when it changes
 CLOSED = -1  # replaces the descriptor of a closed port; the system refuses it
 
@@ -42,36 +42,34 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]  # checked below
     BROKEN = (OSError, ValueError, TypeError, AttributeError)
-"""What pyserial raises when a port is unplugged, closed or gone; SerialException is an OSError."""
+"""Errors that pyserial raises when a port is unplugged or closed; SerialException is an OSError."""
 
 
 class Port(Protocol):
-    """One open port. Every method but `close` raises `LinkError` when the link is gone, and nothing
-    else.
-    """
+    """One open port. Every method but `close` raises only `LinkError`, when the link is lost."""
 
     @property
     def url(self) -> str: ...
 
     def fileno(self) -> int | None:
-        """Return a descriptor to watch for bytes, or None where the port has none."""
+        """Return a descriptor to watch for bytes; None if the port has none."""
 
     def write(self, data: bytes) -> None:
         """Write all of `data` without waiting."""
 
     def read_now(self) -> bytes:
-        """Return available bytes, at most `MOST_AT_ONCE`; maybe none."""
+        """Return available bytes, at most `MOST_AT_ONCE`, possibly none."""
 
     def read(self, timeout_s: float) -> bytes:
         """Wait for bytes and return about `MOST_AT_ONCE` at most; none after `timeout_s`."""
 
     def close(self) -> None:
-        """Close the port. Never raises and never waits long; may be called twice."""
+        """Close the port. Never raises and never blocks for long; may be called twice."""
 
 
 def close_in_thread(*steps: Callable[[], object]) -> None:
-    """Run `steps` in a thread and wait for the first one, at most `CLOSE_S`. Errors of a port that
-    is gone are ignored.
+    """Run `steps` in a thread and wait up to `CLOSE_S` for the first. Ignores errors of a lost
+    port.
     """
     done = threading.Event()
 
@@ -82,7 +80,7 @@ def close_in_thread(*steps: Callable[[], object]) -> None:
             done.set()
 
     try:
-        # `Thread.start` never returns where the new thread gets no memory
+        # `Thread.start` never returns if the new thread gets no memory
         _thread.start_new_thread(work, ())
     except (RuntimeError, MemoryError):
         work()
@@ -90,7 +88,7 @@ def close_in_thread(*steps: Callable[[], object]) -> None:
 
 
 def unread(descriptor: int | None) -> int:
-    """Return the number of received and unread bytes; 0 if not known."""
+    """Return the number of received, unread bytes; 0 if unknown."""
     if descriptor is None or fcntl is None:
         return 0
     try:
@@ -131,7 +129,7 @@ class DescriptorPort:
             written = 0
         except OSError as error:
             raise self._gone("cannot be written to", error) from error
-        # a frame is far smaller than any buffer, so this one has not drained for seconds
+        # a frame is far smaller than any buffer, so the buffer has not drained for seconds
         if written != len(data):
             raise link_lost(self.url, f"write buffer full: {written} of {len(data)} bytes accepted")
 
@@ -168,7 +166,7 @@ class DescriptorPort:
 class ObjectPort:
     """A port that only pyserial can read: rfc2217, loop, spy, and every port on Windows.
 
-    pyserial waits in slices of `SLICE_S`, so time-outs are kept within that. `hang_up` ends a
+    pyserial waits in slices of `SLICE_S`, which limits the precision of time-outs. `hang_up` ends a
     connection that pyserial would close slowly.
     """
 
@@ -236,20 +234,20 @@ def _waiting(opened: serial.SerialBase) -> int:
     return waiting
 
 
-# Limits that keep a flooded port from taking time from the others. An answer has at most some sixty
-# bytes. After a read of `MOST_AT_ONCE` bytes, or after `MOST_READS` reads for one request, the port
-# is not read for `REST_S`: the system's buffers then block the sender, or a serial device loses
-# bytes. About `MOST_KEPT` unsolicited bytes are kept; more are read once the session has taken
-# them. The protocol's client decides what a flood is and what happens to the link.
+# Limits that prevent a flooded port from starving the others. An answer has about sixty bytes at
+# most. After a read of `MOST_AT_ONCE` bytes, or `MOST_READS` reads for one request, the port is not
+# read for `REST_S`: the system's buffers then block the sender, or a serial device loses bytes.
+# About `MOST_KEPT` unsolicited bytes are kept; more are read once the session has taken them. The
+# protocol's client decides what a flood is and what happens to the link.
 
 MOST_KEPT: Final = MOST_AT_ONCE
-# for one request: more than an answer has bytes, should they arrive one by one
+# for one request: enough for an answer that arrives byte by byte
 MOST_READS: Final = 64
 REST_S: Final = 0.05
 
 
 class Budget:
-    """How much may be read from a port before it is paused. `reads`: since the last request."""
+    """Decides when to pause a port. `reads`: since the last request."""
 
     __slots__ = ("reads",)
 
@@ -257,10 +255,10 @@ class Budget:
         self.reads = 0
 
     def asked(self) -> None:
-        """Reset for a new request: its answer may arrive in pieces."""
+        """Reset for a new request, whose answer may arrive in pieces."""
         self.reads = 0
 
     def is_spent(self, size: int) -> bool:
-        """Whether to pause the port after a read of `size` bytes."""
+        """Count a read of `size` bytes; return True if the port needs a pause."""
         self.reads += 1
         return size >= MOST_AT_ONCE or self.reads > MOST_READS

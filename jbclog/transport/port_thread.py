@@ -1,4 +1,4 @@
-"""Reads ports without a descriptor to watch (rfc2217, Windows) in a thread."""
+"""Read ports without a descriptor to watch (rfc2217, Windows) in a thread."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from jbclog.core.errors import LinkError
 from jbclog.transport.event_loop import EventLoop
 from jbclog.transport.port import Port
 
-PUMP_S = 0.2  # how often the thread checks whether to stop
+PUMP_S = 0.2  # interval at which the thread checks whether to stop
 
 
 class Pump:
-    """A thread that reads a port and hands its bytes to the loop, one piece at a time.
+    """A thread that reads a port and passes its bytes to the loop, one piece at a time.
 
-    It reads the next piece once the loop has taken the last one and the pump is not paused by
-    `rest`.
+    It reads the next piece once the loop has taken the last one and `rest` has not paused it.
     """
 
     def __init__(
@@ -35,7 +34,7 @@ class Pump:
         self._may_read.set()
 
     def rest(self) -> None:
-        """Pause reading until `resume`; call it while a piece is taken."""
+        """Pause reading until `resume`; call this while taking a piece."""
         self._rests = True
 
     def resume(self) -> None:

@@ -1,8 +1,7 @@
-"""A port that lets reads through and refuses everything else (docs/reference/faults.md, S-5).
+"""A port that passes reads and refuses everything else (docs/reference/faults.md, S-5).
 
-The caller says what a read is, because that is a matter of the protocol:
-`protocol.frame.only_reads` for JBC's. Unknown bytes are refused, so a command that nobody thought
-of is refused too.
+The caller defines what a read is, because that depends on the protocol: `protocol.frame.only_reads`
+for JBC's. Unknown bytes are refused, and so is any unforeseen command.
 """
 
 from __future__ import annotations
@@ -13,12 +12,12 @@ from jbclog.core.errors import WriteForbidden
 from jbclog.transport.port import Port
 
 OnlyReads = Callable[[bytes], bool]
-"""Whether these bytes read and change nothing."""
+"""Returns True if these bytes only read."""
 
 
 class ReadOnly:
     """A `Port` around a port. `write` raises `WriteForbidden`, and sends nothing, for bytes that
-    `only_reads` does not accept.
+    `only_reads` rejects.
     """
 
     def __init__(self, port: Port, only_reads: OnlyReads) -> None:

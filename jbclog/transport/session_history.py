@@ -1,6 +1,6 @@
-"""Capture what passes through a port and what its session receives, and replay a session from that.
+"""Capture the traffic of a port and the results of its session, and replay a session from them.
 
-`captured` wraps a session and notes the results of its requests; `replayed` sends it the same
+`captured` wraps a session and keeps the results of its requests; `replayed` sends it the same
 results without a port. The replayed session produces the same rows, times included.
 """
 
@@ -36,9 +36,9 @@ class Tee:
     """A `Port` around a port that passes every byte and every change of the link to `keep`, with
     its time.
 
-    `keep` is called in the thread that moves the bytes and must be quick: a bounded deque's
-    `append`. A request is noted before it is written, so that it precedes its answer. On closing,
-    the number of unread bytes is noted.
+    The thread that moves the bytes calls `keep`, so it must be quick, such as a bounded deque's
+    `append`. A request is kept before it is written, so that it precedes its answer. `close` keeps
+    the number of unread bytes.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Tee:
         keep: KeepLinkRow,
         now: Callable[[], float] = time.monotonic,
     ) -> Self:
-        """Open a port and note it, or the failure, which is raised unchanged."""
+        """Open a port and keep the result; a failure is raised unchanged."""
         try:
             port = open_port()
         except LinkError as error:
@@ -102,7 +102,7 @@ class Tee:
         return data
 
     def _end(self, how: Literal["lost", "closed"], text: str = "") -> None:
-        """Note the end of the link, once: a lost port is closed as well."""
+        """Keep the end of the link, once: a lost port is closed as well."""
         if self._is_there:
             self._is_there = False
             self._keep(LinkRow(self._now(), how, text=text))
@@ -161,8 +161,7 @@ def captured(steps: Steps[T], keep: KeepResult, now: Callable[[], float]) -> Ste
 
 
 class ReplayStep(NamedTuple):
-    """The result of one request, with the data that was sent for it, if any, and the bytes
-    received.
+    """Result of one request, with the data sent for it, if any, and the bytes received.
 
     `place` is the number of its first row.
     """
@@ -182,7 +181,7 @@ class ReplayStep(NamedTuple):
         )
 
     def answers(self, request: Request) -> bool:
-        """Whether this can be the result of `request`."""
+        """Return True if this can be the result of `request`."""
         result = self.result
         if result.what == "done" or REQUEST_NAMES[type(request)] != result.request:
             return False
@@ -199,7 +198,7 @@ class ReplayStep(NamedTuple):
         )
 
     def _deadline(self, request: Request) -> float:
-        """The moment before which a result without bytes is impossible."""
+        """Return the moment before which a result without bytes is impossible."""
         if isinstance(request, Ask):
             return self.result.sent_s + request.patience_s
         return request.until if isinstance(request, Listen | Wait) else 0.0
@@ -217,12 +216,12 @@ def replay_steps(rows: Iterable[CaptureRow]) -> Iterator[ReplayStep]:
         elif row.what == "heard":
             came += row.data
         elif row.what == "opened":
-            came = b""  # unread bytes of the last port are lost with it
+            came = b""  # unread bytes of the previous port are lost with it
 
 
 class Divergence(NamedTuple):
-    """Where a session departed from its capture: its request, and the recorded result that does not
-    fit (None: none is left).
+    """The point where a session departed from its capture: its request, and the recorded result
+    that does not fit (None: none is left).
     """
 
     at_s: float
@@ -241,24 +240,23 @@ class Divergence(NamedTuple):
 
     @property
     def is_cut_off(self) -> bool:
-        """Whether the capture ended before its session did."""
+        """True if the capture ended before its session did."""
         return self.step is None
 
 
 OnDivergence = Callable[[Divergence], tuple[float, str]]
-"""Called when a session departs from its capture; returns when to end it at the latest, and why."""
+"""Called when a session departs from its capture; returns the latest time to end it, and why."""
 
 
 def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) -> Steps[T | None]:
     """Run `steps` on the results in `tape`. The driver sees only waits, so that its clock keeps
     pace.
 
-    Captures of releases whose sessions did not wait for each other have no results of `Gather`;
-    there nobody waits.
+    Older captures, whose sessions did not wait for each other, have no results of `Gather`; then
+    `Gather` returns at once.
 
-    Where a request does not match the capture, `left` is called and the driver carries out the
-    requests from there on. Where the capture ends first, the session is abandoned, as its recorder
-    abandoned it: the result is None.
+    If a request does not match the capture, calls `left`, and the driver performs all requests from
+    there on. If the capture ends first, calls `left`, abandons the session and returns None.
     """
     try:
         request, now = next(steps), 0.0
@@ -266,12 +264,10 @@ def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) ->
             while isinstance(request, Gather) and step.result.request != "gather":
                 request = steps.send(IoResult(now, b"", 0.0))
             if not step.answers(request):
-                return (
-                    yield from _on_its_own(steps, request, *left(Divergence(now, request, step)))
-                )
+                return (yield from _run_live(steps, request, *left(Divergence(now, request, step))))
             now = step.result.at_s
             yield Wait(now)
-            request = _tell(steps, step)
+            request = _send(steps, step)
     except StopIteration as end:
         result: T = end.value
         return result
@@ -279,7 +275,7 @@ def replayed(steps: Steps[T], tape: Iterable[ReplayStep], left: OnDivergence) ->
     return None
 
 
-def _tell(steps: Steps[T], step: ReplayStep) -> Request:
+def _send(steps: Steps[T], step: ReplayStep) -> Request:
     result = step.result
     if result.what == "broke":
         return steps.throw(LinkError(result.text))
@@ -288,9 +284,9 @@ def _tell(steps: Steps[T], step: ReplayStep) -> Request:
     return steps.send(IoResult(result.at_s, step.data, result.sent_s, result.late_s))
 
 
-def _on_its_own(steps: Steps[T], request: Request, end_s: float, why: str) -> Steps[T]:
-    """Let the driver carry out the requests from `request` on, over a port that is open as far as
-    the session knows.
+def _run_live(steps: Steps[T], request: Request, end_s: float, why: str) -> Steps[T]:
+    """Let the driver perform the requests from `request` on, over a port that is open if the
+    session expects it to be.
     """
     if not isinstance(request, Reopen):
         with suppress(LinkError):  # the session notices at its next request
@@ -298,7 +294,7 @@ def _on_its_own(steps: Steps[T], request: Request, end_s: float, why: str) -> St
     try:
         while True:
             try:
-                # the others run on captures of their own and wait for nobody
+                # the others run on captures of their own and never wait
                 heard = yield Wait(0.0) if isinstance(request, Gather) else request
             except (LinkError, RunEnded) as error:
                 request = steps.throw(error)

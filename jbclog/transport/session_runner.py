@@ -1,4 +1,4 @@
-"""Runs one session on its port for the reactor: carries out requests, hands over results, recovers
+"""Run one session on its port for the reactor: perform its requests, return the results, recover
 from a lost port.
 
 Opening and closing a port can block, so both happen in the reactor's threads.
@@ -27,12 +27,12 @@ Session = Steps[object]
 
 
 def _read_nothing() -> bytes:
-    """Stand for the read of a port that is not open."""
+    """Replaces the read of a port that is not open."""
     return b""
 
 
 def _write_nothing(_data: bytes) -> None:
-    """Stand for the write of a port that is not open, which nobody calls."""
+    """Replaces the write of a port that is not open; never called."""
 
 
 class SessionRunner:
@@ -92,8 +92,8 @@ class SessionRunner:
         self._listening = False
         self._unasked = b""
         self._budget = Budget()
-        self._is_watched = False  # whether the port is read as soon as bytes arrive
-        self._rest: Handle | None = None  # until when it is not
+        self._is_watched = False  # the port is read as soon as bytes arrive
+        self._rest: Handle | None = None  # the end of a pause in reading
         self._sent = 0.0
         self._deadline = NEVER
         self._armed = NEVER  # moment of the next valid alarm
@@ -129,7 +129,7 @@ class SessionRunner:
             self._fail(error)
 
     def heard_at(self) -> float:
-        """When bytes last arrived."""
+        """Return when bytes last arrived."""
         return self._heard
 
     def resume(self) -> None:
@@ -139,7 +139,7 @@ class SessionRunner:
             self._send_result(self._now(), self._take_unasked())
 
     def throw(self, error: RunEnded) -> None:
-        """Called when the run does not start, or starts without this session."""
+        """Throw `error`: the run does not start, or starts without this session."""
         if not (self._is_ended or self._is_ending):
             self._end_with(error)
 
@@ -172,7 +172,7 @@ class SessionRunner:
             self._do(request)
 
     def _fail_soon(self, error: LinkError) -> None:
-        """Fail from the loop: direct recursion could become too deep."""
+        """Throw `error` from the loop, because direct recursion could become too deep."""
         self._listening, self._deadline = False, NEVER
         self._failing = self._loop.call_soon(self._fail, error)
 
@@ -219,14 +219,14 @@ class SessionRunner:
         self._arm(until)
 
     def _arm(self, deadline: float) -> None:
-        """Wake at `deadline`. An earlier alarm stays; it re-arms when it rings."""
+        """Wake at `deadline`. An earlier alarm stays, and sets the next one when it fires."""
         self._deadline = deadline
         if deadline < self._armed:
             self._armed = deadline
             self._loop.wake_at(deadline, self._ring)
 
     def on_time(self, armed: float) -> None:
-        """Handle the alarm that was set for `armed`. Alarms are never cancelled."""
+        """Handle the alarm set for `armed`. Alarms are never cancelled."""
         if armed != self._armed:
             return  # superseded by an earlier one
         self._armed = NEVER
@@ -239,12 +239,11 @@ class SessionRunner:
         self._send_result(now, self._take_unasked())
 
     def _on_readable(self) -> None:
-        """Read; if the session listens, resume it, and if it asks again, send that; if it listens
-        for the rest of an answer, nothing else is to be done.
+        """Read; if the session listens, resume it and send its next request, or keep listening if
+        it waits for the rest of an answer.
 
-        All of a good exchange happens here, in one function, because it is what a recorder does
-        most; what is different goes through the other methods. The budget is counted as by
-        `Budget.is_spent`.
+        The usual exchange happens entirely in this one function, because it is what a recorder does
+        most; other methods handle anything else. Counts reads as `Budget.is_spent` does.
         """
         try:
             data = self._read()
@@ -261,7 +260,7 @@ class SessionRunner:
         lag, before = self._lag, self._late_s
         self._late_s = late_s = lag.noted_s if now <= lag.noted_after_s else lag.late_s(now)
         try:
-            # what `IoResult(...)` does, at half its cost
+            # the same as `IoResult(...)`, at half its cost
             request = self._send(_new(IoResult, (now, data, self._sent, late_s - before)))
         except StopIteration:
             self._finish()
@@ -291,7 +290,7 @@ class SessionRunner:
             self._arm(deadline)
 
     def on_bytes(self, data: bytes) -> None:
-        """Bytes came: the session's, if it listens; else they wait until it does."""
+        """Pass bytes to the session if it listens, else keep them until it does."""
         if not data:
             return
         self._heard = now = self._now()
@@ -311,7 +310,7 @@ class SessionRunner:
         return unasked
 
     def _let_rest(self) -> None:
-        """Read nothing for a while: what comes is too much to be answers."""
+        """Pause reading: too many bytes arrive to be answers."""
         self._unwatch()
         if self._rest is None:
             self._rest = self._loop.call_later(REST_S, self._rested)
@@ -322,7 +321,7 @@ class SessionRunner:
             self._watch()
 
     def _watch(self) -> None:
-        """Have the port read as soon as something comes, unless it rests."""
+        """Read the port as soon as bytes arrive, unless reading is paused."""
         if self._is_watched or self._rest is not None or self._port is None:
             return
         self._is_watched = True
@@ -357,7 +356,7 @@ class SessionRunner:
         )
 
     def _open_after(self, closing: Future[None] | None) -> Port:
-        """In a thread: a port is locked as long as it is open."""
+        """Open the port once the old one is closed, which locks it. Runs in a thread."""
         if closing is not None:
             closing.result()
         return self._open_port()
@@ -386,8 +385,8 @@ class SessionRunner:
         self._watch()
 
     def on_pumped(self, pump: Pump, data: bytes, error: LinkError | None) -> None:
-        """What the reading thread of a port brought; too late where the port has been closed
-        since.
+        """Handle bytes or an error from a port's reading thread; ignore those of a port closed
+        meanwhile.
         """
         if pump is not self._pump:
             return
@@ -397,7 +396,7 @@ class SessionRunner:
             self.on_bytes(data)
 
     def _drop_port(self) -> Future[None] | None:
-        """Give the port up; it is closed in a thread, for a driver may take its time."""
+        """Release the port and close it in a thread, because a driver may take long."""
         port, self._port = self._port, None
         self._unwatch()
         self._read, self._write = _read_nothing, _write_nothing
@@ -411,11 +410,11 @@ class SessionRunner:
         return None if port is None else self._reactor.openers.submit(port.close)
 
     def let_go(self) -> None:
-        """Give the port up, wherever the session stands."""
+        """Release the port, whatever the session is doing."""
         port = self._port
         try:
             self._drop_port()
-        except Exception:  # no thread, no memory for one
+        except Exception:  # no thread, or no memory for one
             if port is not None:
                 port.close()
 

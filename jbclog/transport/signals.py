@@ -1,5 +1,5 @@
-"""Signals during a run: handled between two instructions of the main thread, and kept until
-somebody can handle them.
+"""Signals during a run: handled between two instructions of the main thread, and kept until there
+is a handler.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ OnSignal = Callable[[signal.Signals], None]
 
 
 class Signals:
-    """Handles the signals `heard` and ignores those in `ignored` during a ``with``, in the main
+    """Handle the signals `heard` and ignore those in `ignored` during a ``with``, in the main
     thread only.
 
-    Signals that arrive before `notify` are kept. With `stay_ignored` all of them stay ignored
+    Keeps signals that arrive before `notify`. With `stay_ignored` all of them stay ignored
     afterwards, while the program prints its result.
     """
 
@@ -46,8 +46,8 @@ class Signals:
             signal.signal(number, signal.SIG_IGN if self._stay_ignored else before)  # type: ignore[arg-type]  # the previous handler
 
     def notify(self, notify: OnSignal) -> None:
-        """Call `notify` for each signal so far and from now on, between two instructions of the
-        main thread.
+        """Call `notify` for each signal kept so far and each later one, between two instructions of
+        the main thread.
         """
         self._on_notify = notify
         while self._early:

@@ -1,8 +1,8 @@
-"""Where the sessions of a run wait for each other at the start: none begins a step before all have
-finished the previous one.
+"""A barrier for the sessions of a run at its start: none begins a step before all have finished the
+previous one.
 
-One object for all sessions of a driver; `Member` has what it needs of each. It does no I/O and
-never resumes a session directly, but asks the driver to. The rules:
+A driver has one `Barrier`, with a `Member` for each session. It does no I/O and never resumes a
+session directly, but asks the driver to. The rules:
 
 1. A step is over when each session has finished it, failed at it, or was silent for `SILENT_S`
    while all others had finished.
@@ -10,7 +10,7 @@ never resumes a session directly, but asks the driver to. The rules:
    this waits for the end of the step, so that every failure is known; in the last step, which heats
    tools, it happens at once.
 3. With `allow_missing` the others start without it.
-4. Once the run is ending, or the last step is over, nobody waits.
+4. Once the run is ending, or the last step is over, no session waits.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ SILENT_S: Final = 10.0
 
 
 class Waiting(Protocol):
-    """A driver's end of one session."""
+    """A driver's side of one session."""
 
     def heard_at(self) -> float:
-        """When bytes last came from its station (monotonic seconds); an earlier moment if none ever
-        did.
+        """Return when bytes last arrived from its station (monotonic seconds); an earlier moment if
+        none ever did.
         """
 
     def resume(self) -> None:
@@ -52,8 +52,8 @@ class Member:
 
 
 class Barrier:
-    """`now` returns the time, `at` schedules a call in the driver's loop; both in monotonic
-    seconds.
+    """The barrier of a driver's sessions. `now` returns the time, `at` schedules a call in the
+    driver's loop, both in monotonic seconds.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Barrier:
     ) -> None:
         self._now = now
         self._at = at
-        self._goes_on = allow_missing
+        self._allow_missing = allow_missing
         self._members: list[Member] = []
         self._step = 1
         self._last_done = 0.0  # when a session last finished the step or failed at it
@@ -78,8 +78,8 @@ class Barrier:
         return member
 
     def gather(self, member: Member, request: Gather) -> None:
-        """Note that `member` has finished a step or failed at it; one that failed does not wait for
-        the others.
+        """Register that `member` has finished a step or failed at it; a failed one does not wait
+        for the others.
         """
         if self._is_over or request.failure:
             self._soon(member.waiting.resume)
@@ -90,16 +90,16 @@ class Barrier:
             member.is_out, member.failure = True, request.failure
         else:
             member.is_waiting = True
-        self._look()
+        self._update()
 
     def ended(self, member: Member) -> None:
-        """Note the end of a session: nobody waits for it."""
+        """Register the end of a session: the others do not wait for it."""
         member.is_out, member.is_waiting = True, False
         if not self._is_over:
-            self._look()
+            self._update()
 
     def disband(self) -> None:
-        """End all waiting without calling the run off: the run is ending."""
+        """Stop all waiting without cancelling the run, because the run is ending."""
         self._is_over = True
 
     @property
@@ -110,9 +110,9 @@ class Barrier:
     def _failed(self) -> list[Member]:
         return [one for one in self._members if one.failure]
 
-    def _look(self) -> None:
+    def _update(self) -> None:
         coming = self._coming
-        if self._failed and not self._goes_on and (self._step == START_STEPS or not coming):
+        if self._failed and not self._allow_missing and (self._step == START_STEPS or not coming):
             self._call_off()
         elif coming:
             self._arm()
@@ -136,7 +136,9 @@ class Barrier:
                 self._throw_soon(one, NotStarted(names))
 
     def _deadline(self) -> float | None:
-        """When the sessions still coming have been silent for too long; None while nobody waits."""
+        """Return the time by which pending sessions have been silent for too long; None if no
+        session waits for them.
+        """
         coming = self._coming
         if not coming or not any(one.is_waiting or one.failure for one in self._members):
             return None
@@ -163,7 +165,7 @@ class Barrier:
                 " waited"
             )
             self._throw_soon(one, LeftOut(one.failure))
-        self._look()
+        self._update()
 
     def _soon(self, call: Callable[[], None]) -> None:
         self._at(self._now(), call)

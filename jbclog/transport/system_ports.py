@@ -1,4 +1,4 @@
-"""The serial ports of this computer: their names, and the processes that hold them."""
+"""Serial ports of this computer: their names, and the processes that hold them."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class UsbPort:
 
 
 def usb_ports(by_id: Path = BY_ID) -> list[UsbPort]:
-    """List the USB serial ports, ordered by device; other ports are left out."""
-    from serial.tools import list_ports  # not loaded by a run and its guard
+    """List the USB serial ports by device."""
+    from serial.tools import list_ports  # a run and its guard do not load this
 
     found = sorted(
         (port for port in list_ports.comports() if port.vid is not None),
@@ -43,8 +43,8 @@ def usb_ports(by_id: Path = BY_ID) -> list[UsbPort]:
 
 
 def lasting_name(device: str, by_id: Path = BY_ID) -> str:
-    """Return the persistent name of `device`, by the adapter's serial number; `device` where there
-    is none.
+    """Return the persistent name of `device`, by the adapter's serial number; `device` if there is
+    none.
     """
     return next((str(link) for link in _links(by_id) if _same(link, Path(device))), device)
 
@@ -62,7 +62,7 @@ def _same(link: Path, device: Path) -> bool:
 
 
 def latency_timer(device: str, timers: Path = TIMERS) -> Path | None:
-    """Return the file of the adapter's latency timer in milliseconds; None where it has none."""
+    """Return the file of the adapter's latency timer in milliseconds; None if there is none."""
     with contextlib.suppress(OSError):
         timer = timers / Path(os.path.realpath(device)).name / "latency_timer"
         return timer if timer.is_file() else None
@@ -74,9 +74,7 @@ MAJORS_OF_PSEUDO_TERMINALS: Final = range(136, 144)
 
 
 def holder_of(device: str) -> int | None:
-    """Return the id of the process that has locked `device`, or else opened it; None if not
-    known.
-    """
+    """Return the id of the process that has locked `device`, or else opened it; None if unknown."""
     try:
         wanted = Path(device).stat()
     except (OSError, ValueError):
@@ -85,8 +83,8 @@ def holder_of(device: str) -> int | None:
 
 
 def locker_of(device: str) -> int | None:
-    """Return the id of the process that has locked `device`; None if there is none or it is not
-    known.
+    """Return the id of the process that has locked `device`; None if there is none or it is
+    unknown.
     """
     try:
         return _locker(Path(device).stat())
@@ -98,7 +96,7 @@ def sharers_of(device: str) -> list[int]:
     """Return the other processes that have `device` open (the same user's, or all for root): they
     take bytes meant for us.
 
-    The program behind a pseudo-terminal is excluded, even where it holds both ends.
+    Excludes the program behind a pseudo-terminal, even if it holds both ends.
     """
     try:
         wanted = Path(device).stat()
@@ -111,7 +109,9 @@ def sharers_of(device: str) -> list[int]:
 
 
 def openers_of(devices: Iterable[str]) -> set[tuple[str, int]]:
-    """Return which of `devices` other processes have open, in one pass over /proc."""
+    """Return the (device, process) pairs of other processes that have one of `devices` open, in one
+    pass over /proc.
+    """
     wanted: dict[tuple[int, int], str] = {}
     for device in devices:
         with contextlib.suppress(OSError, ValueError):
@@ -127,13 +127,13 @@ def openers_of(devices: Iterable[str]) -> set[tuple[str, int]]:
 
 
 def is_behind(device: str, process: int) -> bool:
-    """Whether `device` is a pseudo-terminal and `process` the program behind it."""
+    """Return True if `device` is a pseudo-terminal and `process` the program behind it."""
     number = _number_of_terminal(device)
     return number is not None and _is_behind(process, number)
 
 
 def _open_in(process: int) -> Iterator[tuple[int, int]]:
-    """Return device number and inode of everything that a process has open."""
+    """Yield device number and inode of everything that a process has open."""
     with contextlib.suppress(OSError), os.scandir(f"/proc/{process}/fd") as descriptors:
         for descriptor in descriptors:
             with contextlib.suppress(OSError):
@@ -142,12 +142,12 @@ def _open_in(process: int) -> Iterator[tuple[int, int]]:
 
 
 def processes_text(processes: Iterable[int]) -> str:
-    """Describe processes: ``process 4711 (minicom), process 4712 (cat)``."""
+    """Format processes: ``process 4711 (minicom), process 4712 (cat)``."""
     return ", ".join(map(process_text, processes))
 
 
 def process_text(process: int | None) -> str:
-    """Describe a process: ``process 4711 (minicom)``."""
+    """Format a process: ``process 4711 (minicom)``."""
     if process is None:
         return "another program"
     if process == os.getpid():
@@ -171,7 +171,7 @@ def _locker(wanted: os.stat_result) -> int | None:
 
 
 def _openers(wanted: os.stat_result) -> Iterator[int]:
-    """Return other processes that have it open: the same user's, all for root."""
+    """Yield other processes that have it open: the same user's, or all for root."""
     return (
         process for process in processes() if process != os.getpid() and _has_open(process, wanted)
     )
@@ -184,7 +184,7 @@ def _number_of_terminal(device: str) -> int | None:
 
 
 def _is_behind(process: int, number: int) -> bool:
-    """Whether the process holds the other end of that pseudo-terminal."""
+    """Return True if the process holds the other end of that pseudo-terminal."""
     with contextlib.suppress(OSError):
         for described in Path(f"/proc/{process}/fdinfo").iterdir():
             with contextlib.suppress(OSError):
@@ -203,8 +203,8 @@ def _has_open(process: int, wanted: os.stat_result) -> bool:
 
 
 def _is_same(opened: os.stat_result, wanted: os.stat_result) -> bool:
-    """Whether both are one file or two nodes of one device; pseudo-terminals have their own numbers
-    on each mount.
+    """Return True if both are one file or two nodes of one device. Each mount numbers its
+    pseudo-terminals separately.
     """
     if os.path.samestat(opened, wanted):
         return True
@@ -219,8 +219,8 @@ def _is_same(opened: os.stat_result, wanted: os.stat_result) -> bool:
 class SharedPortWatch:
     """Finds processes that share the devices `urls`; reports each once.
 
-    They take bytes meant for the run, and advisory locks do not keep them out. A search takes tens
-    of milliseconds, so it runs in a thread.
+    They take bytes meant for the run, and advisory locks do not stop them. A search takes tens of
+    milliseconds, so it runs in a thread.
     """
 
     def __init__(self, urls: Iterable[str]) -> None:
@@ -236,7 +236,7 @@ class SharedPortWatch:
             self._thread.start()
 
     def news(self) -> Iterator[tuple[str, str]]:
-        """Yield devices and the programs that share them, each pair once."""
+        """Yield devices and the processes that share them, each pair once."""
         while self._found:
             yield self._found.pop(0)
 

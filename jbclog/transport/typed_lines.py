@@ -1,8 +1,8 @@
-"""Lines that arrive during a run, from a barcode scanner or a program. Nothing here ever waits.
+r"""Lines that arrive during a run, from a barcode scanner or a program. Nothing here blocks.
 
 A line ends with CR, LF or both, depending on the scanner's configuration. Invalid or invisible
-characters are kept as escapes (``\\x1d`` for the group separator of a GS1 code), so that different
-serials never look the same. A line that is too long is marked, because it may be two merged ones.
+characters become escapes (``\x1d`` for the group separator of a GS1 code), so that different
+serials never look the same. A line that is too long is marked, because it may be two lines.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from jbclog.core.errors import UsageError
 
 STDIN: Final = 0
 OWN_STDIN: Final = Path("/proc/self/fd/0")
-LONGEST: Final = 200  # characters, as for every text given by people
+LONGEST: Final = 200  # characters, as for every text that people enter
 KEPT: Final = 4096  # bytes of an unfinished line
-A_LOOK: Final = 256  # bytes of a read: nobody types faster, and a faster program has to wait
+A_LOOK: Final = 256  # bytes of one read: more than anybody types; a faster program has to wait
 # Unicode categories of invisible characters
 HIDDEN: Final = ("Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp")
 BOM: Final = "\ufeff"
@@ -32,7 +32,7 @@ FLAGS: Final = os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 
 @dataclass(frozen=True, slots=True)
 class TypedLine:
-    """A line without its end. `is_clear`: nothing was escaped. `is_whole`: it was not too long."""
+    """A line without its end. `is_clear`: nothing was escaped. `is_whole`: not too long."""
 
     text: str
     is_clear: bool = True
@@ -56,7 +56,7 @@ class LineSplitter:
             yield from self._line(line, is_cut=is_cut and place == 0)
 
     def finish(self) -> Iterator[TypedLine]:
-        """Return the rest as a line."""
+        """Return the unfinished line, if any."""
         yield from self._line(self._rest, is_cut=self._is_cut)
         self._rest, self._is_cut = b"", False
 
@@ -77,11 +77,11 @@ def _shown(sign: str) -> str:
 
 
 class SourceLost(Exception):
-    """The source is gone: the scanner was unplugged, or the terminal closed."""
+    """The source is gone: scanner unplugged or terminal closed."""
 
 
 class LineSource:
-    """A source of lines, read without waiting. `name` is for people; `is_typed`: a terminal, which
+    """A non-blocking source of lines. `name` is for people; `is_typed`: a terminal, which
     echoes.
     """
 
@@ -95,7 +95,7 @@ class LineSource:
         self._ready.register(descriptor, select.POLLIN)
 
     def read(self) -> bytes | None:
-        """Return available bytes, maybe none; None at the end. Raises `SourceLost`."""
+        """Return available bytes, possibly none; None at the end. Raises `SourceLost`."""
         try:
             if not self._ready.poll(0):
                 return b""
@@ -121,7 +121,7 @@ def open_source(name: str) -> LineSource:
         kind = Path(name).stat().st_mode
         if stat.S_ISDIR(kind):
             raise UsageError(f"--units {name} is a folder: give -, a pipe, a device or a file")
-        # a pipe that is also open for writing has no end when one of its writers closes it
+        # open for writing too, because otherwise the pipe ends when a writer closes it
         how = os.O_RDWR if stat.S_ISFIFO(kind) else os.O_RDONLY
         return LineSource(os.open(name, how | FLAGS), name, ends=False)
     except (OSError, ValueError) as error:
@@ -129,21 +129,21 @@ def open_source(name: str) -> LineSource:
 
 
 def _stdin() -> int:
-    """Reopen stdin, so that its non-blocking mode does not affect the shell, which shares it."""
+    """Reopen stdin, because its non-blocking mode would also affect the shell, which shares it."""
     with suppress(OSError):
         return os.open(OWN_STDIN, os.O_RDONLY | FLAGS)
     return STDIN
 
 
 def is_plain_file(name: str) -> bool:
-    """Whether it is a file, which has an end."""
+    """Return True if it is a regular file, which has an end."""
     with suppress(OSError, ValueError):
         return stat.S_ISREG(os.fstat(STDIN).st_mode if name == "-" else Path(name).stat().st_mode)
     return False
 
 
 def lines_of_file(name: str, most_bytes: int) -> list[TypedLine]:
-    """Read all lines of a plain file. Raises `UsageError`."""
+    """Read all lines of a regular file. Raises `UsageError`."""
     try:
         with open(STDIN if name == "-" else name, "rb", closefd=name != "-") as file:
             data = file.read(most_bytes + 1)

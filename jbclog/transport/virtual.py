@@ -1,8 +1,8 @@
-"""Runs sessions on a virtual clock: an hour of faults in seconds, reproducibly. For tests and
+"""Run sessions on a virtual clock: an hour of faults in seconds, reproducibly. For tests and
 `replay --record`.
 
-Each session talks to a `Peer`, which returns its answers and when they arrive. The clock jumps to
-the next event.
+Each session talks to a `Peer`, which returns its answers and their times. The clock jumps to the
+next event.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ class Peer(Protocol):
     """The other end of a link."""
 
     def receive(self, data: bytes, now: float) -> Sequence[tuple[float, bytes]]:
-        """Return the answer to `data` written at `now`: bytes, each with the moment at which they
-        arrive.
+        """Return the answer to `data` written at `now`: pieces of bytes, each with its time of
+        arrival.
         """
 
     def is_unplugged(self, now: float) -> bool:
-        """Whether the link is interrupted."""
+        """Return True if the link is interrupted."""
 
 
 class VirtualDriver:
@@ -56,7 +56,7 @@ class VirtualDriver:
         heapq.heappush(self._events, (moment, next(self._order), call))
 
     def say(self, name: str, data: bytes) -> None:
-        """Send `data` now to the session of that name, without a request."""
+        """Send unsolicited `data` now to the session of that name."""
         for link in self._links:
             if link.name == name:
                 link.come(data)
@@ -68,7 +68,6 @@ class VirtualDriver:
             link.end(why)
 
     def run(self) -> None:
-        """Run until every session has ended."""
         while self._events and not all(link.is_ended for link in self._links):
             moment, _, call = heapq.heappop(self._events)
             self.clock.advance_to(moment)
@@ -78,11 +77,13 @@ class VirtualDriver:
 
 
 def _moment(coming: tuple[float, bytes]) -> float:
-    return coming[0]  # not the bytes: pieces of the same moment keep their order
+    return coming[0]  # not by the bytes: pieces of the same moment keep their order
 
 
 def _kept(pieces: Sequence[bytes]) -> Sequence[bytes]:
-    """Return what a real driver buffers while no session listens; the rest stays in the system."""
+    """Return the pieces that a real driver buffers while no session listens; the rest stays in the
+    system.
+    """
     so_far = accumulate(map(len, pieces))
     return pieces[: 1 + sum(size < MOST_KEPT for size in so_far)]
 
@@ -118,7 +119,7 @@ class _VirtualLink:
             self._pull(lambda: self._session.throw(RunEnded(why)))
 
     def come(self, data: bytes) -> None:
-        """Receive bytes without a request; they are lost where the port is not open."""
+        """Receive unsolicited bytes; they are lost if the port is not open."""
         if self._is_open and not self.is_ended:
             now, turn = self._driver.clock.monotonic(), self._turn
             self._coming = sorted([*self._coming, (now, data)], key=_moment)

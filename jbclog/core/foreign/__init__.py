@@ -1,5 +1,5 @@
-"""Open untrusted files: without waiting, within a size limit for each kind of file.
+"""Read untrusted files without blocking and within a size limit for each kind.
 
-Start with `files.py`, then `json_reader.py` (JSON); `tables.py` loads pyarrow and `database.py`
+Start with `files.py`, then `json_reader.py` (JSON); `tables.py` loads pyarrow, `database.py`
 sqlite3.
 """

@@ -1,4 +1,4 @@
-"""Open untrusted SQLite files: the schema is not trusted, every statement has a time limit."""
+"""Open untrusted SQLite files: check the schema and limit the time of every statement."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from urllib.parse import quote
 from jbclog.core.foreign.files import Kind, expect_regular
 
 ENDINGS: Final = ("-wal", "-shm", "-journal")
-# the maximum for one statement; an hour of 250 stations takes below one second
+# for one statement; an hour of 250 stations takes less than one second
 STATEMENT_S: Final = 60.0
 STEPS: Final = 100_000  # instructions of SQLite's virtual machine between two checks of the time
 LIMITS: Final[Mapping[int, int]] = {
@@ -34,17 +34,17 @@ DEFENSIVE: Final = (
 
 
 class NotAStore(sqlite3.DatabaseError):
-    """The file is a database, but not one that a recorder made."""
+    """The file is a database, but no recorder made it."""
 
 
 def open_database(
     path: Path, *, only_reads: bool, busy_s: float, kind: Kind = Kind.STORE
 ) -> Database:
-    """Open the database at `path`; its log and index must be regular files too, and none larger
-    than `kind` may be. Raises sqlite3.Error, OSError.
+    """Open the database at `path`. Its log and index must be regular files too, and no file may
+    exceed the limit of `kind`. Raises sqlite3.Error, OSError.
     """
     for one in (path, *(path.with_name(path.name + ending) for ending in ENDINGS)):
-        if only_reads or one != path:  # the file itself may have to be created
+        if only_reads or one != path:  # SQLite may have to create the file itself
             _expect_regular(one, kind, must_be_there=one == path)
     address = f"file:{quote(str(path))}?mode={'ro' if only_reads else 'rwc'}"
     connection = sqlite3.connect(
@@ -77,11 +77,11 @@ def _expect_regular(path: Path, kind: Kind, *, must_be_there: bool) -> None:
 
 
 class Database(sqlite3.Connection):
-    """A connection that interrupts statements that take too long (sqlite3.OperationalError)."""
+    """A connection that interrupts slow statements (sqlite3.OperationalError)."""
 
     def execute(self, sql: str, parameters: Any = (), /) -> sqlite3.Cursor:
-        """Execute a statement. SQLite's message may quote bytes of the file that are not text,
-        which Python cannot decode.
+        """Execute a statement. Raises `NotAStore` if SQLite's message quotes bytes of the file that
+        Python cannot decode.
         """
         try:
             return super().execute(sql, parameters)
@@ -92,7 +92,7 @@ class Database(sqlite3.Connection):
         self, sql: str, parameters: Any = (), *, most_rows: int, most_bytes: int
     ) -> list[tuple[Any, ...]]:
         """Return the rows of a query. Raises `NotAStore` for more rows, or more bytes in their
-        texts: pages of a forged file count as often as rows name them.
+        texts: rows of a forged file can name the same page many times.
         """
         found: list[tuple[Any, ...]] = []
         taken = 0
@@ -104,13 +104,12 @@ class Database(sqlite3.Connection):
         return found
 
     def within(self, seconds: float = STATEMENT_S) -> None:
-        """Limit the time of the statements from now on."""
+        """Limit the time of the following statements."""
         until = time.monotonic() + seconds
         self.set_progress_handler(lambda: time.monotonic() > until, STEPS)
 
     def expect_tables(self, columns: Mapping[str, tuple[str, ...]]) -> bool:
-        """Whether exactly these tables exist, without any view, trigger or other table. False for
-        an empty database.
+        """Return True if exactly these tables exist and nothing else, False for an empty database.
 
         Raises `NotAStore`, sqlite3.Error.
         """

@@ -1,7 +1,7 @@
-"""Open untrusted files and folders without ever waiting for them.
+"""Open untrusted files and folders without blocking.
 
-Only regular files are opened, up to the size limit of their kind. A pipe, a socket or a device is
-refused before it is opened, because opening it can wait forever or have effects. Inside a run's
+Opens only regular files, up to the size limit of their kind. A pipe, a socket or a device is
+refused before it is opened, because opening it can block or have side effects. Inside a run's
 folder no link is followed; a path that the user names may be a link.
 """
 
@@ -27,9 +27,9 @@ from typing import Final, NamedTuple
 from jbclog.core.children import kill
 from jbclog.core.errors import RecordError
 
-# A call on a network mount that hangs cannot be interrupted, not even by a signal. So a child
-# process looks first at a folder that the user names, if it is on a network mount. A mount that
-# begins to hang later is not detected.
+# A call on a hanging network mount cannot be interrupted, not even by a signal. So a child process
+# first examines a folder that the user names, if it is on a network mount. A mount that hangs later
+# is not detected.
 
 ANSWERS_S: Final = 5.0
 MOUNTS: Final = Path("/proc/self/mountinfo")
@@ -113,7 +113,7 @@ def _remote_folder(path: Path) -> Path | None:
 
 
 def _remote_mounts() -> set[Path]:
-    """Return the mount points of network mounts; none where the system does not list them."""
+    """Return the mount points of network mounts; empty if the system does not list them."""
     try:
         lines = MOUNTS.read_text(encoding="utf-8", errors="surrogateescape").splitlines()
     except OSError:
@@ -127,7 +127,7 @@ def _remote_mounts() -> set[Path]:
 
 
 def _place(text: str) -> Path:
-    """Decode a mount point, in which blanks are octal numbers."""
+    """Decode a mount point; blanks in it are octal escapes."""
     return Path(re.sub(r"\\([0-7]{3})", lambda found: chr(int(found[1], 8)), text))
 
 
@@ -177,7 +177,7 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
         Kind.LEDGER: 256 * MIB,  # 250 stations, audited daily, take 90 MB a year
         Kind.WIRE: 4 * GIB,  # a station's month takes some 500 MB
         Kind.PART: 4 * GIB,  # an hour of 256 ports at 10 Hz takes 50 MB
-        Kind.STORE: 16 * GIB,  # an hour of rows, or the whole disk where sealing fails
+        Kind.STORE: 16 * GIB,  # an hour of rows, or the whole disk if sealing fails
         Kind.RECORD: 16 * GIB,
         Kind.INDEX: 2 * GIB,  # 10 000 runs of three ports take 130 MB
         Kind.CACHE: 4 * MIB,  # the metrics of 256 ports take 60 kB
@@ -185,20 +185,18 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
         Kind.CHECKPOINT_HINT: MIB,  # takes 10 kB
     }
 )
-"""The maximum size of each kind in bytes. Text kinds are read whole, a ledger by lines, the others
-in pieces.
+"""Maximum size of each kind in bytes. Text kinds are read whole, a ledger by lines, others in
+pieces.
 """
 
 LINES: Final[Mapping[Kind, int]] = MappingProxyType(
     {Kind.ANNOTATIONS: 20_000}
     | dict.fromkeys((Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
 )
-"""The maximum number of lines of a kind: in memory, an empty line takes a hundred times its
-size.
-"""
+"""Maximum number of lines of a kind: an empty line takes a hundred times its size in memory."""
 
 LONGEST_LINE: Final = 256 * KIB  # a look at a station takes 1 kB
-"""The maximum length in bytes of a line that is read by itself."""
+"""Maximum length in bytes of a line that is read by itself."""
 
 _WHAT: Final = (
     (stat.S_ISFIFO, "a pipe"),
@@ -211,7 +209,7 @@ _WHAT: Final = (
 
 
 class NotReadable(OSError):
-    """A file that is not opened, or not read further; the text says why, without a number."""
+    """A file that is not opened, or not read to its end. The text says why; there is no errno."""
 
     def __init__(self, why: str) -> None:
         super().__init__(errno.EINVAL, why)
@@ -221,8 +219,8 @@ class NotReadable(OSError):
 
 
 def expect_regular(path: Path, kind: Kind, *, links: bool = False) -> int:
-    """Return the size of the regular file at `path`. Raises OSError where it is missing,
-    `NotReadable` where it is another kind.
+    """Return the size of the regular file at `path`. Raises OSError if it is missing, `NotReadable`
+    if it is another kind.
 
     `links`: the user named the path, so it may be a link to a regular file.
     """
@@ -242,14 +240,14 @@ def _what(there: os.stat_result) -> str:
 
 
 def expect_opened(descriptor: int, kind: Kind) -> int:
-    """Return the size of a file that is open for writing; raises as `expect_regular`."""
+    """Return the size of a file open for writing; raises as `expect_regular` does."""
     return _size(os.fstat(descriptor), kind)
 
 
 def open_foreign(path: Path, kind: Kind, *, links: bool = False) -> BufferedReader:
     """Open the regular file at `path` for reading. Raises OSError as `expect_regular` does.
 
-    The file is checked before and after opening, because it may be replaced in between.
+    Checks the file before and after opening, because it may be replaced in between.
     """
     expect_regular(path, kind, links=links)
     flags = (
@@ -302,8 +300,8 @@ def cut_blank_end(path: Path, kind: Kind) -> None:
 
 
 def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
-    """Read the regular file at `path`. Raises OSError as `expect_regular` does, also where it grows
-    beyond its limit.
+    """Read the regular file at `path`. Raises OSError as `expect_regular` does, also if the file
+    grows beyond its limit.
     """
     with open_foreign(path, kind, links=links) as file:
         size = os.fstat(file.fileno()).st_size
@@ -318,8 +316,8 @@ def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
 
 
 class Line(NamedTuple):
-    """A line without its end: None instead of a text longer than `LONGEST_LINE`. `sha256` is that
-    of the whole line.
+    """A line without its end; `text` is None if longer than `LONGEST_LINE`. `sha256` is the hash of
+    the whole line.
     """
 
     text: bytes | None
@@ -328,7 +326,7 @@ class Line(NamedTuple):
 
 
 def each_line(file: BufferedReader) -> Iterator[Line]:
-    """Yield the lines of a file, in memory for one of `LONGEST_LINE` bytes. Raises OSError."""
+    """Yield the lines of a file, holding at most `LONGEST_LINE` bytes in memory. Raises OSError."""
     while text := file.readline(LONGEST_LINE + 1):
         if text.endswith(b"\n"):
             text = text[:-1]
@@ -349,8 +347,8 @@ def _long_line(file: BufferedReader, text: bytes) -> Line:
 
 
 def plain_files(folder: Path) -> Iterator[Path]:
-    """Yield all files below `folder`; what is missing, or is removed meanwhile, has none. Raises
-    `NotReadable` for whatever is neither a regular file nor a folder, a link included.
+    """Yield all files below `folder`; ignores a missing folder and files removed meanwhile. Raises
+    `NotReadable` for anything but regular files and folders, links included.
     """
     folders = [folder]
     while folders:
@@ -369,12 +367,12 @@ def plain_files(folder: Path) -> Iterator[Path]:
 
 
 DEEPEST: Final = 4
-"""The maximum number of folders in one another below a run's folder; a recorder makes one."""
+"""Maximum depth of folders below a run's folder; a recorder makes one."""
 
 
 def entries_below(folder: Path) -> Iterator[os.DirEntry[str]]:
-    """Yield all that is below a run's folder and may be read; follows no link. Raises OSError,
-    `NotReadable` for more folders in one another than `DEEPEST`.
+    """Yield all entries below a run's folder; follows no link. Raises OSError, `NotReadable` for
+    folders deeper than `DEEPEST`.
     """
     folders = [(os.fspath(folder), 0)]
     while folders:
@@ -395,13 +393,15 @@ LONGEST_NAME: Final = 255
 
 
 def is_name(text: str) -> bool:
-    """Whether a foreign text can be the name of a file or a folder in another one."""
+    """Return True if an untrusted text can be the name of a file or folder."""
     is_plain = text not in ("", ".", "..") and "/" not in text and "\0" not in text
     return is_plain and len(text.encode(errors="replace")) <= LONGEST_NAME
 
 
 def is_plain_folder(path: Path) -> bool:
-    """Whether `path` itself is a folder, not a link to one. False where it cannot be examined."""
+    """Return True if `path` itself is a folder, not a link to one; False if it cannot be
+    examined.
+    """
     try:
         return stat.S_ISDIR(path.lstat().st_mode)
     except (OSError, ValueError):

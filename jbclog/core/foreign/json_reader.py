@@ -19,21 +19,22 @@ from jbclog.core.foreign.files import Kind, read_foreign
 T = TypeVar("T")
 
 # Python's JSON accepts NaN, infinity and numbers of any length. Here a number is finite and at most
-# `LARGEST`: a whole one fits 64 bits, may become a float and be read again, and later arithmetic
-# does not fail.
+# `LARGEST`: an integer fits 64 bits, survives conversion to a float and back, and does not make
+# later arithmetic fail.
 MOST_OBJECTS: Final = 400_000  # and lists; an empty one takes three bytes in the file, 64 in memory
-# a recorder's files have one in 25 bytes, so fewer; one of three bytes takes 30 in memory
+# a recorder's files have at most one in 25 bytes; one of three bytes takes 30 in memory
 MOST_VALUES: Final = 1_400_000
 WHOLE: Final = 1 << 62
 LONGEST: Final = 20  # digits
 LARGEST: Final = float(WHOLE)
 FIRST_S, LAST_S = 0.0, 7_258_118_400.0  # 1970 to 2200, in seconds: pandas' times end in 2262
-LEAST_PERIOD_S, MOST_PERIOD_S = 1e-6, 1e6  # far beyond what `rate_hz` allows
+LEAST_PERIOD_S, MOST_PERIOD_S = 1e-6, 1e6  # far beyond the limits of `rate_hz`
 YEARS: Final = range(1970, 2200)
 
 
 def json_of(data: bytes | str, *, in_utf8: bool = False) -> Any:
-    """Parse `data`. Raises ValueError for invalid JSON, too deep nesting, or a number out of range.
+    """Parse `data`. Raises ValueError for invalid JSON, excessive nesting, or a number out of
+    range.
 
     `in_utf8`: the writer used no escapes, so half a surrogate pair is invalid.
     """
@@ -76,12 +77,12 @@ def _no_number(text: str) -> float:
 
 
 _PLAIN: Final = json.JSONDecoder(parse_constant=_no_number)
-# it takes thrice the time
+# three times slower than `_PLAIN`
 _CAREFUL: Final = json.JSONDecoder(parse_int=_whole, parse_float=_finite, parse_constant=_no_number)
 
 
 def _has_few(data: bytes) -> bool:
-    """Whether it has no more objects and values than `json_of` takes."""
+    """Return True if `data` is within `json_of`'s limits for objects and values."""
     return len(data) <= MOST_OBJECTS or (
         data.count(b"{") + data.count(b"[") <= MOST_OBJECTS and data.count(b",") <= MOST_VALUES
     )
@@ -89,13 +90,13 @@ def _has_few(data: bytes) -> bool:
 
 _SHAPES: Final = bytes.maketrans(b"123456789E \t\r\n:,[", b"000000000e" + b" " * 7)
 _MANY_DIGITS: Final = b"0" * 19
-_EXPONENT: Final = re.compile(rb"0e\+?0")  # begins with plain text, for which `re` searches fast
+_EXPONENT: Final = re.compile(rb"0e\+?0")  # begins with plain text, which `re` finds fast
 _LONGEST_BEFORE: Final = 40  # of a number without `_MANY_DIGITS`, before its exponent
 
 
 def _is_doubtful(data: bytes) -> bool:
-    """Whether it may contain a large number: many digits, or an exponent that only digits precede,
-    unlike in most hashes.
+    """Return True if it may contain a large number: many digits, or an exponent preceded only by
+    digits, unlike in most hashes.
     """
     shapes = data.translate(_SHAPES)
     if _MANY_DIGITS in shapes:
@@ -106,18 +107,18 @@ def _is_doubtful(data: bytes) -> bool:
 
 
 _HALF: Final = re.compile(r"\\u[dD][89a-fA-F]")
-"""One of the two escapes of a sign beyond 16 bits; without the other it is none."""
+"""Escape of half a surrogate pair, invalid without the other half."""
 
 
 def expect_moment(seconds: float | None) -> None:
-    """Raise ValueError unless `seconds` since 1970 are a moment that a calendar has."""
+    """Raise ValueError unless `seconds` since 1970 are within 1970 to 2200; None passes."""
     if seconds is not None and not FIRST_S <= seconds < LAST_S:
         raise ValueError(f"{seconds:g} s is no time between {YEARS[0]} and {YEARS[-1]}")
 
 
 def expect_period(seconds: float | None) -> None:
-    """Raise ValueError unless `seconds` can be the time between two samples; None is a run without
-    a fixed rate.
+    """Raise ValueError unless `seconds` can be a sampling period; None is a run without a fixed
+    rate.
     """
     if seconds is not None and not LEAST_PERIOD_S <= seconds <= MOST_PERIOD_S:
         raise ValueError(
@@ -126,14 +127,14 @@ def expect_period(seconds: float | None) -> None:
 
 
 def expect_year(year: int) -> None:
-    """Raise ValueError unless it is a year of these centuries."""
+    """Raise ValueError for a year out of range."""
     if year not in YEARS:
         raise ValueError(f"{year} is no year between {YEARS[0]} and {YEARS[-1]}")
 
 
 def expect_time(text: str | None) -> None:
-    """Raise ValueError for a text that is no time of these centuries, or has no zone: it could not
-    be compared.
+    """Raise ValueError for a text that is no time in range, or has no time zone and so cannot be
+    compared.
     """
     if text is None:
         return
@@ -144,13 +145,13 @@ def expect_time(text: str | None) -> None:
 
 
 def builder(kind: type[T]) -> Callable[[object], T]:
-    """Return what converts parsed JSON to `kind`, and raises ValueError naming the key. To be
-    called at import.
+    """Return a converter from parsed JSON to `kind`, which raises ValueError naming the key. Call
+    this at import only.
 
-    Unknown keys are ignored: a later jbclog of the same schema may have added them. Keys of
-    `dict[int, ...]` are digits in JSON.
+    Ignores unknown keys: a later jbclog of the same schema may have added them. Keys of `dict[int,
+    ...]` are digits in JSON.
     """
-    # describes the type now: threads that both describe it at its first use crash the process
+    # describe the type now: two threads that describe it at first use crash the process
     msgspec.json.Decoder(kind)
 
     def build(data: object) -> T:
@@ -160,10 +161,10 @@ def builder(kind: type[T]) -> Callable[[object], T]:
 
 
 def decoder(kind: type[T]) -> Callable[[bytes], T]:
-    """Return what decodes UTF-8 JSON to `kind`: as `builder` does after `json_of`, without the cost
-    of keys that `kind` lacks.
+    """Return a decoder of UTF-8 JSON to `kind`: as `builder` after `json_of`, without the cost of
+    unknown keys. It raises ValueError.
 
-    To be called at import. What it returns raises ValueError.
+    Call this at import only.
     """
     build, typed = builder(kind), msgspec.json.Decoder(kind)
 
@@ -173,7 +174,7 @@ def decoder(kind: type[T]) -> Callable[[bytes], T]:
 
     def decode(data: bytes) -> T:
         if _has_few(data) and b"\\u" not in data and not _is_doubtful(data):
-            # then `json_of` accepts it, or states what is wrong
+            # then `json_of` accepts it, or says what is wrong
             with suppress(ValueError, RecursionError):
                 data.decode()
                 return typed.decode(data)

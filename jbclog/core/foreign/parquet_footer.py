@@ -1,4 +1,4 @@
-"""Parse a Parquet file's footer without the library. Start with `groups_in`."""
+"""Parse a Parquet file's footer without pyarrow. Start with `groups_in`."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from jbclog.core.foreign.files import NotReadable
 # https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md, and
 # https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 #
-# The library parses the same bytes afterwards. Where it could read them differently, a value is
-# refused: a duplicate field, a number too large for its type, a field id beyond 16 bits.
+# pyarrow parses the same bytes afterwards. Refused is what it could read differently: a duplicate
+# field, a number too large for its type, a field id beyond 16 bits.
 
 YES, NO, BYTE, I16, I32, I64, DOUBLE, BINARY, LIST, SET, STRUCT = 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 12
 BITS: Final = {I16: 16, I32: 32, I64: 64}
 SIGN: Final = 1
 DEPTH: Final = 8
 LONGEST_VARINT: Final = 10  # bytes of 64 bits
-# of each list: the library builds a schema's tree by recursion, one call a level
+# of each list: pyarrow builds a schema's tree by recursion, one call a level
 MOST_ITEMS: Final = 8192
-NESTED: Final = 32  # groups of a schema in each other
+NESTED: Final = 32  # depth of groups in a schema
 LONG_LIST: Final = 15
 # cached footers (a week has 168 parts a table), and the maximum size of each
 KEPT, KEPT_BYTES = 256, 64 << 10
@@ -68,8 +68,8 @@ class ThriftReader:
         return found
 
     def items(self, kind: int, of: int) -> Iterator[None]:
-        """Iterate over a list of type `of`; the caller reads each item before the next. Another
-        type has no items.
+        """Iterate over a list of type `of`; the caller reads each item before the next. A list of
+        another type yields nothing.
         """
         if kind != LIST:
             self.skip(kind)
@@ -81,7 +81,6 @@ class ThriftReader:
             yield
 
     def skip(self, kind: int) -> None:
-        """Skip a value of type `kind`."""
         self.at = _end_of(self.data, self.at, kind)
         if self.at > len(self.data):
             raise ValueError("bytes beyond the end")
@@ -109,7 +108,9 @@ class ThriftReader:
 
 
 def _end_of(data: bytes, at: int, kind: int, depth: int = 0) -> int:
-    """Return where a value of type `kind` that begins at `at` ends. Most of a footer is skipped."""
+    """Return the end of a value of type `kind` that begins at `at`. Most of a footer is skipped
+    this way.
+    """
     if kind in BITS:
         begin = at
         while data[at] & 0x80:
@@ -136,7 +137,7 @@ def _end_of_struct(data: bytes, at: int, depth: int) -> int:
         raise ValueError("nested too deeply")
     while head := data[at]:
         at += 1
-        if head >> 4 == 0:  # the field's number stands by itself
+        if head >> 4 == 0:  # the field id follows as a number of its own
             at = _end_of(data, at, I16)
         at = _end_of(data, at, head & 0xF, depth + 1)
     return at + 1
@@ -156,7 +157,7 @@ def _end_of_list(data: bytes, at: int, depth: int) -> int:
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """Return the number that begins at `at`, and where it ends."""
+    """Return the number that begins at `at`, and its end."""
     one = data[at]
     if one < 0x80:
         return one, at + 1
@@ -172,8 +173,8 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
         one = data[at]
 
 
-# The library's own metadata view aborts the process (pyarrow 26: an exception that its Python
-# binding does not catch) where a footer contradicts itself; one altered byte is enough.
+# pyarrow's own metadata view aborts the process (pyarrow 26: an exception that its Python binding
+# does not catch) if a footer contradicts itself; one altered byte is enough.
 SCHEMA, GROUPS = 2, 4  # fields of FileMetaData,
 ELEMENT_KIND, ELEMENT_NAME, CHILDREN = 1, 4, 5  # of SchemaElement,
 COLUMNS, ROWS = 1, 3  # of RowGroup,
@@ -189,8 +190,8 @@ GREATEST, LEAST = 5, 6  # of Statistics
 
 @dataclass(frozen=True, slots=True)
 class ColumnChunk:
-    """A column of a row group: name, number of values, sizes, offsets, statistics, physical
-    type and codec.
+    """Column of a row group: name, number of values, sizes, offsets, statistics, physical type and
+    codec.
     """
 
     name: str
@@ -205,7 +206,7 @@ class ColumnChunk:
 
     @property
     def bounds(self) -> tuple[bytes | None, bytes | None]:
-        """The minimum and maximum; None where the footer has none. Raises `NotReadable`."""
+        """Minimum and maximum; None if the footer has none. Raises `NotReadable`."""
         try:
             return _bounds(ThriftReader(self.statistics or b"\0"))
         except (IndexError, ValueError):
@@ -214,18 +215,16 @@ class ColumnChunk:
 
 @dataclass(frozen=True, slots=True)
 class RowGroup:
-    """A row group: its number of rows and its columns."""
-
     rows: int
     chunks: tuple[ColumnChunk, ...]
 
 
 def groups_in(footer: bytes) -> tuple[RowGroup, ...]:
-    """Parse the row groups of a footer. Raises `NotReadable`, also where their columns are not
-    those of its schema, by which the library reads them.
+    """Parse the row groups of a footer. Raises `NotReadable`, also if their columns differ from
+    those of the schema, by which pyarrow reads them.
 
-    A report opens each part several times for each station, so the last few small footers are
-    cached, and the last large one.
+    A report opens each part several times for each station, so the last few small footers and the
+    last large one are cached.
     """
     return _kept(footer) if len(footer) <= KEPT_BYTES else _last_large(footer)
 
@@ -254,7 +253,7 @@ _kept, _last_large = lru_cache(maxsize=KEPT)(_groups_in), lru_cache(maxsize=1)(_
 
 
 Element = tuple[str, int, int]
-"""An element of a schema: its name, number of children and physical type."""
+"""Element of a schema: its name, number of children and physical type."""
 
 
 def _element(reader: ThriftReader) -> Element:
@@ -270,7 +269,7 @@ def _element(reader: ThriftReader) -> Element:
 
 
 def _leaves(elements: Sequence[Element]) -> list[tuple[str, int]]:
-    """Return the columns of a schema in their order, by path and type. Raises ValueError."""
+    """Return the columns of a schema in order, as path and type. Raises ValueError."""
     found: list[tuple[str, int]] = []
     prefixes, left = [""], [elements[0][1] if elements else 0]  # of the groups above
     for name, children, kind in elements[1:]:
@@ -321,7 +320,7 @@ def _chunk(reader: ThriftReader) -> ColumnChunk:
 
 
 def _about(reader: ThriftReader) -> ColumnChunk:
-    """Parse a column's metadata, without a call for each field: they are most of a footer."""
+    """Parse a column's metadata without a call for each field: it is most of a footer."""
     data, at, number = reader.data, reader.at, 0
     numbers: dict[int, int] = {}
     name, statistics = "", None
@@ -332,7 +331,7 @@ def _about(reader: ThriftReader) -> ColumnChunk:
         else:
             value, at = _varint(data, at + 1)
             number = (value >> SIGN) ^ -(value & SIGN)
-        if not before < number < 1 << 15:  # in another order, fields could be there twice
+        if not before < number < 1 << 15:  # in another order, fields could be duplicates
             raise ValueError(f"field {number} is out of order")
         if number in NUMBERS and kind in BITS:
             value, at = _varint(data, at)

@@ -1,4 +1,4 @@
-"""Read a Parquet file's footer and page headers without the library, which allocates what they
+"""Read a Parquet file's footer and page headers without pyarrow, which allocates whatever they
 declare.
 """
 
@@ -17,10 +17,10 @@ from jbclog.core.foreign.parquet_footer import STRUCT, ColumnChunk, RowGroup, Th
 MAGIC: Final = b"PAR1"
 TAIL: Final = struct.Struct("<I4s")
 FOOTER_BYTES: Final = 4 * MIB  # an hour of 256 ports at 10 Hz takes 1.4 MB
-PAGES: Final = 4096  # of one column of a row group,
-FREE_PAGES: Final = 32_768  # and of all that are read of a file,
-BYTES_A_PAGE: Final = 512  # with one for so many bytes of it,
-VALUES_A_PAGE: Final = 8192  # and one for so many values: the library writes 20 000 to a page
+PAGES: Final = 4096  # limits: pages of one column of a row group,
+FREE_PAGES: Final = 32_768  # pages read of a file,
+BYTES_A_PAGE: Final = 512  # one more for so many bytes of it,
+VALUES_A_PAGE: Final = 8192  # and one for so many values: pyarrow writes 20 000 to a page
 ROWS_A_BYTE: Final = 16  # rows without any reading take a quarter of a byte each
 FREE_ROWS: Final = 1_000_000  # whatever the file's size
 COLUMNS: Final = 200
@@ -29,24 +29,24 @@ COLUMNS: Final = 200
 # https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 HEAD_BYTES: Final = 16 << 10
 USUAL_HEAD_BYTES: Final = 256
-# cached page headers: those of the 17 columns that a report reads of a week's samples, several
-# times in the same order: a smaller cache would hold none when they come again. Some 0.6 kB each
+# cached page headers: the 17 columns that a report reads of a week's samples, several times in the
+# same order, so that a smaller cache would never hit. Some 0.6 kB each
 KEPT_HEADS: Final = 9216
 TYPE, UNPACKED, PACKED, DATA, DICTIONARY, DATA_2 = 1, 2, 3, 5, 7, 8  # fields of a page header
 ABOUT: Final = {0: DATA, 2: DICTIONARY, 3: DATA_2}  # the field that describes a page of a type
 VALUES: Final = 1  # of each of the three kinds of page
-WORDS: Final = 1 << 20  # of a dictionary, or one for each value; the library has 16 bytes for each
+WORDS: Final = 1 << 20  # of a dictionary, or one for each value; pyarrow allocates 16 bytes each
 ENCODING: Final = {DATA: 2, DATA_2: 4}
-# encodings of texts: each in full (PLAIN, DELTA_LENGTH_BYTE_ARRAY), and places in the dictionary.
-# In another, DELTA_BYTE_ARRAY, a text repeats the beginning of the one before
+# encodings of texts: each in full (PLAIN, DELTA_LENGTH_BYTE_ARRAY), and indices into the
+# dictionary. In DELTA_BYTE_ARRAY a text repeats the beginning of the previous one
 IN_FULL: Final = (0, 6)
 CODES: Final = (2, 8)
 UNKNOWN: Final = -1
 
 
 class Page(NamedTuple):
-    """A page by its header: sizes, number of values, encoding (None: a dictionary), and where its
-    data are.
+    """A page by its header: sizes, number of values, encoding (None: a dictionary), and offset of
+    its data.
     """
 
     packed: int
@@ -57,7 +57,7 @@ class Page(NamedTuple):
 
 
 def footer_of(data: BinaryIO) -> bytes:
-    """Return the footer's bytes. Raises `NotReadable` where it is missing or too long."""
+    """Return the footer's bytes. Raises `NotReadable` if it is missing or too long."""
     size = data.seek(0, 2)
     if size < TAIL.size + len(MAGIC):
         raise NotReadable("is not a Parquet file: it is too short")
@@ -98,8 +98,8 @@ def pages_of(data: BinaryIO, chunk: ColumnChunk) -> Iterator[Page]:
 
 
 class PageReader:
-    """Reads the page headers of an open file's columns, in all no more than a file of its size has:
-    many columns, and many row groups, may be said to have the same pages.
+    """Reads the page headers of an open file's columns. Limits their total by the file's size,
+    because many columns and row groups can declare the same pages.
     """
 
     def __init__(self, data: BinaryIO, groups: Sequence[RowGroup]) -> None:
@@ -116,16 +116,16 @@ class PageReader:
         if self._left < 0:
             raise NotReadable(f"{chunk.name} is in too many pages for the file's size")
         if sum(page.values for page in pages if page.encoding is not None) != chunk.values:
-            # the library reads whole pages, whatever the footer counts
+            # pyarrow reads whole pages, whatever the footer counts
             raise NotReadable(f"{chunk.name} has pages of other than {chunk.values} values")
         return pages
 
 
 def _head(data: bytes) -> Page | None:
-    """Parse a page header; its data begin where it ends.
+    """Parse a page header; the data follow it.
 
-    A run's pages are read several times by whatever looks at it. A header that ends within its
-    first bytes is the same whatever follows.
+    Cached, because several readers read a run's pages. A header that ends within its first bytes is
+    the same whatever follows.
     """
     try:
         return _usual_head(data[:USUAL_HEAD_BYTES])
@@ -148,7 +148,7 @@ def _parsed_head(data: bytes) -> Page | None:
     except (IndexError, ValueError):
         raise NotReadable("has an unreadable page header") from None
     page_type = numbers.get(TYPE)
-    # the library goes by the type: what another field says would be believed here alone
+    # pyarrow goes by the type; a description in another field would be believed here only
     if page_type is None or [*about] != [ABOUT.get(page_type)]:
         raise NotReadable("has a page header of another kind than its page")
     ((values, encoding),) = about.values()

@@ -1,8 +1,8 @@
-"""What a Parquet file takes once it is unpacked, from its footer and page headers: for files that a
-library reads by itself.
+"""Uncompressed size of a Parquet file, from its footer and page headers, for files that a library
+reads by itself.
 
-`sizes_of` measures; what is too much depends on the table. A size is an upper bound: a text in a
-dictionary counts in full at each place where it can be used.
+`sizes_of` measures; the limit depends on the table. Sizes are upper bounds: a text in a dictionary
+counts in full at each place that can use it.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from jbclog.core.foreign.parquet_pages import (
 
 COLUMNS: Final = 1000
 SMALL: Final = 256 << 10  # read at once
-A_VALUE: Final = 8  # bytes of a number, or of a text's place
+A_VALUE: Final = 8  # bytes of a number, or of a text's index
 BATCH_ROWS: Final = 32_768
-PLAIN_ENOUGH: Final = MIB  # a dictionary that can take no more is not unpacked
+PLAIN_ENOUGH: Final = MIB  # a smaller dictionary is not decompressed
 DICTIONARY_BYTES: Final = 64 * MIB
 CODECS: Final = {0: None, 1: "snappy", 2: "gzip", 4: "brotli", 6: "zstd", 7: "lz4_raw"}
 LENGTH: Final = struct.Struct("<I")
@@ -36,8 +36,8 @@ LENGTH: Final = struct.Struct("<I")
 
 @dataclass(frozen=True, slots=True)
 class ColumnSize:
-    """A column in a row group: its values, bytes of all of it, of what is needed at once to read
-    `BATCH_ROWS` rows, and of its largest page.
+    """Column of a row group: its values, its total bytes, the bytes needed at once to read
+    `BATCH_ROWS` rows, and its largest page.
     """
 
     values: int
@@ -63,11 +63,11 @@ class GroupSize:
     columns: Mapping[str, ColumnSize]
 
     def written(self, columns: Collection[str] | None) -> int:
-        """Return the bytes of these columns, or of all."""
+        """Return the total bytes of these columns, or of all."""
         return sum(one.written for one in self._chosen(columns))
 
     def at_once(self, columns: Collection[str] | None) -> int:
-        """Return the bytes that are needed at once to read these columns, or all, by batches."""
+        """Return the bytes needed at once to read these columns, or all, in batches."""
         return sum(one.at_once for one in self._chosen(columns))
 
     def _chosen(self, columns: Collection[str] | None) -> list[ColumnSize]:
@@ -76,8 +76,6 @@ class GroupSize:
 
 @dataclass(frozen=True, slots=True)
 class FileSize:
-    """A file: its size in bytes, and its row groups."""
-
     size: int
     groups: tuple[GroupSize, ...]
 
@@ -86,12 +84,12 @@ class FileSize:
         return sum(one.rows for one in self.groups)
 
     def written(self, columns: Collection[str] | None = None) -> int:
-        """Return the bytes of these columns, or of all."""
+        """Return the total bytes of these columns, or of all."""
         return sum(one.written(columns) for one in self.groups)
 
 
 def sizes_of(data: BinaryIO) -> FileSize:
-    """Return what an open Parquet file takes. Raises OSError (`NotReadable`)."""
+    """Measure an open Parquet file. Raises OSError (`NotReadable`)."""
     size = data.seek(0, os.SEEK_END)
     if size <= SMALL:
         data.seek(0)
@@ -124,20 +122,20 @@ def _chunk(data: BinaryIO, chunk: ColumnChunk, pages: list[Page], rows: int) -> 
         return ColumnSize(chunk.values, chunk.values * A_VALUE, at_once, largest)
     longest = _longest(data, chunk, pages)
     written = [page.values * A_VALUE + _texts(page, longest) for page in data_pages]
-    # rows of a nested column have any number of values
+    # a nested column has any number of values in a row
     of_batch = _of_a_batch(data_pages, written) if chunk.values == rows else sum(written)
     return ColumnSize(chunk.values, sum(written), largest + of_batch, largest)
 
 
 def _texts(page: Page, longest: int) -> int:
-    """Return the bytes of a page's texts, written out."""
+    """Return the bytes of a page's texts in full."""
     if page.encoding in CODES:
         return page.values * longest
     return page.unpacked * (1 if page.encoding in IN_FULL else page.values)
 
 
 def _of_a_batch(pages: list[Page], written: list[int]) -> int:
-    """Return the most that `BATCH_ROWS` values in succession take, in whole pages."""
+    """Return the most bytes that `BATCH_ROWS` consecutive values take, in whole pages."""
     most = now = values = first = 0
     for page, size in zip(pages, written, strict=True):
         now, values = now + size, values + page.values
@@ -148,7 +146,7 @@ def _of_a_batch(pages: list[Page], written: list[int]) -> int:
 
 
 def _longest(data: BinaryIO, chunk: ColumnChunk, pages: list[Page]) -> int:
-    """Return the length of the longest text in a column's dictionary, or an upper bound for it."""
+    """Return the length of the longest text in a column's dictionary, or an upper bound."""
     longest = max((page.unpacked for page in pages if page.encoding is None), default=0)
     if longest * chunk.values <= PLAIN_ENOUGH or chunk.codec not in CODECS:
         return longest
@@ -172,7 +170,7 @@ def _unpacked(packed: bytes, page: Page, chunk: ColumnChunk) -> bytes:
 
 
 def _longest_in(texts: bytes) -> int:
-    """Return the longest of the texts of a dictionary: each follows its length."""
+    """Return the length of the longest text of a dictionary; each text follows its length."""
     longest = at = 0
     while at + LENGTH.size <= len(texts):
         (length,) = LENGTH.unpack_from(texts, at)

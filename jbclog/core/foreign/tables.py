@@ -1,9 +1,8 @@
 """Read untrusted Parquet, one row group at a time, after checking what it declares.
 
-A file of 150 kB can declare or contain rows that take gigabytes. Checked are: the footer's length
-before it is parsed; rows per file size and per row group; the bytes that each column declares; each
-page's size in its header, which is what the library allocates; and the length of a dictionary's
-texts when written out.
+A file of 150 kB can declare or contain rows that take gigabytes. Checks: the footer's length before
+parsing; rows for the file's size and in a row group; the bytes that each column declares; each
+page's size in its header, which pyarrow allocates; and the length of a dictionary's texts in full.
 
 A recorder's row groups have some 33 000 rows and 9 MB; the limits are eight to sixteen times that.
 """
@@ -41,7 +40,7 @@ from jbclog.core.foreign.parquet_pages import (
 from jbclog.core.foreign.values import expect_values
 
 GROUP_ROWS: Final = 262_144
-THREADED_ROWS: Final = 4096  # threads take longer for fewer
+THREADED_ROWS: Final = 4096  # threads are slower for fewer
 GROUP_BYTES: Final = 128 * MIB  # of the columns read, uncompressed
 PLAIN_TEXTS: Final = (
     pa.types.is_string,
@@ -55,15 +54,15 @@ PLAIN_TEXTS: Final = (
 def open_table(
     path: Path, coded: Sequence[str] = (), most_bytes: int = GROUP_BYTES
 ) -> Iterator[ParquetTable]:
-    """Open the Parquet file at `path` and check its footer; a row group that is read has at most
+    """Open the Parquet file at `path` and check its footer. Reading fails for a row group above
     `most_bytes`. Raises OSError (`NotReadable`) or pa.ArrowException.
 
-    The texts in the columns `coded` are read as dictionaries, in a fifth of the time.
+    Texts in the columns `coded` are read as dictionaries, in a fifth of the time.
     """
     with open_foreign(path, Kind.PART) as data, ExitStack() as opened:
         groups = groups_in(footer_of(data))
         try:
-            file = _parquet(  # by its descriptor: another file may have its name by now
+            file = _parquet(  # by descriptor: another file may have its name by now
                 Path(f"/proc/self/fd/{data.fileno()}"),
                 coded,
                 page_checksum_verification=True,
@@ -81,7 +80,7 @@ def _parquet(
 ) -> pq.ParquetFile:
     try:
         return pq.ParquetFile(source, read_dictionary=list(coded) or None, **options)
-    except KeyError as error:  # it is missing, or a structure or a list
+    except KeyError as error:  # missing, or a structure or a list
         name = error.args[0].decode(errors="replace")
         raise NotReadable(f"has no column {name} of plain values") from error
 
@@ -93,8 +92,8 @@ def metadata_of(path: Path) -> pq.FileMetaData:
 
 
 def bounds_of(path: Path, column: str) -> list[tuple[bytes, bytes] | None]:
-    """Return a column's minimum and maximum in each row group; None where the footer has none.
-    Raises as `metadata_of`.
+    """Return a column's minimum and maximum in each row group; None if the footer has none. Raises
+    as `metadata_of` does.
     """
     with open_table(path) as table:
         chunks = [
@@ -125,17 +124,17 @@ def batches_in(
     rows: int,
     coded: Sequence[str] = (),
 ) -> Iterator[pa.RecordBatch]:
-    """Yield the columns that are there of some row groups of an open file, some rows at a time,
-    texts of the columns `coded` as dictionaries. The file must have been looked at (`sizes_of`).
+    """Yield the existing ones of these columns from some row groups of an open file, in batches of
+    `rows`; texts of the columns `coded` as dictionaries. Check the file with `sizes_of` first.
     """
     with _parquet(source, coded) as file:
         there = [name for name in columns if name in file.schema_arrow.names]
-        for group in groups:  # over all at once the library reads ahead
+        for group in groups:  # one call for all groups would read ahead
             yield from file.iter_batches(rows, [group], there, use_threads=False)
 
 
 class ParquetTable:
-    """An open Parquet file: its footer, and its row groups, each checked before it is read."""
+    """An open Parquet file: its footer, and its row groups, each checked before reading."""
 
     def __init__(
         self, file: pq.ParquetFile, groups: Sequence[RowGroup], data: BinaryIO, most_bytes: int
@@ -146,7 +145,7 @@ class ParquetTable:
         self.row_groups = groups
         self.metadata: pq.FileMetaData = file.metadata
         self._pages = PageReader(data, groups)
-        # as stored: `file.schema_arrow` has the types that are read
+        # as stored; `file.schema_arrow` has the types after reading
         self.schema: pa.Schema = self.metadata.schema.to_arrow_schema()
 
     @property
@@ -154,7 +153,6 @@ class ParquetTable:
         return int(self.metadata.num_row_groups)
 
     def empty(self, columns: Sequence[str] | None = None) -> pa.Table:
-        """Return a table with these columns and no rows."""
         table = self.schema.empty_table()
         return table if columns is None else table.select(list(columns))
 
@@ -163,7 +161,7 @@ class ParquetTable:
         return (self.group(index, columns) for index in range(self.num_row_groups))
 
     def group(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
-        """Read one row group. Raises `NotReadable` where it exceeds a limit."""
+        """Read one row group. Raises `NotReadable` if it exceeds a limit."""
         self._expect_sound(index, columns)
         is_large = self.row_groups[index].rows > THREADED_ROWS
         rows = self._file.read_row_group(
@@ -174,7 +172,7 @@ class ParquetTable:
 
     def batches(self, rows: int, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
         """Read all rows in batches. Raises as `group` does."""
-        for index in range(self.num_row_groups):  # over all at once the library reads ahead
+        for index in range(self.num_row_groups):  # one call for all groups would read ahead
             self._expect_sound(index, columns)
             for batch in self._file.iter_batches(
                 rows, [index], None if columns is None else list(columns), use_threads=False
@@ -203,8 +201,8 @@ class ParquetTable:
             raise NotReadable(f"row group {index}: {error}") from error
 
     def _expect_short_texts(self, index: int, chunk: ColumnChunk, pages: Sequence[Page]) -> None:
-        """A text that a page has once may stand in many rows: that of a dictionary, or one of which
-        others are said to have the beginning. Written out, they may be far longer.
+        """Check the size of a column's texts in full. A text that a page has once may belong to
+        many rows: in a dictionary, or as the beginning of others.
         """
         if chunk.kind not in TEXTS:
             return
@@ -212,7 +210,7 @@ class ParquetTable:
             return
         longest, written_once, is_known = _texts_in(pages)
         kind = self.schema.field(chunk.name).type if chunk.name in self.schema.names else None
-        # not in a structure, and no decimals
+        # not nested, and no decimals
         is_plain = kind is not None and any(fits(kind) for fits in PLAIN_TEXTS)
         if longest * chunk.values + written_once <= self._most_bytes:
             return
@@ -236,7 +234,7 @@ def _own(data: BinaryIO) -> BinaryIO:
 
 
 def written_out(column: pa.Array) -> int:
-    """Return the bytes of a column's texts, in full where a dictionary has them."""
+    """Return the bytes of a column's texts, those of a dictionary in full at each use."""
     if not pa.types.is_dictionary(column.type):
         return int(column.nbytes)
     lengths = pc.binary_length(column.dictionary)
@@ -264,8 +262,8 @@ def _expect_plausible(metadata: pq.FileMetaData, groups: Sequence[RowGroup], siz
 
 
 def _texts_in(pages: Sequence[Page]) -> tuple[int, int, bool]:
-    """Return upper bounds for the length of a text that may stand in several rows, and for that of
-    all others together; and whether all of them are in full in the pages.
+    """Return upper bounds for the length of a text that several rows may use and for the total of
+    all others; and whether the pages have all texts in full.
     """
     others = [page for page in pages if page.encoding not in (*IN_FULL, *CODES)]
     return (

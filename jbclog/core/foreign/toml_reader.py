@@ -1,4 +1,4 @@
-"""Reads TOML within limits, with the line of each key. Start with `read_text` and `parse`."""
+"""Read TOML within limits, with the line of each key. Start with `read_text` and `parse`."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
 
 # tomllib reports no positions of keys, and takes 5.8 s for 40 kB of dotted keys
 # (docs/reference/faults.md, F-33). `KeyScan` runs first, over each character once: it finds the
-# line of every key and all keys given twice, and stops at anything larger than our files have. It
-# does not judge syntax: where it cannot continue, tomllib reports on the text up to that line.
-# Other parsers were compared in docs/decisions/0058.
+# line of every key and all duplicate keys, and stops at anything larger than our files. It does not
+# check syntax: where it cannot continue, tomllib reports on the text up to that line.
+# docs/decisions/0058 compares other parsers.
 
 KeyPath = tuple[str | int, ...]
-"""The path of a key: names, and indexes (from 0) of tables in a list: ``("station", 1, "url")``."""
+"""Path of a key: names, and indexes (from 0) of tables in a list: ``("station", 1, "url")``."""
 
 MAX_PARTS = 8
 MAX_NESTING = 8
 MAX_WORD = 64
 MAX_ENTRIES = 4000  # keys, headers and list members of one file; 250 stations have about 1 500
 
-# (?>…*) and not …*+ around a look-ahead, with which the `re` of Python 3.11.2 finds nothing
+# (?>…*) instead of …*+ around a look-ahead, which matches nothing in the `re` of Python 3.11.2
 _TOKEN = re.compile(
     r"""
     (?P<blank>[ \t\r]++|\#[^\n]*+)
@@ -41,7 +41,7 @@ _TOKEN = re.compile(
     """,
     re.VERBOSE | re.DOTALL,
 )
-_IN_SCALARS = "+:"  # in dates and numbers, beside those of a word
+_IN_SCALARS = "+:"  # allowed in dates and numbers, beside the characters of a word
 
 
 class Token(NamedTuple):
@@ -59,7 +59,7 @@ class TooLarge(Exception):
 
 
 class Lost(Exception):
-    """TOML does not allow the text at `line`."""
+    """The text at `line` is not TOML."""
 
     def __init__(self, line: int) -> None:
         super().__init__(f"line {line}")
@@ -174,7 +174,7 @@ class KeyScan:
         self.lines.setdefault(self._table, line)
 
     def _resolved(self, parts: tuple[str, ...], line: int, start: KeyPath = ()) -> KeyPath:
-        """Return the path of a header's parts; the name of a list means its last table."""
+        """Return the path of a header's parts; the name of a list refers to its last table."""
         path = start
         for part in parts:
             path = (*path, part)
@@ -259,7 +259,7 @@ class KeyScan:
 
 
 MAX_BYTES = LIMITS[Kind.SETTINGS]
-MAX_PROBLEMS = 100  # of a file; more are only counted
+MAX_PROBLEMS = 100  # per file; more are only counted
 # control, bidirectional and other invisible characters
 _HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
 # can disguise a line
@@ -270,8 +270,8 @@ _AT_LINE = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
 
 @dataclass(frozen=True, slots=True)
 class TomlText:
-    """A file as read: its text (``text.encode()`` gives the file's bytes), its tables, and the
-    lines of its keys.
+    """A parsed file: its text (``text.encode()`` gives the file's bytes), its tables, and the lines
+    of its keys.
     """
 
     file: str
@@ -284,25 +284,25 @@ class TomlText:
         return Path(self.file)
 
     def rows(self, name: str) -> Iterator[tuple[int, dict[str, object]]]:
-        """Yield the tables ``[[name]]`` with their places; other values are no tables."""
+        """Yield the tables ``[[name]]`` with their indexes; skips other values."""
         found = self.tables.get(name)
         for place, table in enumerate(found if isinstance(found, list) else ()):
             if isinstance(table, dict):
                 yield place, table
 
     def known(self, key: KeyPath) -> KeyPath:
-        """Return the longest prefix of `key` that the text contains."""
+        """Return the longest prefix of `key` that exists in the text."""
         while key and key not in self.lines:
             key = key[:-1]
         return key
 
     def problem(self, key: KeyPath, text: str) -> Problem:
-        """Return a problem of `key`, at its line or, if it is missing, at its table's."""
+        """Return a problem of `key`, at its line or, if it is missing, at the line of its table."""
         return Problem(self.file, self.lines.get(self.known(key)), dotted(key), text)
 
 
 def shortened(problems: list[Problem]) -> list[Problem]:
-    """Return the problems in file order, each once; beyond `MAX_PROBLEMS` only their number."""
+    """Return the problems in file order without duplicates; counts those beyond `MAX_PROBLEMS`."""
     ordered = sorted(dict.fromkeys(problems), key=lambda problem: problem.line or 0)
     rest = len(ordered) - MAX_PROBLEMS
     return (
@@ -316,7 +316,7 @@ def shortened(problems: list[Problem]) -> list[Problem]:
 
 
 def dotted(key: KeyPath) -> str:
-    """Return ``port.2.sleep.delay_min``; indexes count from one: ``station[2].url``."""
+    """Format a key: ``port.2.sleep.delay_min``; indexes count from one: ``station[2].url``."""
     text = ""
     for part in key:
         if isinstance(part, int):
@@ -327,8 +327,8 @@ def dotted(key: KeyPath) -> str:
 
 
 def read_text(path: Path, *, links: bool = True) -> str:
-    """Read a file. Raises Problems if it is no ordinary file, too large or not UTF-8; `links` as in
-    `open_foreign`.
+    """Read a file. Raises Problems if it is not a regular file, too large or not UTF-8; `links` as
+    in `open_foreign`.
     """
     try:
         data = read_foreign(path, Kind.SETTINGS, links=links)
@@ -371,7 +371,7 @@ def _tables(text: str, file: str) -> dict[str, object]:
         return tomllib.loads(text)
     except RecursionError as error:
         raise Problems([Problem(file, None, "", "is nested too deeply")]) from error
-    except ValueError as error:  # TOMLDecodeError, and what a date or number of its own raises
+    except ValueError as error:  # TOMLDecodeError, or a date or number that Python rejects
         raise Problems([_sentence(str(error), text, file)]) from error
 
 
@@ -392,7 +392,7 @@ def _sentence(message: str, text: str, file: str) -> Problem:
 
 
 def hidden(source: TomlText) -> list[Problem]:
-    """Return invisible characters in values, names or comments as problems."""
+    """Return a problem for each invisible character in values, names or comments."""
     found = list(_hidden_in(source, (), source.tables))
     reported = {problem.line for problem in found}
     for line, text in enumerate(source.text.removeprefix("\ufeff").split("\n"), 1):

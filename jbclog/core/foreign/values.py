@@ -1,4 +1,4 @@
-"""Checks the values of untrusted Arrow tables, which the library accepts whatever they are."""
+"""Check the values of untrusted Arrow tables: pyarrow does not."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ A_SECOND: Final = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
 
 
 def expect_values(rows: pa.Table | pa.RecordBatch, where: str) -> None:
-    """Check that texts are UTF-8, numbers finite and in range, times between 1970 and 2200: the
-    library accepts any bytes.
+    """Check that texts are UTF-8, numbers finite and in range, times between 1970 and 2200.
 
     `where` begins the message. Raises `NotReadable` or pa.ArrowException.
     """

@@ -1,5 +1,5 @@
 """The client of one station: sends requests and decides which answers to accept. Generators without
 I/O.
 
-Start with `robot.py`, then `dialogue.py`; `interface.py` is what a session sees of it.
+Start with `robot.py`, then `dialogue.py`; `interface.py` is the interface that sessions use.
 """

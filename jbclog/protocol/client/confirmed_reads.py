@@ -1,6 +1,4 @@
-"""Reads of values that decide something, repeated until confirmed, and the proof of a station's
-family.
-"""
+"""Reads of important values, repeated until confirmed, and the check of a station's family."""
 
 from __future__ import annotations
 
@@ -22,9 +20,9 @@ from jbclog.protocol.client.interface import Client, PreparedRead
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import Family, foreign_reads
 
-# An XOR check byte misses two flipped bits in the same place of two characters, so one answer
-# proves little (docs/reference/faults.md, F-3). A setting, a counter, a tool and a name are read
-# until an answer comes twice.
+# An XOR check byte misses two flipped bits in the same position of two characters, so one answer
+# proves little (docs/reference/faults.md, F-3). Settings, counters, tools and names are read until
+# two answers agree.
 
 ANSWERS = 4  # at most
 
@@ -40,13 +38,13 @@ def read_confirmed(
     doubted: Counter[str] | None = None,
     answered: Callable[[PreparedRead], None] = lambda _: None,
 ) -> Steps[Value]:
-    """Read until two answers are equal; one is enough if it equals `known`, which two answers have
-    confirmed before.
+    """Read until two answers are equal; one is enough if it equals `known`, a value confirmed
+    before.
 
     With `grows` (a counter, which may increase meanwhile) the middle one of three non-decreasing
-    answers is enough: it is correct, or lies between two correct ones. `doubted` counts, by the
-    command's name, answers that the next one did not confirm; `answered` is called for each. Raises
-    `ImplausibleAnswer` where `ANSWERS` answers do not agree, and what reading raises.
+    answers is enough: it is correct, or lies between two correct ones. `doubted` counts, by command
+    name, answers that the next one did not confirm; `answered` is called for each answer. Raises
+    `ImplausibleAnswer` if `ANSWERS` answers do not agree, and whatever reading raises.
     """
     question = client.question(command, port, tool)
     given: list[Value] = []
@@ -66,7 +64,9 @@ def read_confirmed(
 def confirmed_value(
     given: Sequence[Value], known: Value | None = None, *, grows: bool = False
 ) -> Value | None:
-    """Return the value that the last of `given` (oldest first) confirms; None: none yet."""
+    """Return the value that the last of `given` (oldest first) confirms; None if it confirms
+    none.
+    """
     *before, last = given
     if last == known or last in before:
         return last
@@ -81,21 +81,21 @@ def confirmed_value(
     return None
 
 
-# Reads at the start of a run: what the link lost or garbled is read again a few times, because one
+# Reads at the start of a run are retried a few times if the link lost or garbled the answer: one
 # lost answer or a busy station must not refuse a run. A refusal is final at once: unknown command,
 # value out of range, Robot mode off.
 
 SETTLE_S: Final = 0.2  # for late bytes and bursts of noise
 PAUSES_S: Final = (SETTLE_S, 1.0, 2.0, 3.0)
-"""Between tries: a station may be busy for seconds, and no manual prints a response time."""
+"""Pauses between tries: a station may be busy for seconds, and no manual prints a response time."""
 START_TRIES: Final = 1 + len(PAUSES_S)  # each with the client's own repeats
-SILENT_S: Final = 10.0  # without a complete answer, after which there are no more tries
+SILENT_S: Final = 10.0  # without a complete answer; then there are no more tries
 LOST: Final = (AnswerTimeout, AnswerCorrupt, AnswerFormat, ImplausibleAnswer, NotReceived)
-"""Errors that the link can cause: none of them is a decision of the station."""
+"""Errors that the link can cause, none of them a decision of the station."""
 
 
 def with_retries(client: Client, ask: Callable[[], Steps[T]], tries: int) -> Steps[T]:
-    """Return what `ask` returns, within `tries`. The last error says how many tries there were."""
+    """Return the result of `ask` within `tries`. The last error states the number of tries."""
     began = client.now
     for number in range(1, tries + 1):
         try:
@@ -114,9 +114,10 @@ def pause(client: Client, number: int) -> Steps[None]:
     client.unasked((yield Wait(client.now + PAUSES_S[min(number, len(PAUSES_S)) - 1])))
 
 
-# A model name that the line file accepts proves nothing, and status 00001 puts a soldering tool to
-# rest but switches hot air on. So before the first status order the station must answer what only
-# its kind answers (`Family.answered_by_kind`), twice each, and nothing that only another kind does.
+# A model name accepted by the line file proves nothing, and status 00001 puts a soldering tool to
+# rest but switches hot air on. So before the first status order the station must answer, twice
+# each, reads that only its kind supports (`Family.answered_by_kind`), and none that only another
+# kind does.
 
 NOT_DRIVEN: Final = "Nothing was written to it: correct `family`, or the cable"
 
@@ -131,7 +132,7 @@ def kind_problem(client: Client, family: Family, port: int) -> Steps[str | None]
 
 
 def unanswered_read(client: Client, family: Family, port: int, tries: int = 1) -> Steps[str | None]:
-    """As `kind_problem`, by the family's own reads alone: for use where time is short."""
+    """As `kind_problem`, using only the family's own reads, for use when time is short."""
     for command in (family.commands[name] for name in 2 * family.answered_by_kind):
         error = yield from _refusal(client, command, port, tries)
         if error is not None:
@@ -140,7 +141,7 @@ def unanswered_read(client: Client, family: Family, port: int, tries: int = 1) -
 
 
 def _refusal(client: Client, command: Command, port: int, tries: int) -> Steps[StationError | None]:
-    """Return the error of a read; None where it returned a value."""
+    """Return the error of a read; None if it returned a value."""
     try:
         yield from with_retries(client, lambda: client.read(command, _port(command, port)), tries)
     except StationError as error:

@@ -1,17 +1,15 @@
-"""One request to a JBC station in Robot mode, and which answer to it is accepted.
-
-The rules:
+"""One request to a JBC station in Robot mode, and the rules for accepting an answer.
 
 1. One request is outstanding at a time. An answer is accepted only if check byte, addresses,
    header, code, length and digits match the pending request; every other frame is counted and
    dropped.
-2. After a frame with a wrong check byte the answer may still follow. A corrupt frame as long as the
-   answer was the answer, so only bytes already on their way are waited for.
+2. After a frame with a wrong check byte the answer may still follow. But a corrupt frame as long as
+   the answer was the answer, so the client only waits for bytes already on their way.
 3. Answers carry no sequence number, so a late one looks like a fresh one. Codes whose answers may
    be on their way are in doubt until the station answers anything else; `robot.py` handles that.
 4. Other forms are accepted where the manuals contradict each other, and counted
    (`protocol/commands/decisions.py`). A form that another answer could have is accepted only while
-   nothing is in doubt, and never right after the request that it would answer properly.
+   nothing is in doubt, and never right after the request that it would properly answer.
 5. The time-out follows from the number of bytes, the line format and the response times of reads
    seen on this station, up to `MOST_S`. A write gets longer: storing may be slow, and no manual
    prints how slow (docs/reference/contradictions.md, B-13).
@@ -49,17 +47,17 @@ from jbclog.protocol.commands.ranges import (
 from jbclog.protocol.frame import CorruptFrame, Frame, FrameReader
 
 REPEATS = 2  # a read is sent three times at most
-# response time allowed for before any was measured (docs/reference/contradictions.md, B-13)
+# response time assumed before the first measurement (docs/reference/contradictions.md, B-13)
 UNMEASURED_S = 0.3
-LEAST_S = 0.1  # minimum response time allowed for: a busy host may need that long to pass bytes on
-FAST_S = LEAST_S / 4  # up to this response time nothing more is allowed for
-SETTING_S = 1.0  # the minimum for a write: a setting, a tool's state
-# the minimum for a write that erases, stores, restarts, moves or changes the address
+LEAST_S = 0.1  # minimum allowance: a busy host may need that long to pass bytes on
+FAST_S = LEAST_S / 4  # up to this response time the minimum allowance is enough
+SETTING_S = 1.0  # minimum for a write: a setting, a tool's state
+# minimum for a write that erases, stores, restarts, moves or changes the address
 STORING_S = 2.0
-MOST_S = 2.0  # the maximum: an ever slower station must not stretch every time-out
-QUIET_S = 0.02  # silence after which a line counts as drained
-MOST_DOUBTED = 64  # requests whose answers may still come; no station queues more
-UNEXPECTED_LENGTH = 20  # characters assumed for an answer of unprinted length, for its time-out
+MOST_S = 2.0  # maximum: a station that slows down must not stretch every time-out
+QUIET_S = 0.02  # silence after which a link counts as drained
+MOST_DOUBTED = 64  # requests whose answers may still arrive; no station queues more
+UNEXPECTED_LENGTH = 20  # characters assumed for the time-out if the answer's length is not printed
 
 REFUSALS: dict[int, type[Refusal]] = {
     1: NotReceived,
@@ -71,11 +69,13 @@ REFUSALS: dict[int, type[Refusal]] = {
 }
 
 Pair = tuple[int | None, int | None]
-"""Source and target address of a frame; both None where it has none."""
+"""Source and target address of a frame; both None if it has none."""
 
 
 class AnsweredByOtherCode(AnswerFormat):
-    """The answer has another command's letters, as from some stations; `data` is its data field."""
+    """The answer has the letters of another command, as from some stations; `data` is its data
+    field.
+    """
 
     def __init__(self, text: str, data: str) -> None:
         super().__init__(text)
@@ -89,7 +89,9 @@ def least_s(command: Command) -> float:
 
 
 class Dialogue:
-    """Exchanges with one station, and what is known of its answers; `robot.Station` is public."""
+    """Exchanges with one station, and the state needed to match its answers. `robot.Station` is the
+    public subclass.
+    """
 
     def __init__(self, line: LineFormat, address: int | None, host_address: int) -> None:
         self.line = line
@@ -100,18 +102,18 @@ class Dialogue:
         self.heard = 0.0
         self.now = 0.0
         self.exchanges = 0  # requests sent
-        self.turnaround_s: float | None = None  # the longest recent response time
+        self.turnaround_s: float | None = None  # longest recent response time
         self.strays: Counter[str] = Counter()
         self.anomalies = Anomalies()
         self.flow = FloodDetector()
         self._reader = FrameReader()
         # codes of requests whose answers may be on their way, oldest first
         self._doubted: list[str] = []
-        self._is_clear = True  # nothing was in doubt when the pending request left
-        self._pending = self._last = ""  # codes of the pending request and of the one before
+        self._is_clear = True  # nothing was in doubt when the pending request was sent
+        self._pending = self._last = ""  # codes of the pending request and of the previous one
         self._is_overdue = False  # the last request timed out
         self._request = Ask(b"", 0.0)  # the pending one
-        # the learnt order of addresses in answers (docs/reference/contradictions.md, B-6)
+        # order of addresses in answers, as learnt (docs/reference/contradictions.md, B-6)
         self._answer_from_station = True
         # addresses that may acknowledge the pending change of address
         self._moving: tuple[Pair, ...] = ()
@@ -120,7 +122,7 @@ class Dialogue:
     def question(
         self, command: Command, port: int | None = None, tool: int | None = None
     ) -> Question:
-        """Prepare the read of `command`, once."""
+        """Prepare a read of `command`; cached."""
         key = (command.name, port, tool)
         known = self._questions.get(key)
         if known is None:
@@ -189,7 +191,9 @@ class Dialogue:
         return (yield from self._gather(question, heard, heard.sent + self._request.patience_s))
 
     def _begin(self, question: Question) -> Ask:
-        """Note that `question` is sent, and return the request; only writes on a flooded link."""
+        """Register `question` as pending and return its request. On a flooded link only writes
+        pass; a read raises.
+        """
         if self.flow.found is not None and not question.is_write:
             raise self.flow.taken()
         if self._reader.held:
@@ -206,8 +210,8 @@ class Dialogue:
         return request
 
     def _count(self, question: Question, heard: IoResult) -> bool:
-        """Note the result of a request; return whether no answer may be accepted, because far more
-        came.
+        """Register the result of a request; return True if too many bytes arrived to accept any
+        answer.
         """
         self.exchanges += 1
         self.sent = sent = heard.sent
@@ -216,15 +220,17 @@ class Dialogue:
         return self.flow.came(heard.now, len(heard.data), question.answer_length)
 
     def _patience_of_write_s(self, question: Question) -> float:
-        """Return the time-out of a write: in a flood no acknowledgement can be found, and other
-        tools wait for their orders.
+        """Return the time-out of a write. It is short in a flood: no acknowledgement can be found,
+        and other tools wait for their orders.
         """
         if self.flow.is_flooded or self.flow.is_suspect:
             return question.wire_s + LEAST_S
         return self.patience_s(question)
 
     def _gather(self, question: Question, heard: IoResult, end: float) -> Steps[str]:
-        """Find the answer in all that comes until `end`: in pieces, in garbage, after others."""
+        """Find the answer in everything that arrives until `end`: in pieces, in garbage, after
+        other frames.
+        """
         until = end
         failure: StationError = AnswerTimeout(
             f"{question.title()}: no answer within {until - heard.sent:.3f} s"
@@ -266,7 +272,7 @@ class Dialogue:
         raise failure
 
     def _why_no_answer(self, frame: Frame) -> str:
-        """Describe a frame that is not the answer, with its address if that is another one."""
+        """Describe a frame that is not the answer, with its address if it is another station's."""
         description, pair, own = (
             f"{frame.header}{frame.text}",
             (frame.source, frame.target),
@@ -282,13 +288,17 @@ class Dialogue:
         return f"{description} from address {other:02d}, {asked}"
 
     def _rest_of(self, question: Question, corrupt: CorruptFrame, end: float) -> float:
-        """Return until when to listen after a corrupt frame; one as long as the answer was it."""
+        """Return until when to listen after a corrupt frame (monotonic seconds): if it is as long
+        as the answer, it was the answer.
+        """
         if question.digits is not None and len(corrupt.raw) < question.answer_length:
             return end
         return self.now + QUIET_S + self.line.seconds(question.answer_length)
 
     def _match(self, question: Question, frame: Frame) -> str | None:
-        """Return the data if `frame` answers, else None; refusals and invalid data raise."""
+        """Return the data if `frame` answers `question`, else None. Raises for refusals and invalid
+        data.
+        """
         if frame.header in "RW":
             self.strays["echo"] += 1
             return None
@@ -308,7 +318,7 @@ class Dialogue:
         return data
 
     def _data_in(self, question: Question, text: str) -> str | None:
-        """Return the data field of an answer to `question`; None if it answers another."""
+        """Return the data field of an answer to `question`; None if it answers another command."""
         if text.startswith(question.code):
             data = text[len(question.code) :]
             return (
@@ -322,7 +332,7 @@ class Dialogue:
             and self._is_clear
             and self._last != question.also
         ):
-            self._answered_otherwise(question, text)
+            self._accept_other_letters(question, text)
             return ""
         return None
 
@@ -336,21 +346,21 @@ class Dialogue:
         return None if data else ""
 
     def _value(self, question: Question, data: str) -> str | None:
-        """Return the value's data. No data is an acknowledgement; six characters are ATT1ddddd for
-        RTT, or ATT0ddddd.
+        """Return the value's data; None if it answers another command. No data is an
+        acknowledgement; six characters are ATT1ddddd for RTT, or ATT0ddddd.
 
-        docs/reference/protocol.md, Similar codes; docs/reference/contradictions.md, B-10.
+        See docs/reference/protocol.md, Similar codes, and docs/reference/contradictions.md, B-10.
         """
         if question.is_short and len(data) == 6 and data[0] in " 0":
             self._note_anomaly(10, question, data)
             return data[1:]
         return None if not data or (question.digits == 5 and len(data) == 6) else data
 
-    def _answered_otherwise(self, question: Question, text: str) -> None:
-        """Handle the letters of another command's answer: they acknowledge a write, but give no
+    def _accept_other_letters(self, question: Question, text: str) -> None:
+        """Handle an answer with another command's letters: it acknowledges a write, but gives no
         value.
 
-        docs/reference/contradictions.md, B-36 and B-53.
+        See docs/reference/contradictions.md, B-36 and B-53.
         """
         data = text[len(question.also) :]
         if question.digits:
@@ -366,8 +376,8 @@ class Dialogue:
         self.anomalies.meet(number, question.title(), raw, question.port)
 
     def _addresses_fit(self, question: Question, frame: Frame) -> bool:
-        """Whether the addresses, in either order, are this station's; the check byte is the same
-        for both orders (B-6).
+        """Return True if the addresses, in either order, are this station's. The check byte is the
+        same for both orders (B-6).
         """
         pair, ordered = (
             (frame.source, frame.target),
@@ -383,7 +393,7 @@ class Dialogue:
                 self._answer_from_station = False
                 self._questions.clear()
                 raw = f"{frame.source:02d}{frame.target:02d}{frame.header}{frame.text}"
-                # each accepted answer is counted
+                # counted in `_note_time`, once for each accepted answer
                 self.anomalies.meet(6, question.title(), raw, times=0)
             return True
         if pair in self._moving:
@@ -392,10 +402,10 @@ class Dialogue:
         return False
 
     def _refused(self, question: Question, frame: Frame) -> None:
-        """Raise the error of an N frame; ignore one with another code, unless the station did not
+        """Raise the error of an N frame. Ignores one with another code, unless the station did not
         understand its request.
         """
-        # R-TT's may have a blank as third character
+        # R-TT's code may have a blank as third character
         code, digits = frame.text[:-5].rstrip(), frame.text[-5:]
         if not digits.isdigit():
             raise AnswerFormat(f"{question.title()}: N{frame.text} carries no error number")
@@ -412,7 +422,7 @@ class Dialogue:
         )
 
     def _note_time(self, now: float, question: Question, wire_s: float) -> None:
-        """Note a complete answer at `now`. Only reads count for the response time."""
+        """Register a complete answer at `now`. Only reads count for the response time."""
         self.now = self.heard = now
         self._settled()
         if not self._answer_from_station:
@@ -423,12 +433,12 @@ class Dialogue:
         if took < 0.0:
             took = 0.0
         if seen is not None and took <= seen:
-            took = seen * 0.999 + took * 0.001  # forget a late answer slowly
+            took = seen * 0.999 + took * 0.001  # let the effect of a late answer decay slowly
         self.turnaround_s = took
 
     def _settled(self) -> None:
-        """Note an answer: answers come in the order of requests, so none to an earlier request is
-        on its way.
+        """Clear earlier doubts: answers come in the order of requests, so none to an earlier
+        request is on its way.
 
         If the pending code is in doubt more than once, the answer may be to an earlier request.
         """
@@ -440,9 +450,9 @@ class Dialogue:
         self._is_overdue = bool(doubted)
 
     def _drain(self) -> Steps[None]:
-        """Listen until the line has been quiet long enough for any late answer."""
+        """Listen until the link has been quiet long enough for any late answer."""
         quiet = max(QUIET_S, self.turnaround_s or 0.0) + self.line.seconds(4)
-        # on a line that is never quiet the next request fails
+        # on a link that is never quiet the next request fails
         end = self.now + min(50 * quiet, 2 * MOST_S)
         while self.now < end:
             heard = yield Listen(self.now + quiet)

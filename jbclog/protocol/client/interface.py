@@ -1,5 +1,5 @@
-"""The interface of a station's client, whatever its protocol, with its flood detector and its count
-of anomalies.
+"""The interface of a station's client, independent of its protocol; flood detection; counts of
+anomalies.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from jbclog.core.io_requests import Ask, IoResult, Listen, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command
 
-# A flood is far more bytes on a link than answers are due. The rules:
+# A flood is far more bytes on a link than the answers that are due. The rules:
 #
-# 1. A link is flooded if in one second more than `MOST_TIMES` the bytes of the due answers arrive,
+# 1. A link is flooded if more than `MOST_TIMES` the bytes of the due answers arrive in one second,
 #    whatever its baud rate. At least `LEAST_DUE` bytes a second count as due. A second begins with
-#    the first bytes after the last one; if nothing is reported for longer, as while a session
+#    the first bytes after the last one; if no bytes are reported for longer, as while a session
 #    waits, the rule applies to that whole time. Late answers stay due, because a station or a
 #    server that was stuck may send them all at once.
 # 2. In a flood any answer may be a copy of an old one. So once more than `SUSPECT` bytes and more
@@ -33,15 +33,15 @@ from jbclog.protocol.commands.command import Command
 SECOND: Final = 1.0
 MOST_TIMES: Final = 10
 LEAST_DUE: Final = 16  # bytes a second: one usual answer
-SUSPECT: Final = 512  # bytes; a burst of noise has less
+SUSPECT: Final = 512  # bytes; more than a burst of noise
 QUIET_S: Final = 0.25
 
 
 class FloodDetector:
     """Detects floods on one link. `is_flooded`: the last complete second was a flood.
 
-    Before `quiet_until` an answer of exactly the due bytes cannot be part of a flood; adding these
-    to `in_order` is as good as `came`, and costs less.
+    Before `quiet_until` an answer of exactly the due bytes cannot be part of a flood; adding them
+    to `in_order` is equivalent to `came` and cheaper.
     """
 
     __slots__ = (
@@ -67,9 +67,7 @@ class FloodDetector:
 
     def came(self, now: float, size: int, due: int = 0) -> bool:
         """Count `size` bytes received at `now` (monotonic seconds) for a request with an answer of
-        `due` bytes.
-
-        Returns whether no answer among them may be accepted.
+        `due` bytes; return True if no answer among them may be accepted.
         """
         self._came += size + self.in_order
         self._due += due + self.in_order
@@ -87,7 +85,7 @@ class FloodDetector:
 
     @property
     def is_suspect(self) -> bool:
-        """Whether too much has arrived in the current second to accept any answer."""
+        """True if too much has arrived in the current second to accept any answer."""
         return (
             self._came > max(SUSPECT, MOST_TIMES * self._due + self._late) or self.found is not None
         )
@@ -121,7 +119,7 @@ class FloodDetector:
 
 
 def expect_quiet(client: Client) -> Steps[None]:
-    """Listen on a reopened link that was flooded. Raises `LinkFlooded` where it still is."""
+    """Listen on a reopened link that was flooded. Raises `LinkFlooded` if it still is."""
     began = client.now
     heard = yield Wait(began + QUIET_S)
     client.unasked(heard)
@@ -150,7 +148,7 @@ class Anomaly:
 
 
 class Anomalies:
-    """The anomalies of one station: `counts` by B-number, `pending` those not reported yet."""
+    """Anomalies of one station: `counts` by B-number, `pending` those not reported yet."""
 
     def __init__(self) -> None:
         self.counts: Counter[int] = Counter()
@@ -160,21 +158,21 @@ class Anomalies:
     def meet(
         self, number: int, place: str, raw: str, port: int | None = None, *, times: int = 1
     ) -> None:
-        """Count it `times` times; the first of its kind is added to `pending`."""
+        """Count an anomaly `times` times; add the first of its kind to `pending`."""
         self.counts[number] += times
         if number not in self._reported:
             self._reported.add(number)
             self.pending.append(Anomaly(number, place, raw, port))
 
     def take(self) -> list[Anomaly]:
-        """Return the anomalies not reported yet, and mark them reported."""
+        """Return the anomalies not reported yet, and clear them."""
         pending, self.pending = self.pending, []
         return pending
 
 
 Permit = Callable[[Command, Value, int | None, int | None], None]
-"""Called before each write with command, value, port and tool; raises `WriteForbidden`, and then
-nothing is sent.
+"""Called before each write with command, value, port and tool; raises `WriteForbidden` to prevent
+it.
 """
 
 
@@ -183,9 +181,7 @@ def permit_all(_command: Command, _value: Value, _port: int | None, _tool: int |
 
 
 class PreparedRead(Protocol):
-    """A read that is prepared once and sent often; opaque except for its command, its duration and
-    its name.
-    """
+    """A read prepared once and sent often; opaque except for its command, duration and name."""
 
     @property
     def command(self) -> Command: ...
@@ -200,12 +196,11 @@ class PreparedRead(Protocol):
 class Client(Protocol):
     """A client of one station, as generators without I/O (`core.io_requests`).
 
-    Times are monotonic seconds: `sent` and `heard` are when the last request left and its answer
-    was complete, `now` is the time of the last result, `first_sent` when `ask` first sent something
-    since the session set it to None. `data` is the raw data field of the last answer that has one.
-    `strays` counts frames without a request, by kind; `anomalies` accepted departures from the
-    recommended form. `permit` is called before each write. `flow` detects floods: reads raise
-    `LinkFlooded`.
+    Times are monotonic seconds. `sent` and `heard`: the last request was sent, its answer complete.
+    `now`: time of the last result. `first_sent`: `ask` first sent something since the session set
+    it to None. `data`: raw data field of the last answer that has one. `strays` counts frames
+    without a request, by kind; `anomalies` accepted deviations from the recommended form. `permit`
+    is called before each write. `flow` detects floods: reads raise `LinkFlooded`.
     """
 
     permit: Permit
@@ -227,36 +222,35 @@ class Client(Protocol):
     def question(
         self, command: Command, port: int | None = None, tool: int | None = None
     ) -> PreparedRead:
-        """Prepare the read of `command`, once."""
+        """Prepare a read of `command`."""
 
     def read(
         self, command: Command, port: int | None = None, tool: int | None = None
     ) -> Steps[Value]:
-        """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the
-        station is silent.
+        """Read a value. Raises `StationError` if no try succeeds, `StationSilent` if the station is
+        silent.
         """
 
     def request(self, question: PreparedRead) -> Ask | None:
-        """Begin a prepared read and return the request to send; None where nothing was begun, and
+        """Begin a prepared read and return the request to send; None if nothing was begun, so that
         `ask` has to be used.
 
-        With `value` it is `ask` without a generator of its own, for answers in good order, which
-        are nearly all.
+        `request` and `value` are `ask` without the cost of a generator, for the usual answer.
         """
 
     def value(self, question: PreparedRead, heard: IoResult) -> Value | None:
-        """Return the value if the result of `request` is exactly the answer; else None, and
-        ``ask(question, heard)`` continues.
+        """Return the value if the result of `request` is exactly the answer. If None, continue with
+        ``ask(question, heard)``.
         """
 
     def rest(self, question: PreparedRead, heard: IoResult) -> Listen | None:
-        """Return the request for the rest where `heard` is a piece of an answer, so far without
-        anything else; else None, and ``ask(question, heard)`` continues.
+        """Return the request for the remaining bytes if `heard` is part of an answer and nothing
+        else. If None, continue with ``ask(question, heard)``.
         """
 
     def completed(self, question: PreparedRead, heard: IoResult) -> Value | None:
-        """Return the value if `heard`, the result of `rest`, is exactly the rest of the answer;
-        else None, and `rest` or ``ask(question, heard)`` continue.
+        """Return the value if `heard`, the result of `rest`, completes the answer exactly. If None,
+        continue with `rest` or ``ask(question, heard)``.
         """
 
     def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
@@ -274,12 +268,12 @@ class Client(Protocol):
         hurry: bool = False,
         once: bool = False,
     ) -> Steps[None]:
-        """Write a value. An acknowledgement proves nothing: read back. In a `hurry` wait for it no
+        """Write a value. An acknowledgement proves nothing: read back. With `hurry`, wait for it no
         longer than for a read.
 
-        A setting that the station did not understand is sent again, unless `once`. Raises what
-        `permit` raises; then nothing is sent.
+        Repeats a setting that the station did not understand, unless `once`. Raises whatever
+        `permit` raises, before sending anything.
         """
 
     def unasked(self, heard: IoResult) -> None:
-        """Note the time and bytes received without a request."""
+        """Register bytes received without a request, and their time."""

@@ -1,4 +1,4 @@
-"""Chooses the client for a family."""
+"""Choose the client for a family."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jbclog.protocol.commands.family import OMEGA, Family
 
 
 def client_for(family: Family | None, line: LineFormat, address: int | None) -> Client:
-    """Return the client for `family`; None, a family not known yet, speaks JBC's protocol."""
+    """Return the client for `family`; None (not known yet) uses JBC's protocol."""
     if family is not None and family.protocol == OMEGA:
         return OmegaStation(line)
     return Station(line, address)

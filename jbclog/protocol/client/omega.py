@@ -4,20 +4,19 @@ The rules:
 
 1. One request is outstanding at a time. An answer is accepted only if its sum is correct, it begins
    with the request's letter in lower case, for a condition followed by its number, and its length
-   is right. a alone, without its digit, is accepted too: 003, 11.3.1 prints no more.
+   is right. An "a" without its digit is accepted too: 003, 11.3.1 prints no more.
 2. The controller ignores what it refuses, and drops a frame with a wrong sum (003, 11.2): both look
-   like a lost answer. So after silence another request is sent that has been answered before, A if
-   possible. If it is answered, the link works, and a request without an answer in three tries was
-   refused (`Ignored`). If not, the controller is gone (`StationSilent`). If it has never answered
-   another request, there is no other one to send: each try waits, and three silent tries mean
-   silence.
+   like a lost answer. So after silence the client sends another request that has been answered
+   before, A if possible. If that is answered, the link works, and a request without an answer in
+   three tries was refused (`Ignored`). If not, the controller is gone (`StationSilent`). If no
+   other request has ever been answered, each try waits, and three silent tries mean silence.
 3. The same probe proves that no answer is on its way, because answers come in the order of
    requests: a letter is not sent again before it, or before `GONE_S`. Right after itself a letter
-   is sent only once the line was quiet for `QUIET_S`: a repeated answer would pass for the next.
+   is sent only once the link was quiet for `QUIET_S`: a repeated answer would pass for the next.
 4. A read is sent three times at most. D and H move the machine and are sent once; reading back
    decides whether D succeeded.
-5. h and i come when a joint is completed, at any time. They answer nothing and are kept in
-   `completions`.
+5. The controller sends h and i when a joint is completed, at any time. They answer nothing and are
+   kept in `completions`.
 6. The time-out is transmission time plus `ALLOWED_S`; 003, 11.1 prints 0 to 250 ms.
 
 Everything here is a generator without I/O (`core.io_requests`).
@@ -53,15 +52,15 @@ from jbclog.protocol.frame import CorruptFrame
 from jbclog.protocol.omega import OmegaReader, encode
 
 REPEATS = 2  # a read is sent three times at most
-# minimum response time allowed for: the printed 250 ms, and a busy host
-# (docs/reference/contradictions.md, B-47)
+# response time allowed for: the printed 250 ms, and a busy host (docs/reference/contradictions.md,
+# B-47)
 ALLOWED_S = 0.4
 MOST_S = 1.0  # maximum response time allowed for
-GONE_S = 2.0  # a later answer never comes
+GONE_S = 2.0  # no answer arrives later than this
 QUIET_S = 0.03
 PROBES = 2  # unanswered probes after which a controller counts as silent
 COMPLETION_S = 120.0  # for a joint, from H to h or i
-LOOK_S = 1.0  # between two probes meanwhile
+LOOK_S = 1.0  # between two probes during a joint
 # characters of the longest answer of variable length (docs/reference/protocol.md, Condition record)
 RECORD = 50
 
@@ -71,11 +70,11 @@ PROBE_COMMANDS = [
     if command.name in ("information", "temperature_control", "set_temperature_state")
 ]
 UNCERTAIN = (AnswerTimeout, AnswerCorrupt, AnswerFormat)
-"""After these an answer may still be on its way."""
+"""Errors after which an answer may still be on its way."""
 
 
 class Completion(NamedTuple):
-    """An unsolicited message of the controller: when it was complete, and its letter."""
+    """An unsolicited message of the controller: the time it was complete, and its letter."""
 
     at: float
     letter: str
@@ -83,13 +82,13 @@ class Completion(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class OmegaQuestion:
-    """A frame to send and how its answer begins."""
+    """A frame to send, and the expected beginning of its answer."""
 
     command: Command
     frame: bytes
-    answer: str  # the letter, and the number of a condition
+    answer: str  # the letter, and a condition's number
     digits: int | None  # characters after the letter; None: any number
-    may_lack: bool  # whether an answer without them is accepted
+    may_lack: bool  # an answer without them is accepted
     answer_length: int  # maximum characters of the complete answer
     wire_s: float
     tries: int
@@ -100,7 +99,7 @@ class OmegaQuestion:
         return self.answer[0]
 
     def fits(self, text: str) -> bool:
-        """Whether an answer with the right beginning has an allowed length."""
+        """Return True if an answer with the right beginning has an allowed length."""
         return self.digits in (None, len(text) - 1) or (self.may_lack and len(text) == 1)
 
     def title(self) -> str:
@@ -109,7 +108,7 @@ class OmegaQuestion:
 
 
 class OmegaStation:
-    """The client of an OMEGA; the attributes are those of `interface.Client`. The session empties
+    """The client of an OMEGA; for the attributes see `interface.Client`. The session empties
     `completions`.
     """
 
@@ -120,7 +119,7 @@ class OmegaStation:
         self.exchanges = 0
         self.data = ""
         self.permit: Permit = permit_all
-        self.turnaround_s = 0.0  # the longest recent response time
+        self.turnaround_s = 0.0  # longest recent response time
         self.strays: Counter[str] = Counter()
         self.anomalies = Anomalies()
         self.flow = FloodDetector()
@@ -143,23 +142,25 @@ class OmegaStation:
         return self.ask(self.question(command, port, tool))
 
     def request(self, question: PreparedRead) -> None:
-        """Return None: at its rate nothing is gained by a shorter way."""
+        """Return None: at OMEGA's rate the fast path gains nothing."""
 
     def value(self, question: PreparedRead, heard: IoResult) -> None:
-        """Return None; nothing is begun by `request`."""
+        """Return None, because `request` begins nothing."""
 
     def rest(self, question: PreparedRead, heard: IoResult) -> None:
-        """Return None, too."""
+        """Return None, because `request` begins nothing."""
 
     def completed(self, question: PreparedRead, heard: IoResult) -> None:
-        """Return None, too."""
+        """Return None, because `request` begins nothing."""
 
     def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
-        """Read a value by a prepared read. Raises `Ignored` where only this one is not answered."""
+        """Read a value by a prepared read. Raises `Ignored` if only this request is not
+        answered.
+        """
         assert isinstance(question, OmegaQuestion)
         assert heard is None
         failures: list[StationError] = []
-        is_proven = False  # whether another request was answered after a silence
+        is_proven = False  # another request was answered after a silence
         for _ in range(question.tries):
             if self._is_doubted(question.letter):
                 if not (yield from self._settle(question.letter)):
@@ -175,7 +176,7 @@ class OmegaStation:
             except UNCERTAIN as error:
                 failures.append(error)
                 if self._answered == {question.letter}:
-                    # no other request to send: the next try waits until no answer can come
+                    # no other request to send: wait until no answer can arrive
                     continue
                 is_proven = yield from self._settle(question.letter)
                 if not is_proven:
@@ -204,8 +205,8 @@ class OmegaStation:
         """Write a value, always once. An acknowledgement proves nothing: read back. `hurry` has no
         effect.
 
-        After H wait for its end, at most `COMPLETION_S`. Raises `Ignored` where D was not answered
-        but the next request was, and another `StationError` where the result is not known.
+        After H, wait up to `COMPLETION_S` for its end. Raises `Ignored` if D was not answered but
+        the next request was, and another `StationError` if the result is not known.
         """
         self.permit(command, value, port, tool)
         question = self._shape(
@@ -224,7 +225,7 @@ class OmegaStation:
             yield from self._await_completion(question, known)
 
     def unasked(self, heard: IoResult) -> None:
-        """Note the time and bytes received without a request."""
+        """Register bytes received without a request, and their time."""
         self._hear(heard)
         self._sort(None, heard)
 
@@ -235,7 +236,7 @@ class OmegaStation:
     def question(
         self, command: Command, port: int | None = None, tool: int | None = None
     ) -> OmegaQuestion:
-        """Prepare the read of `command`, once. OMEGA requests have neither port nor tool."""
+        """Prepare a read of `command`. OMEGA requests have neither port nor tool."""
         code = command.code()
         known = self._questions.get(code)
         if known is None:
@@ -252,18 +253,20 @@ class OmegaStation:
         return OmegaQuestion(command, frame, answer, digits, may_lack, length, wire_s, tries, name)
 
     def _note_length(self, question: OmegaQuestion) -> None:
-        """Adjust the expected duration to an answer a character shorter, without its digit."""
+        """Adjust the expected duration to an answer without its digit."""
         if question.may_lack and not self.data and question.letter not in self.without_digit:
             self.without_digit.add(question.letter)
             shorter = question.wire_s - self.line.seconds(question.digits or 0)
             self._questions[question.command.code()] = replace(question, wire_s=shorter)
 
     def _is_doubted(self, letter: str) -> bool:
-        """Whether an answer with this letter may still come."""
+        """Return True if an answer with this letter may still arrive."""
         return self._doubted.get(letter, self.now) > self.now
 
     def _settle(self, letter: str) -> Steps[bool]:
-        """Have a probe answered, so that no `letter` is on its way. False: none is answered."""
+        """Get a probe answered, so that no answer with `letter` is on its way; return False if none
+        is answered.
+        """
         probes = [self.question(command) for command in PROBE_COMMANDS]
         others = [
             probe
@@ -281,7 +284,7 @@ class OmegaStation:
         return False
 
     def _listen_until(self, moment: float) -> Steps[None]:
-        """Send nothing before `moment`; what arrives until then answers nothing."""
+        """Send nothing before `moment`; bytes until then answer nothing."""
         while self.now < moment:
             heard = yield Listen(moment)
             self._hear(heard)
@@ -322,7 +325,8 @@ class OmegaStation:
         raise unanswered
 
     def _sort(self, question: OmegaQuestion | None, heard: IoResult) -> list[str]:
-        """Return data fields that answer `question`; keep unsolicited messages, count all else.
+        """Return data fields that answer `question`; keep unsolicited messages, count everything
+        else.
 
         Raises `AnswerCorrupt` and `AnswerFormat` for what may have been the answer.
         """
@@ -358,7 +362,9 @@ class OmegaStation:
         return "code" if asked else "unasked"
 
     def _note_answer(self, question: OmegaQuestion, now: float) -> None:
-        """Note an answer: they come in order, so none to an earlier request is on its way."""
+        """Clear earlier doubts: answers come in order, so none to an earlier request is on its
+        way.
+        """
         self.now = self.heard = now
         self._doubted.clear()
         self._last = question.letter
@@ -369,9 +375,9 @@ class OmegaStation:
         )
 
     def _await_completion(self, question: OmegaQuestion, known: int) -> Steps[None]:
-        """Wait for h or i, with a probe now and then.
+        """Wait for h or i, probing now and then.
 
-        Raises `AnswerTimeout` where neither comes: whether a joint is being made is then not known.
+        Raises `AnswerTimeout` if neither comes: a joint may still be in progress.
         """
         end = self.now + COMPLETION_S
         while len(self.completions) == known:

@@ -1,5 +1,5 @@
-"""A request to a JBC station, and the shape of its answer. Answers that were checked are kept,
-because stations repeat themselves.
+"""A request to a JBC station, and the form of its answer. Caches checked answers, because stations
+repeat themselves.
 """
 
 from __future__ import annotations
@@ -13,24 +13,24 @@ from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.ranges import odd_form
 from jbclog.protocol.frame import ETX, check_byte
 
-KNOWN_ANSWERS = 1024  # cached for each request; stations repeat themselves
+KNOWN_ANSWERS = 1024  # cached for each request
 KNOWN_QUESTIONS = 4096
 
 
 Known = tuple[dict[bytes, tuple[str, Value]], dict[str, Value], dict[str, int]]
-"""Caches: complete answers in the recommended form to data fields with their values, data fields to
-values, and odd data fields to their B-numbers.
+"""Caches: complete answers in the recommended form -> data field and value; data field -> value;
+odd data field -> B-number.
 """
 
 
 @dataclass(slots=True)
 class Question:
-    """A frame to send and the shape of its answer.
+    """A frame to send and the form of its answer.
 
-    `digits` are the characters of data in the answer; None: any number above 0. `is_short` is R-TT,
-    whose code has two letters. `also` is another code under which some stations answer, with its
-    B-number; "" for none. `repeated` is data that an acknowledgement may carry. `least_s` is the
-    minimum response time allowed for.
+    `digits` is the number of data characters; None: any above 0. `is_short` is R-TT, whose code has
+    two letters. `also` is another code under which some stations answer ("" for none),
+    `also_number` its B-number. `repeated` is data that an acknowledgement may carry. `least_s` is
+    the minimum response time allowed for.
     """
 
     command: Command
@@ -41,13 +41,13 @@ class Question:
     answer_start: bytes  # STX, addresses, A and the code
     answer_length: int
     wire_s: float
-    usual: Ask  # its request with the time-out of nearly every read
+    usual: Ask  # the request with the time-out of nearly every read
     tries: int  # at most
     is_short: bool
-    # complete answers that were checked before, and of which nothing is to be noted
+    # checked complete answers without any anomaly
     known: dict[bytes, tuple[str, Value]]
     _values: dict[str, Value]
-    odd: dict[str, int]  # B-numbers of accepted data fields with an odd form
+    odd: dict[str, int]  # B-numbers of accepted data fields in an odd form
     also: str = ""
     also_number: int = 0
     repeated: str = ""
@@ -63,9 +63,7 @@ class Question:
         )
 
     def answer_in(self, data: bytes) -> tuple[str, Value] | None:
-        """Return the data field and its value if `data` is exactly the complete answer and valid,
-        as it nearly always is.
-        """
+        """Return the data field and its value if `data` is exactly the complete, valid answer."""
         text = self.text_in(data)
         if text is None:
             return None
@@ -86,22 +84,22 @@ class Question:
         )
 
     def value_of(self, text: str) -> Value:
-        """Decode a data field. Raises `ValueError` where it is invalid."""
+        """Decode a data field. Raises `ValueError` if it is invalid."""
         value = self._values.get(text)
         if value is None:
             value = self.command.quantity.decode(text)
             if len(self._values) < KNOWN_ANSWERS:
                 self._values[text] = value
-            self._look_at_form(text)
+            self._check_form(text)
         return value
 
-    def _look_at_form(self, text: str) -> None:
+    def _check_form(self, text: str) -> None:
         row = odd_form(self.command.name, text)
         if row is not None and len(self.odd) < KNOWN_ANSWERS:
             self.odd[text] = row
 
     def odd_row(self, text: str) -> int | None:
-        """Return the B-number of an odd data field; None where it has the recommended form."""
+        """Return the B-number of an odd data field; None for the recommended form."""
         return (
             self.odd.get(text)
             if len(self.odd) < KNOWN_ANSWERS

@@ -1,5 +1,5 @@
-"""The client of one JBC station in Robot mode: what is sent again, what never is, and which answers
-need confirmation.
+"""The client of one JBC station in Robot mode: which requests are repeated, and which answers need
+confirmation.
 
 The rules:
 
@@ -7,17 +7,17 @@ The rules:
    sent once (docs/reference/faults.md, F-2 and F-39), and so is every write: reading back decides
    whether it succeeded. Only N 1 and N 2 prove that a write was not executed, so a setting refused
    by them is sent again, unless the caller does that; N 99999 is sent again once.
-2. After a request without an answer the line is drained, and a probe with another code must be
-   answered before the same code is sent again (docs/reference/faults.md, F-5).
+2. After a request without an answer the client drains the link, and a probe with another code must
+   be answered before the same code is sent again (docs/reference/faults.md, F-5).
 3. R-DC may be answered as ACD, which is R-CD's answer (docs/reference/contradictions.md, B-36). A
    late or repeated ACD must never become a count of dispensed cycles. So ACD is accepted only if no
    answer can be on its way, not right after R-CD, only from a station that never sent ADC, and only
-   if it comes twice, with a drained line and a probe in between.
+   if it comes twice, with a drained link and a probe in between.
 4. W-HD may be acknowledged as ALD (docs/reference/contradictions.md, B-53) under the first two of
    these conditions; reading back proves it.
 
-`dialogue.py` distinguishes an answer from everything else on the line. Everything here is a
-generator without I/O.
+`dialogue.py` separates an answer from everything else on the link. Everything here is a generator
+without I/O.
 """
 
 from __future__ import annotations
@@ -53,7 +53,8 @@ from jbclog.protocol.commands.ranges import WITHOUT_DATA
 from jbclog.protocol.commands.robot import COMMON
 
 PROBES = 2  # unanswered probes after which a station counts as silent
-# rounds of probes, plus one for each earlier request, while it answers but maybe earlier requests
+# rounds of probes, plus one for each earlier request, while the station answers but perhaps earlier
+# requests
 MOST_ROUNDS = 3
 PROBE_COMMANDS = [
     command
@@ -65,14 +66,14 @@ BADLY_FORMED, UNDEFINED = 2, 99999  # communication errors
 EXTRACTOR_ORDER = ("status", "00010")
 
 UNCERTAIN = (AnswerTimeout, AnswerCorrupt, AnswerFormat)
-"""After these an answer may still be on its way: what arrived may have been noise, an echo or
+"""Errors after which an answer may still be on its way: the bytes may have been noise, an echo or
 another answer.
 """
 
 
 class Station(Dialogue):
-    """The client of a station; the attributes are those of `interface.Client`. `address` is None on
-    a line without addresses.
+    """The client of a station; for the attributes see `interface.Client`. `address` is None on a
+    link without addresses.
     """
 
     def __init__(self, line: LineFormat, address: int | None = 1, host_address: int = 0) -> None:
@@ -80,7 +81,7 @@ class Station(Dialogue):
         self.data = ""
         self.permit: Permit = permit_all
         self._padded: Question | None = None  # R-TT with a blank, if the station needs it
-        self._takes_bare = False  # R-TT without a blank was answered
+        self._takes_bare = False  # the station answered R-TT without a blank
         self._own_code: set[str] = set()  # codes answered under their own letters
         self._without_data: set[str] = set()  # orders that this station accepts only without data
 
@@ -93,9 +94,9 @@ class Station(Dialogue):
     ) -> Steps[Value]:
         return self.ask(self.question(command, port, tool))
 
-    # `request`, `value`, `rest` and `completed` are `ask` without a generator of its own, for
-    # answers in good order, which are nearly all (`interface.Client`). Comments in them name the
-    # methods of `Dialogue` that they stand for; whatever is unusual goes through those.
+    # `request`, `value`, `rest` and `completed` are the fast path of `ask`, without a generator,
+    # for nearly all answers (`interface.Client`). Comments in them name the methods of `Dialogue`
+    # that they inline; anything unusual goes through those.
 
     def request(self, question: PreparedRead) -> Ask | None:
         assert isinstance(question, Question)
@@ -109,7 +110,7 @@ class Station(Dialogue):
             or self.flow.found is not None
         ):
             return self._unusual_request(question)
-        # `_begin`, where nothing is in doubt, in the way, or slow
+        # `_begin`, when nothing is in doubt, buffered or slow
         self._last, self._pending, self._is_clear = self._pending, question.code, True
         self._doubted.append(question.code)
         self._request = request = question.usual
@@ -126,8 +127,8 @@ class Station(Dialogue):
         now, seen, flow = heard.now, self.turnaround_s, self.flow
         if answer is None or seen is None or now >= flow.quiet_until:
             return self._unusual_value(question, heard)
-        # `_count` and `_note_time`, where all that came is a plain answer, and none to an earlier
-        # request can be on its way
+        # `_count` and `_note_time`, for a plain answer, when none to an earlier request can be on
+        # its way
         self.exchanges += 1
         flow.in_order += question.answer_length
         self.now = self.heard = now
@@ -149,9 +150,7 @@ class Station(Dialogue):
         return self._answer(question, heard.data, heard.now)
 
     def _answer(self, question: Question, data: bytes, now: float) -> Value | None:
-        """Return the value if `data`, of which the last byte came at `now`, is exactly the
-        answer.
-        """
+        """Return the value if `data`, whose last byte arrived at `now`, is exactly the answer."""
         answer = question.known.get(data) or question.answer_in(data)
         if answer is None:
             return None
@@ -162,7 +161,7 @@ class Station(Dialogue):
         return value
 
     def rest(self, question: PreparedRead, heard: IoResult) -> Listen | None:
-        # `_gather`, where a piece completes no frame and nothing is to be dropped
+        # `_gather`, when a piece completes no frame and contains nothing to drop
         if not heard.data or self.flow.found is not None or not self._reader.keep(heard.data):
             return None
         self.now = heard.now
@@ -186,8 +185,8 @@ class Station(Dialogue):
         return self._ask_short(question) if question.is_short else self._ask(question, heard)
 
     def _ask(self, question: Question, heard: IoResult | None = None) -> Steps[Value]:
-        """Ask until an answer is believed, at most `question.tries` times; `heard` is the result of
-        the first request, where that was sent already.
+        """Ask until an answer is accepted, at most `question.tries` times; `heard` is the result of
+        the first request, if already sent.
         """
         tries, last_data = question.tries, None
         while True:
@@ -201,9 +200,9 @@ class Station(Dialogue):
                 failure: StationError = AnswerFormat(f"{question.title()}: {error}")
             except AnsweredByOtherCode as error:
                 if error.data == last_data:
-                    return self._believed(question, error.data)
+                    return self._accept_repeated(question, error.data)
                 last_data, failure = error.data, error
-                self._is_overdue = True  # drain the line first
+                self._is_overdue = True  # drain the link first
             except (*UNCERTAIN, NotReceived) as error:
                 failure = error
             except Refusal as error:
@@ -219,7 +218,7 @@ class Station(Dialogue):
                 raise failure
 
     def _note_form(self, question: Question, text: str) -> None:
-        """Count an odd form. A station that used its own letters is accepted under no others."""
+        """Count an odd form. Once a station has used its own letters, no others are accepted."""
         row = question.odd_row(text)
         if row is not None:
             self._note_anomaly(row, question, text)
@@ -227,7 +226,7 @@ class Station(Dialogue):
             self._own_code.add(question.code)
             question.also = ""
 
-    def _believed(self, question: Question, data: str) -> Value:
+    def _accept_repeated(self, question: Question, data: str) -> Value:
         """Accept an answer that came twice under the letters of another command."""
         self._settled()
         self.data = data
@@ -247,12 +246,12 @@ class Station(Dialogue):
         hurry: bool = False,
         once: bool = False,
     ) -> Steps[None]:
-        """Write a value. An acknowledgement proves nothing: read back. In a `hurry` wait for it no
+        """Write a value. An acknowledgement proves nothing: read back. With `hurry`, wait for it no
         longer than for a read.
 
-        A write that the station did not understand is sent again, unless `once`. Raises `Refusal`
-        where the station refuses, and `AnswerTimeout` or another `StationError` where it is not
-        known whether it was executed. A write is sent even on a flooded link: it may stop a tool.
+        Repeats a write that the station did not understand, unless `once`. Raises `Refusal` if the
+        station refuses, and `AnswerTimeout` or another `StationError` if the outcome is not known.
+        Sends even on a flooded link, because the write may stop a tool.
         """
         self.permit(command, value, port, tool)
         data = command.quantity.encode(value)
@@ -277,7 +276,7 @@ class Station(Dialogue):
             self._moving = ()
 
     def _write(self, question: Question, *, again: bool) -> Steps[None]:
-        """Send a write; `again`: repeat one not understood, which was not executed."""
+        """Send a write. `again`: repeat one that was not understood, and so not executed."""
         for tries_left in reversed(range(1 + REPEATS if again else 1)):
             try:
                 yield from self._exchange(question)
@@ -313,16 +312,18 @@ class Station(Dialogue):
         self._is_overdue = False
 
     def unasked(self, heard: IoResult) -> None:
-        """Note the time and bytes received without a request."""
+        """Register bytes received without a request, and their time."""
         self.now = heard.now
         if heard.data or heard.now >= self.flow.quiet_until:
             self.flow.came(heard.now, len(heard.data))
         if heard.data:
             self.strays["unasked"] += 1
-            self._reader.feed(heard.data)  # dropped with the next request
+            self._reader.feed(heard.data)  # the next request drops these
 
     def _ask_short(self, question: Question) -> Steps[Value]:
-        """Send R-TT bare; if refused or timed out, and never answered, with a blank (B-10)."""
+        """Send R-TT bare; if it was never answered and is refused or times out, send it with a
+        blank (B-10).
+        """
         if self._padded is not None:
             value = yield from self._ask(self._padded)
             self.anomalies.counts[10] += 1
@@ -359,11 +360,11 @@ class Station(Dialogue):
         return value
 
     def _settle(self, doubted: Question) -> Steps[None]:
-        """Make sure that no answer to `doubted` is on its way: have a probe answered, after
-        draining if one is overdue.
+        """Ensure that no answer to `doubted` is on its way: drain the link if one is overdue, then
+        get a probe answered.
 
-        Raises `StationSilent` where the probes time out, and the last error where answers cannot be
-        accepted.
+        Raises `StationSilent` if the probes time out, and the last error if no answer is
+        acceptable.
         """
         failure: StationError = AnswerTimeout(
             f"{doubted.title()}: answers to earlier questions may still come"
@@ -391,7 +392,7 @@ class Station(Dialogue):
         raise failure
 
     def _probes(self, doubted: str) -> list[Question]:
-        """Return harmless reads without the doubted code, each with another than the last."""
+        """Return up to `PROBES` harmless reads with codes other than `doubted`."""
         return [self.question(command) for command in PROBE_COMMANDS if command.letters != doubted][
             :PROBES
         ]

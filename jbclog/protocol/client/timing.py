@@ -1,4 +1,4 @@
-"""Measures how fast a station answers, and waits for it after a write that interrupts the link."""
+"""Measure a station's response time, and wait after a write that interrupts the link."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.robot import COMMON
 
-# Response time is the time from request to complete answer, minus what their bytes take at the
-# stated line format. Behind a network server, or where the stated rate is too low, an answer can be
-# complete sooner than that: then the response time is 0, and the link is faster than stated.
+# Response time is the time from request to complete answer, minus the transmission time of both at
+# the stated line format. Behind a network server, or if the stated rate is too low, an answer can
+# arrive sooner than that: then the response time is 0, and the link is faster than stated.
 
-READS = 12  # a median over these tolerates a late answer
-LEAST_ANSWERED = READS // 2  # with fewer the link is too bad for a run
-LEAST_READS = READS // 2  # where as many signals were read anyway
-TOLERANCE = 0.03  # both ends of a real line may differ by this share of the rate
+READS = 12  # their median tolerates a late answer
+LEAST_ANSWERED = READS // 2  # with fewer answers the link is too bad for a run
+LEAST_READS = READS // 2  # if other signals were read anyway
+TOLERANCE = 0.03  # tolerance of the baud rate, both ends together
 
 
 class AnswerTime(NamedTuple):
-    """How long an answer took from its request on, and their bytes at the stated line format, in
+    """Time from request to complete answer, and its transmission time at the stated line format, in
     µs.
     """
 
@@ -38,10 +38,10 @@ class AnswerTime(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ResponseTime:
-    """The result of `READS` answers or so to harmless reads, in µs; at least one was answered.
+    """Result of about `READS` harmless reads, in µs; at least one was answered.
 
     `took` are the response times, sorted, none below 0. `whole` is the median time from request to
-    complete answer, `wire` the median time of their bytes at the stated line format.
+    complete answer, `wire` the median transmission time of both at the stated line format.
     """
 
     took: tuple[float, ...]
@@ -59,11 +59,13 @@ class ResponseTime:
 
     @property
     def is_faster(self) -> bool:
-        """Whether answers arrive sooner than their bytes can at the stated line format."""
+        """True if answers arrive sooner than the stated line format allows."""
         return self.whole < self.wire * (1 - TOLERANCE)
 
     def faster_text(self, line: LineFormat) -> str | None:
-        """Describe that the link is faster than `line`, the stated format; None where it is not."""
+        """Describe by how much the link is faster than `line`, the stated format; None if it is
+        not.
+        """
         if not self.is_faster:
             return None
         return (
@@ -80,13 +82,13 @@ def response_time(
     *,
     apart_s: float = 0.0,
 ) -> Steps[tuple[ResponseTime | None, int]]:
-    """Measure with `READS` harmless reads, each `apart_s` after the answer before; return the
-    response time, None without any answer, and the number of answers to them.
+    """Measure the response time with `READS` harmless reads, each `apart_s` after the previous
+    answer. Returns the response time, None without any answer, and the number of answers.
 
-    `seen` are answers to other signals of `port` that were read anyway, and count, too. Then all
-    reads are those of a fast signal, and fewer are enough, `LEAST_READS` at least, unless one is
-    not answered. Commands that the station does not support are left out and named. Stops once
-    `LEAST_ANSWERED` cannot be reached any more.
+    `seen` are answers to other signals of `port` that were read anyway and also count. Then all
+    reads are of a fast signal, and fewer are enough (at least `LEAST_READS`), unless one is not
+    answered. Skips and names commands that the station does not support. Stops once
+    `LEAST_ANSWERED` is out of reach.
     """
     names, ignored = list(family.harmless), list[str]()
     if seen:
@@ -114,7 +116,7 @@ def response_time(
 
 
 def answer_time(client: Client, question: PreparedRead) -> AnswerTime:
-    """Return how long the answer took that `client` has just heard to `question`."""
+    """Return the timing of the answer to `question` that `client` has just received."""
     return AnswerTime((client.heard - client.sent) * 1e6, question.wire_s * 1e6)
 
 
@@ -135,8 +137,8 @@ def _question(client: Client, family: Family, name: str, port: int) -> PreparedR
 
 
 # W-RST and W-SAD interrupt the link. Both are sent once. No manual prints their answer
-# (docs/reference/contradictions.md, B-9, B-40), so an acknowledgement and silence count alike; what
-# counts is who answers R-SMN afterwards.
+# (docs/reference/contradictions.md, B-9, B-40), so an acknowledgement and silence are equivalent;
+# only a later answer to R-SMN counts.
 
 MODEL = next(command for command in COMMON if command.name == "model")
 NOT_ACKNOWLEDGED = 40  # B-number
@@ -148,7 +150,7 @@ STEADY = 4  # answers in a row: it may answer for a moment before it restarts
 def restart(client: Client, command: Command) -> Steps[float]:
     """Write W-RST once and wait until the station is back; return the seconds.
 
-    Raises `Refusal` where the station refuses, and `StationSilent` where it does not come back.
+    Raises `Refusal` if the station refuses, and `StationSilent` if it does not come back.
     """
     began = client.now
     try:
@@ -176,9 +178,9 @@ def settle_restart(client: Client) -> Steps[None]:
 
 
 def change_address(station: Station, command: Command, address: int | None) -> Steps[None]:
-    """Write W-SAD once and use the new address from then on; None is a line without addresses.
+    """Write W-SAD once and use the new address from then on; None means no addresses.
 
-    Raises `Refusal` where the station refuses, and what `settle_address` raises.
+    Raises `Refusal` if the station refuses, and what `settle_address` raises.
     """
     try:
         yield from station.write(command, address or 0)
@@ -192,8 +194,8 @@ def change_address(station: Station, command: Command, address: int | None) -> S
 def settle_address(station: Station, address: int | None) -> Steps[None]:
     """Confirm by R-SMN that the station answers at `address`.
 
-    Raises `AnswerTimeout` where it does not: it answers at its old address, which `station` then
-    uses again, or at neither.
+    Raises `AnswerTimeout` if it does not. If it answers at its old address, `station` uses that
+    again.
     """
     old = station.address
     for tried in (address, old, address, old):  # it may still be storing the new address
@@ -204,12 +206,12 @@ def settle_address(station: Station, address: int | None) -> Steps[None]:
             continue
         if tried == address:
             return
-        raise AnswerTimeout(f"the station still answers at its old address ({_words(old)})")
+        raise AnswerTimeout(f"the station still answers at its old address ({_shown(old)})")
     raise AnswerTimeout(
-        f"the station answers neither at its new address ({_words(address)}) nor at its old one"
-        f" ({_words(old)})"
+        f"the station answers neither at its new address ({_shown(address)}) nor at its old one"
+        f" ({_shown(old)})"
     )
 
 
-def _words(address: int | None) -> str:
+def _shown(address: int | None) -> str:
     return "none: frames without addresses" if address is None else f"{address:02d}"

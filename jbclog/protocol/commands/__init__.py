@@ -1,4 +1,4 @@
 """Command tables of each family, with unit, range, step and manual section.
 
-Start with `command.py`, then `robot.py`; `family.py` puts the tables together.
+Start with `command.py`, then `robot.py`; `family.py` assembles the tables.
 """

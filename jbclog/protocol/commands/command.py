@@ -1,7 +1,7 @@
 """One row of a command table.
 
 A code is two letters and the port, one letter with port and tool, or three letters for the whole
-station (manual 002, "Commands"); RTT, the transformer, has two letters alone
+station (manual 002, "Commands"); RTT, the transformer, has only two letters
 (docs/reference/contradictions.md, B-10). OMEGA's codes are one letter, for some followed by the
 number of a solder condition (docs/reference/protocol.md, OMEGA).
 """
@@ -14,11 +14,11 @@ from enum import Enum
 from jbclog.core.quantities import OFF, Quantity, Value, text_of
 
 TOOLS_WITH_A_PLACE = range(1, 10)
-"""Tools that a command can address: a code has one character for the number (002, W-Axy)."""
+"""Tools that a command can address: the code has one character for the number (002, W-Axy)."""
 
 
 class Scope(Enum):
-    """What a command addresses, and so what follows its letters."""
+    """What a command addresses, which determines what follows its letters."""
 
     STATION = "station"
     PORT = "port"
@@ -27,7 +27,7 @@ class Scope(Enum):
 
 
 class Effect(Enum):
-    """Side effect of sending it; decides whether it may be sent twice."""
+    """Side effect of a command; decides whether it may be sent twice."""
 
     NONE = "none"
     CLEARS = "reading clears it"
@@ -51,7 +51,7 @@ class Limits:
     printed: bool = True
 
     def problem(self, value: Value) -> str | None:
-        """Describe why `value` is not allowed; None where it is."""
+        """Describe why `value` is not allowed; None if it is."""
         if value is OFF:
             return None if self.off else "cannot be switched off"
         if not isinstance(value, int | float):
@@ -79,8 +79,8 @@ class InferredLimits:
     """Limits that the family's manual does not print, taken from `source`, another manual or
     section.
 
-    A value beyond `limits` is sent: a plan notes it, and the station decides. `unit`: the unit is
-    taken from there too.
+    A value beyond `limits` is sent: a plan notes it, and the station decides. `unit`: the unit also
+    comes from there.
     """
 
     source: str
@@ -90,12 +90,12 @@ class InferredLimits:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command by its trade name, with everything that a driver, a page or a person needs to know.
+    """A command by its descriptive name, with everything that drivers, pages and people need.
 
-    `limits` are printed for every family that has this row, `inferred` are not. `within` are the
-    commands that read the station's own minimum and maximum of the value; None where it has none.
-    `share_of` reads the maximum of a number without a printed unit: recipes and samples have it in
-    per mille of that (B-33).
+    `limits` are printed for every family with this row, `inferred` ones are not. `within` names the
+    commands that read the station's own minimum and maximum; None if it has none. `share_of` reads
+    the maximum of a number without a printed unit: recipes and samples state it in per mille of
+    that (B-33).
     """
 
     name: str
@@ -127,7 +127,7 @@ class Command:
 
     @property
     def sent_once(self) -> bool:
-        """Whether sending it twice would do something twice."""
+        """True if a second copy would have a further effect."""
         return self.effect in (Effect.CLEARS, Effect.MOVES, Effect.ERASES)
 
     def code(self, port: int | None = None, tool: int | None = None) -> str:
@@ -153,8 +153,8 @@ class Command:
         return replace(self, letters=f"{self.letters}{condition:04X}", scope=Scope.STATION)
 
     def raw_text(self, data: str, value: Value) -> str:
-        """Return the raw characters of `value`: `data`, those of the last answer, if they decode to
-        it, else the usual form.
+        """Return the raw characters of `value`: `data` of the last answer if it decodes to `value`,
+        else the usual form.
         """
         try:
             return data if self.quantity.decode(data) == value else self.quantity.encode(value)

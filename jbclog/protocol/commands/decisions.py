@@ -1,7 +1,7 @@
-"""The contradictions, misprints and gaps of the manuals, each with jbclog's interpretation.
+"""Contradictions, misprints and gaps of the manuals, each with jbclog's interpretation.
 
-Each row states the contradiction, what jbclog does, and why; then how a virtual station behaves in
-the alternative, and the event's text when a station does.
+Each row states the contradiction, jbclog's choice, and the reason; then how a virtual station
+behaves in the alternative, and the text of the event when a station does.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ from types import MappingProxyType
 class Decision:
     """A row of docs/reference/contradictions.md.
 
-    `reading` is what is sent and how answers are read, `reason` why. `quirks` are the alternatives
-    of virtual stations, all of which the driver accepts; `met` is the text of the first event
-    ``protocol.anomaly``, with `number` as its code; empty where a run cannot meet it. `doubtful`:
-    the value itself may be wrong; `usual`: every station of its kind does it, so nobody is warned.
-    `families` are those concerned; empty for all with JBC's protocol.
+    `reading`: what is sent and how answers are interpreted. `quirks`: alternatives of virtual
+    stations, all of them accepted. `met`: text of the first event ``protocol.anomaly`` (code:
+    `number`); empty if a run cannot meet it. `doubtful`: the value may be wrong. `usual`: normal
+    for its kind of station, so no warning. `families`: empty for all with JBC's protocol.
     """
 
     number: int

@@ -17,9 +17,9 @@ PRINTED_AT = "002 Factory Settings; 004 Factory Settings"
 
 @dataclass(frozen=True, slots=True)
 class Default:
-    """One setting's factory value. `printed` is the manual's text; if empty, `value` is a choice.
+    """Factory value of one setting. `printed` is the manual's text; if empty, `value` is a choice.
 
-    `model` is the beginning of the model names that it applies to; empty for the whole family.
+    `model` is the beginning of model names that it applies to; empty for the whole family.
     """
 
     command: str

@@ -1,4 +1,4 @@
-"""What the error numbers of stations mean."""
+"""Meanings of the stations' error numbers."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from types import MappingProxyType
 
 @dataclass(frozen=True, slots=True)
 class ErrorTable:
-    """What error numbers mean. `states` are not faults; `no_tool` is the number for an empty port.
+    """Meanings of error numbers. `states` are not faults; `no_tool` is the number for an empty
+    port.
 
-    `voids` are error, signal and reason: the signal means nothing during the error.
+    `voids` lists error, signal and reason: during the error the signal has no meaning.
     """
 
     kind: str
@@ -22,11 +23,11 @@ class ErrorTable:
     voids: tuple[tuple[int, str, str], ...] = ()
 
     def text(self, code: int) -> str:
-        """Return the meaning of `code`; an unknown one stays a number."""
+        """Return the meaning of `code`, or the number if it is unknown."""
         return self.texts.get(code, f"unknown {self.kind} error {code}")
 
     def void(self, code: int | None, signal: str) -> str | None:
-        """Return why `signal` means nothing during the error `code`; None where it counts."""
+        """Return why `signal` has no meaning during the error `code`; None if it has one."""
         if not self.voids:
             return None
         return next(

@@ -33,10 +33,10 @@ from jbclog.protocol.commands.status import NO_STATUS, SOLDERING_STATUS, StatusT
 
 _MODEL = re.compile(r"[A-Za-z]+[A-Za-z0-9 _.-]*")
 ROBOT, OMEGA = "robot", "omega"
-"""Protocols: JBC's Robot mode, and OMEGA's own."""
+"""Protocols: JBC's Robot mode, and OMEGA's."""
 
 NEEDS_A_TOOL = frozenset({"temperature_c", "power_permille", "delay_s"})
-"""Signals that mean nothing without a tool."""
+"""Signals that have no meaning without a tool."""
 NO_TOOL = "no_tool"
 
 
@@ -48,16 +48,15 @@ def _by_name(commands: Iterable[Command]) -> Mapping[str, Command]:
 class Family:
     """One family of control units. All tables are read-only.
 
-    `models` are beginnings of model names that prove the family; empty where the station reports no
-    model. `ports` is None where the manual does not print their number: then it is those that
-    answer R-CT. `tools` is empty where the station reports none. The first of `safe_states` is the
-    default; those in `proven_by_cooling` count only if the tool is seen to cool. `harmless` are
-    reads without effect, for measuring the response time; `answered_by_kind` are reads that only
-    soldering stations, or only hot air, have: they prove the kind where the model name cannot.
-    `plausible_c` are possible temperatures of its tools, and `jump_c` is more than they change
-    within a tick. `defaults` are the factory settings. `baudrate` and `rate_hz` apply where a file
-    names none; `turnaround_ms` is the printed range of the response time. `hot_part` names in
-    messages what the temperature is of.
+    `models`: beginnings of model names that prove the family; empty if the station reports no
+    model. `ports`: None if the manual does not print their number; then those that answer R-CT.
+    `tools`: empty if the station reports none. `safe_states`: the first is the default; those in
+    `proven_by_cooling` count only if the tool is seen to cool. `harmless`: reads without effect,
+    for measuring the response time. `answered_by_kind`: reads that only soldering stations, or only
+    hot air, have; they prove the kind where the model name cannot. `plausible_c`: possible
+    temperatures of its tools; `jump_c`: more than they change within a tick. `defaults`: factory
+    settings. `baudrate` and `rate_hz` apply if a file sets none; `turnaround_ms` is the printed
+    range of the response time. `hot_part`: what the temperature is of, for messages.
     """
 
     name: str
@@ -95,8 +94,8 @@ class Family:
         object.__setattr__(self, "_of_signal", of_signal)  # looked up at nearly every exchange
 
     def may_stand_at_last(self, safe_state: str) -> bool:
-        """Whether a tool whose safe state is `safe_state` may end in stand, where it cools by the
-        station's own delays only.
+        """Return True if a tool with this safe state may end in stand, where it cools only by the
+        station's own delays.
         """
         return safe_state == "stand" or (
             safe_state in self.proven_by_cooling and "stand" in self.status.last_resorts
@@ -108,49 +107,49 @@ class Family:
 
     def command_of(self, signal: str) -> Command | None:
         """Return the command that fills the columns of `signal` (``temperature_c``, ``set_c``);
-        None where there is none.
+        None if there is none.
         """
         return self._of_signal.get(signal)
 
     def is_empty(self, tool: int | None, error: int | None) -> bool:
-        """Whether a port has no tool, by its last tool code and error; None where not known."""
+        """Return True if a port has no tool, by its last tool code and error (None: not known)."""
         return bool(self.tools) and (
             tool == 0 or (error is not None and error == self.port_errors.no_tool)
         )
 
     def void(self, signal: str, tool: int | None, error: int | None) -> str | None:
-        """Return the reason for which `signal` of a port means nothing; None where it counts.
+        """Return why a port's `signal` has no meaning; None if it has one.
 
-        docs/reference/contradictions.md, B-44.
+        See docs/reference/contradictions.md, B-44.
         """
         if signal in NEEDS_A_TOOL and self.is_empty(tool, error):
             return NO_TOOL
         return self.port_errors.void(error, signal)
 
     def may_be_void(self, signal: str | None) -> bool:
-        """Whether `void` can ever return a reason for `signal`."""
+        """Return True if `void` can ever return a reason for `signal`."""
         return signal in NEEDS_A_TOOL or any(
             name == signal for _, name, _ in self.port_errors.voids
         )
 
     def signal_of(self, command: str) -> str | None:
-        """Return the signal that `command` fills; None where there is none."""
+        """Return the signal that `command` fills; None if there is none."""
         return next((one.name for one in self.signals if one.command == command), None)
 
     def is_fast(self, command: str) -> bool:
-        """Whether `command` fills a signal that is read on every tick."""
+        """Return True if `command` fills a signal that is read on every tick."""
         return any(
             one.command == command and one.interval is ReadInterval.FAST for one in self.signals
         )
 
     @property
     def hours(self) -> str | None:
-        """Return the command that counts the hours since manufacture; None where there is none."""
+        """The command that counts the hours since manufacture; None if there is none."""
         return self.counters[0].command if self.counters else None
 
     def proves(self, model: str) -> bool:
-        """Whether the model name `model` proves this family. A name contains letters, digits and a
-        few separators.
+        """Return True if the model name `model` proves this family. A valid name has only letters,
+        digits and a few separators.
         """
         return bool(_MODEL.fullmatch(model)) and model.upper().startswith(self.models)
 
@@ -185,7 +184,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             Family(
                 "soldering",
                 "older soldering stations (manual 000)",
-                # 000 prints "DDR" alone. The others are inferred, as whole names: two letters would
+                # 000 prints only "DDR". The others are inferred, as whole names: two letters would
                 # also match DDE
                 ("DDR", "DIR", "CDR", "HDR", "NAR", "DMR"),
                 _OLD,
@@ -280,7 +279,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
 
 
 def family_of(model: str) -> Family | None:
-    """Return the family that a model name proves, newest tables first; None where there is none."""
+    """Return the family that a model name proves, newest tables first; None if there is none."""
     named = [
         family
         for family in FAMILIES.values()
@@ -292,16 +291,16 @@ def family_of(model: str) -> Family | None:
 
 
 # The manuals print two model names, DDR (000) and JTSE (001); all others in `Family.models` are
-# inferred. A station with another name is driven as the line file says with its key `model`, with
-# one restriction: status 00001 is "stand" for a soldering tool and "on" for hot air, so a name
-# never makes a soldering station of a hot air station, or the reverse.
+# inferred. The line file's key `model` accepts another name, with one restriction: status 00001 is
+# "stand" for a soldering tool and "on" for hot air, so a name never turns a hot air station into a
+# soldering station, or the reverse.
 
 HOT_AIR: Final = "JT"
 """Beginning of the model names of hot air stations (001, 4.9.18)."""
 
 
 def model_problem(family: Family, model: str) -> str | None:
-    """Describe why a station named `model` cannot be driven as `family`; None where it can."""
+    """Describe why a station named `model` cannot be driven as `family`; None if it can."""
     if not family.models:
         return f"a station of family {family.name} reports no model; leave it out"
     is_hot_air, named_so = family.models == (HOT_AIR,), model.upper().startswith(HOT_AIR)
@@ -327,12 +326,12 @@ def foreign_reads(family: Family) -> Iterator[Command]:
 
 
 def accept_line(model: str) -> str:
-    """Return the key of a line file that accepts this name: ``model = "DIE"``."""
+    """Return the line file's entry that accepts this name: ``model = "DIE"``."""
     return f'model = "{model}"'
 
 
 def unknown_model_text(model: str) -> str:
-    """Describe what to write in the line file for a name that no table has."""
+    """Say what to put in the line file for a name that no table has."""
     return (
         f"it reports model {model!r}, which jbclog does not know. If you know what it is, name its"
         f' family in the line file in place of "auto", and add {accept_line(model)}'
@@ -340,7 +339,7 @@ def unknown_model_text(model: str) -> str:
 
 
 def other_model_text(family: Family, model: str) -> str:
-    """Describe what to write where the model name proves another family than the line file's."""
+    """Say what to put in the line file if the model name proves another family."""
     found = (
         f"the line file says family {family.name}, the station says model {model}; nothing was"
         " written to it. "
@@ -355,5 +354,5 @@ def other_model_text(family: Family, model: str) -> str:
 
 
 def model_not_accepted_text(accepted: str, model: str) -> str:
-    """Describe that the station's name is not the one that the line file accepts."""
+    """Say that the station's name differs from the one that the line file accepts."""
     return f"the line file accepts model {accepted}, the station says model {model}"

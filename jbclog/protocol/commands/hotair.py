@@ -1,5 +1,5 @@
-"""The command table of hot air stations (JTSE, manual 001), which share the frame with soldering
-stations and little else.
+"""The command table of hot air stations (JTSE, manual 001), which have little in common with
+soldering stations but the frame.
 
 Manual 001 prints no range, no step and no factory setting: R-MAT, R-MIT, R-MAF, R-MIF, R-MAE and
 R-MIE read a station's own limits. It prints no unit of the flow (docs/reference/contradictions.md,

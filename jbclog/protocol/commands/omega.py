@@ -1,9 +1,9 @@
 """Apollo Seiko OMEGA: its commands, and the values in its answers.
 
-The page of manual 003 at hand has the frame, the sum and A, which is answered by a, without a
-digit. The other commands are on its pages 6 to 10, which are missing here; they are taken from a
-public description of them (docs/reference/manuals.md) and marked so. No row is more certain than
-that. So a controller that answers A with a, and nothing else, is driven too.
+The one available page of manual 003 has the frame, the sum and A, which is answered by "a" without
+a digit. The other commands are on its missing pages 6 to 10; they are taken from a public
+description (docs/reference/manuals.md) and marked so. No row is more certain than that, so a
+controller that answers A with "a" and nothing else is driven too.
 
 OMEGA reports no temperature, no model and no error number, and refuses by silence.
 """
@@ -49,7 +49,9 @@ WITHOUT_DIGIT: Final = "answered without a digit"
 
 @dataclass(frozen=True, slots=True)
 class Digit:
-    """One digit that stands for a word. `may_lack`: its lack is accepted as `WITHOUT_DIGIT`."""
+    """One digit that stands for a word. `may_lack`: an answer without it is accepted as
+    `WITHOUT_DIGIT`.
+    """
 
     names: tuple[str, ...]
     unit: str = ""
@@ -69,7 +71,7 @@ class Digit:
 
 
 def is_condition(number: int) -> bool:
-    """Whether a solder condition can have this number; 0, the cleaning, is excluded."""
+    """Return True if a solder condition can have this number; 0, the cleaning, is excluded."""
     return number // 100 in HUNDREDS and number % 100 != 0
 
 
@@ -92,14 +94,14 @@ class ConditionNumber:
 
 
 class StoredRecord(CompoundValue):
-    """The record under one number. Fields that end in a unit are sent as tenths of it."""
+    """The record under one number. Fields whose names end in a unit are sent as tenths of it."""
 
     __slots__ = ()
     condition: int
     mode: int
 
     def values(self) -> Iterator[tuple[str, str, str]]:
-        """Yield name, unit and value as text of everything but the number."""
+        """Yield name, unit and value as text of every field but the number."""
         for one in fields(self):  # type: ignore[arg-type]  # each class below is a dataclass
             if one.name != "condition":
                 value = getattr(self, one.name)
@@ -116,7 +118,7 @@ class StoredRecord(CompoundValue):
 
 @dataclass(frozen=True, slots=True)
 class ConditionRecord(StoredRecord):
-    """One joint: modes 0 to 4. The fields are named as in a recipe's `[omega]`."""
+    """One joint: modes 0 to 4. The fields have the names of a recipe's `[omega]`."""
 
     condition: int
     mode: int
@@ -139,10 +141,10 @@ class ConditionRecord(StoredRecord):
 
 @dataclass(frozen=True, slots=True)
 class SetTemperature(StoredRecord):
-    """Mode 5. No document says whether its two numbers are tenths, as all others are: they are kept
+    """Mode 5. No document says whether its two numbers are tenths, as all others are, so they stay
     raw.
 
-    docs/reference/contradictions.md, B-51.
+    See docs/reference/contradictions.md, B-51.
     """
 
     condition: int
@@ -153,8 +155,8 @@ class SetTemperature(StoredRecord):
 
 @dataclass(frozen=True, slots=True)
 class Cleaning(StoredRecord):
-    """Condition 0: how long air is blown. It has no mode; whether its record has a digit for one is
-    not known.
+    """Condition 0: how long air is blown. It has no mode; no document says whether its record has a
+    digit for one.
     """
 
     air_blow_s: float
@@ -164,7 +166,9 @@ class Cleaning(StoredRecord):
 
 @dataclass(frozen=True, slots=True)
 class StoredCondition:
-    """The record of C, c and D. When read, condition 0 may have a mode; written, it has none."""
+    """The record of C, c and D. When read, condition 0 may have a mode; when written, it has
+    none.
+    """
 
     unit: str = ""
 
@@ -241,7 +245,7 @@ def _field(raw: int) -> str:
 
 def differing(asked: StoredRecord, found: StoredRecord) -> list[tuple[str, str, str]]:
     """List the differences of two records of one number: the field's name and both values as text;
-    of two kinds only the mode.
+    only the mode if their kinds differ.
     """
     values = {name: text for name, _, text in found.values()}
     return [
@@ -272,7 +276,7 @@ TRUE_ANSWERS = MappingProxyType(
         "in_range": frozenset(AT_TEMPERATURE.names[:1]),
     }
 )
-"""The answers that make a column true."""
+"""Answers that make a column true."""
 
 
 def _unseen(section: str) -> str:

@@ -1,4 +1,4 @@
-"""What values a command accepts, which answers can be true, which odd forms are tolerated."""
+"""Values that a command accepts, plausible answers, and accepted odd forms."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from jbclog.protocol.commands.omega import CONDITIONS, ConditionNumber
 
 
 def range_problem(command: Command, value: Value) -> str | None:
-    """Describe why the command cannot carry the value, and what is allowed; None where it can."""
+    """Describe why the command cannot carry the value, and what is allowed; None if it can."""
     if command.limits.problem(value) is not None:
         return f"{_as_written(value, command.unit)} is not allowed; {allowed(command)}"
     try:
         command.quantity.encode(value)
     except ValueError as error:
-        # not twice
+        # do not repeat the range
         return f"{str(error).removesuffix(f'; {allowed(command)}')}; {allowed(command)}"
     return None
 
 
 def inferred_note(command: Command, value: Value, manual: str) -> str | None:
-    """Describe, for a plan, that the value exceeds inferred limits; None where it does not.
-    `manual`: the family's own.
+    """Say, for a plan, that the value exceeds inferred limits; None if it does not. `manual`: the
+    family's own.
     """
     if command.inferred is None or command.inferred.limits.problem(value) is None:
         return None
@@ -41,7 +41,7 @@ def inferred_note(command: Command, value: Value, manual: str) -> str | None:
 
 
 def unit_note(command: Command, manual: str) -> str | None:
-    """Describe for a plan that the unit is from another manual; None if the family's own has it."""
+    """Say, for a plan, that the unit is from another manual; None if it is the family's own."""
     if command.inferred is None or not command.inferred.unit:
         return None
     return (
@@ -51,7 +51,7 @@ def unit_note(command: Command, manual: str) -> str | None:
 
 
 def allowed(command: Command) -> str:
-    """Describe what a manual allows, or that only the station knows."""
+    """Describe what a manual allows, or say that only the station knows."""
     limits, unit = command.limits, f" {command.unit}".rstrip()
     if isinstance(command.quantity, Choice):
         return f"one of {', '.join(command.quantity.names)}"
@@ -71,7 +71,7 @@ def allowed(command: Command) -> str:
 
 
 def _usual(limits: Limits, unit: str) -> str:
-    """Describe inferred limits, which may be a step alone."""
+    """Describe inferred limits, which may be just a step."""
     return (
         f"steps of {limits.step:g}{unit}"
         if limits.low is None and limits.high is None
@@ -93,19 +93,19 @@ def _range(limits: Limits, unit: str) -> str:
 
 
 def _as_written(value: Value, unit: str) -> str:
-    """Format the value with all its digits, as in the file: rounded it might look allowed."""
+    """Format the value with all its digits, as in the file: rounded, it might look allowed."""
     if isinstance(value, Off):
         return '"off"'
     digits = repr(value).removesuffix(".0") if isinstance(value, float) else text_of(value)
     return f"{digits} {unit}".rstrip()
 
 
-# Possible values: by the manuals, by the station's own limits, by what tools are made for. Anything
-# else is not a value, however often it is repeated; it is read again before that is decided.
+# Plausibility by the manuals, the station's own limits, and what tools are made for. Anything else
+# is not a value, however often it is repeated; it is read again before that is decided.
 
 TEMPERATURES = frozenset({"temperature_c", "external_c", "transistor_c", "transformer_c"})
 """Signals that are temperatures and change slowly."""
-STILL_C = 25  # maximum change between two answers right after each other
+STILL_C = 25  # maximum change between two consecutive answers
 # sent while no countdown runs (docs/reference/contradictions.md, B-25)
 NO_COUNTDOWN = frozenset({99999, 65535})
 COUNTED_DOWN = ("sleep_delay", "hibernation_delay")
@@ -117,7 +117,7 @@ Possible = Callable[[Value], bool]
 
 
 def plausibility_check(signal: str | None, family: Family) -> Possible | None:
-    """Return a check for whether an answer can be true as `signal`; None where every answer can."""
+    """Return a check whether an answer is plausible as `signal`; None if every answer is."""
     if signal in TEMPERATURES:
         plausible_c = family.plausible_c
         return lambda value: value in plausible_c
@@ -130,7 +130,7 @@ def plausibility_check(signal: str | None, family: Family) -> Possible | None:
 
 
 def longest_countdown_s(family: Family) -> float:
-    """Return the longest delay of the family in s; infinite where its manual prints no range."""
+    """Return the family's longest delay in s; infinite if its manual prints no range."""
     ends = [family.commands[name].limits.high for name in COUNTED_DOWN if name in family.commands]
     return max(
         (math.inf if minutes is None else 60.0 * minutes for minutes in ends), default=math.inf
@@ -138,18 +138,18 @@ def longest_countdown_s(family: Family) -> float:
 
 
 def is_share(value: Value, whole: int) -> bool:
-    """Whether `value` is not much more than the whole."""
+    """Return True if `value` is at most `MOST_OF_FULL` times the whole."""
     return isinstance(value, int) and 0 <= value <= MOST_OF_FULL * whole
 
 
-# Odd forms that are accepted from a station, by command name, with their rows in
-# docs/reference/contradictions.md. jbclog sends only two of them, R-TT with a blank and orders
-# without data, and only after the station has refused the recommended form.
+# Odd forms accepted from a station, by command name, with their rows in
+# docs/reference/contradictions.md. jbclog itself sends only two of them, R-TT with a blank and
+# orders without data, and only after the station has refused the recommended form.
 
 
 @dataclass(frozen=True, slots=True)
 class OddForm:
-    """Valid data fields that depart from the recommended form; `data` matches the whole field."""
+    """Valid data fields that deviate from the recommended form; `data` matches the whole field."""
 
     number: int
     data: re.Pattern[str]
@@ -179,7 +179,7 @@ ODD_FORMS: Mapping[str, OddForm] = MappingProxyType(
         "dispensed_length": _odd(35, r"(?![0-9A-F]{5}$).*|(?!0000\d)\d{5}"),
     }
 )
-"""The odd data fields of each answer."""
+"""Odd data fields of each answer."""
 
 READ_ANSWERED_AS: Mapping[str, tuple[int, str]] = MappingProxyType({"dispensed_cycles": (36, "CD")})
 """Reads that may be answered under another command's letters, with those letters."""
@@ -193,7 +193,7 @@ ACKNOWLEDGED_WITH_VALUE: Mapping[str, int] = MappingProxyType({"status": 43})
 """Writes whose acknowledgement may repeat the value."""
 
 WITHOUT_DATA: Mapping[str, int] = MappingProxyType({"stop_feeding": 37, "ignore_fuse_error": 37})
-"""Orders that may be sent without data after 00000 was refused as badly formed; none of them acts
+"""Orders that may be sent without data after 00000 was refused as badly formed. None of them acts
 or erases.
 """
 

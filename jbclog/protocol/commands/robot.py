@@ -1,6 +1,6 @@
 """The command tables of JBC soldering stations in Robot mode.
 
-Notes cite docs/reference/contradictions.md ("B-nn") where the manuals are in doubt or contradict
+Notes cite docs/reference/contradictions.md ("B-nn") where the manuals are unclear or contradict
 each other.
 """
 
@@ -33,10 +33,10 @@ TOOL_CODE = Number()
 UNPRINTED = Limits(printed=False)
 STEPS_OF_5 = Limits(step=5)
 FACTORY_RANGE = InferredLimits("002 Factory Settings", Limits(90, 500))
-"""The factory range of temperature settings of 002; R-MIT and R-MAT read a station's own."""
+"""The factory range of temperature settings in 002; R-MIT and R-MAT read a station's own."""
 TIP_WITHIN = ("minimum_temperature", "maximum_temperature")
 SLEEP_WITHIN = (None, "maximum_temperature")
-"""002 prints that R-MIT bounds W-STx, and no bound for W-Sxy: the station decides below R-MIT."""
+"""002 prints that R-MIT bounds W-STx, and no bound for W-Sxy: below R-MIT the station decides."""
 STATUS_WORD = DigitWord((0, 2, 1, 1, 3))
 ALARM_FLAGS = Flags((0, 0, 0, 1, 1))
 
@@ -50,7 +50,7 @@ def per_port(
     note: str = "",
     **more: object,
 ) -> Command:
-    """Return a read-only command of one port. Ranges are printed for few."""
+    """Return a read-only command of one port. The manuals print few ranges."""
     return Command(name, letters, Scope.PORT, quantity, "r", manual, limits, note=note, **more)  # type: ignore[arg-type]  # table helper
 
 
@@ -144,7 +144,7 @@ TIP_STATUS = Command(
 
 
 def _alarm_delay(name: str, letters: str, manual: str) -> Command:
-    """Return an alarm delay; both manuals print the form ss.cc, which bounds the value."""
+    """Return an alarm delay; both manuals print the form ss.cc, which limits the value."""
     return setting(
         name,
         letters,
@@ -236,8 +236,8 @@ SETTINGS = (  # 002 and 004
 
 
 def _old(name: str, manual: str, note: str = "", limits: Limits | None = None) -> Command:
-    """Return a setting as 000 prints it, which has no range, no step and no unit of a delay; only
-    the lowest number (3.1). What it lacks is inferred from 002.
+    """Return a setting as 000 prints it: without range, step or unit of a delay, only the lowest
+    number (3.1). The rest is inferred from 002.
     """
     newer = next(one for one in SETTINGS if one.name == name)
     source, known = newer.manual, newer.limits

@@ -1,4 +1,4 @@
-"""Readings that become columns of `samples` and rows of `counters`, and how often
+"""Readings that become columns of `samples` and rows of `counters`, and their intervals
 (docs/reference/configuration.md).
 """
 
@@ -20,7 +20,9 @@ class ReadInterval(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A command read repeatedly and the columns that its answer fills, the signal's name first."""
+    """A repeatedly read command and the columns that its answer fills, the first of which names the
+    signal.
+    """
 
     command: str
     columns: tuple[str, ...]
@@ -57,8 +59,8 @@ FEEDER_SIGNALS = (
 
 @dataclass(frozen=True, slots=True)
 class UsageCounter:
-    """A counter's command, and its name and unit in `counters`. It is due as often as the shorter
-    of `interval` and COUNTERS.
+    """A counter's command, and its name and unit in `counters`. It is due at the shorter of
+    `interval` and COUNTERS.
     """
 
     command: str
@@ -82,4 +84,4 @@ FEEDER_COUNTERS = (
     UsageCounter("dispensed_cycles", "dispensed_cycles", "count", ReadInterval.ALARMS),
     _DISPENSED_MM,
 )
-"""Each feed is evidence of a joint, so a feeder's cycles are read as often as its state."""
+"""A feeder's cycles are read as often as its state, because each feed is evidence of a joint."""

@@ -23,11 +23,10 @@ EXTRACTOR: StatusWord = (0, 0, 0, 1, 0)
 class StatusTable:
     """The status words of one kind of station.
 
-    `names` are the states by units digit; in `heating` the tool is at work, in `resting` it is
-    safe. `orders` are the words that may be written, by the name in a recipe; `last_resorts` are
-    tried where another safe state is not reached, because the tool cools by itself in them. With
-    `tens_rests` the tens digit alone stops the work. With `has_suction` the hundreds digit orders
-    suction.
+    `names`: states by units digit; in `heating` the tool is at work, in `resting` it is safe.
+    `orders`: words that may be written, by their name in a recipe. `last_resorts`: tried if another
+    safe state is not reached, because the tool cools by itself in them. `tens_rests`: the tens
+    digit alone stops the work. `has_suction`: the hundreds digit orders suction.
     """
 
     names: tuple[str, ...]
@@ -40,11 +39,11 @@ class StatusTable:
     has_suction: bool = False
 
     def with_suction(self, word: StatusWord, *, on: bool) -> StatusWord:
-        """Return `word` with suction on or off; unchanged where the family has none."""
+        """Return `word` with suction on or off; unchanged if the family has none."""
         return (*word[:2], int(on), *word[3:]) if self.has_suction else word
 
     def sucks(self, word: StatusWord) -> bool:
-        """Whether suction is on; False where the family has none."""
+        """Return True if suction is on; False if the family has none."""
         return self.has_suction and word[2] == 1
 
     def safe_words(self, state: str, *, suction: bool) -> tuple[StatusWord, ...]:
@@ -60,24 +59,25 @@ class StatusTable:
         return tuple(dict.fromkeys(words))
 
     def is_working(self, word: StatusWord) -> bool:
-        """Whether the tool is at work."""
         return word[4] in self.heating and not (self.tens_rests and word[3])
 
     def is_resting(self, word: StatusWord) -> bool:
-        """Whether the tool is in a safe state, by whatever cause."""
+        """Return True if the tool is in a safe state, for whatever reason."""
         return word[4] in self.resting and not (self.tens_rests and word[3])
 
     def is_safe(self, found: StatusWord, ordered: StatusWord) -> bool:
-        """Whether `found`, read back, confirms an ordered safe state: every resting state does."""
+        """Return True if `found`, read back, confirms an ordered safe state: every resting state
+        does.
+        """
         if ordered[4] in self.resting:
             return found[4] in self.resting
         return found[3] == ordered[3] or self.is_resting(found)
 
     def confirms(self, found: StatusWord, ordered: StatusWord) -> bool:
-        """Whether `found` confirms `ordered`: stand may have become sleep, and hot air may have
-        cooled down.
+        """Return True if `found` confirms `ordered`: stand may have become sleep, and hot air may
+        have cooled down.
 
-        Suction, desoldering and motor are not compared.
+        Ignores suction, desoldering and motor.
         """
         if (self.tens_rests or ordered[4] in self.heating) and found[3] != ordered[3]:
             return False

@@ -1,4 +1,4 @@
-"""Turns a port's scan into findings: why no station can be driven, and the step that fixes it."""
+"""Turn a port's scan into findings: why no station can be driven, and the step that fixes it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PLUG_IN = "unplug the adapter and plug it in again, or start the server behind i
 
 
 def diagnose(report: PortReport) -> list[ScanFinding]:
-    """Return what is wrong with this port; nothing for a station that a run could start with."""
+    """Return the problems of this port; empty for a station that a run could start with."""
     if report.broken is not None:
         return [_broken(report.url, report.broken)]
     if report.station is not None:
@@ -49,11 +49,11 @@ def diagnose(report: PortReport) -> list[ScanFinding]:
         )
     if report.stopped:
         return []
-    return [_nobody(report)]
+    return [_no_station(report)]
 
 
 def _broken(url: str, error: LinkError) -> ScanFinding:
-    """Split the message of a `transport` error into problem and step, separated by a semicolon."""
+    """Split the message of a `transport` error at its semicolon into problem and step."""
     kind = next(kind for one, kind in BREAKS if isinstance(error, one))
     what, _, step = str(error).removeprefix(url).lstrip(": ").partition("; ")
     return ScanFinding(kind, url, what, step or PLUG_IN)
@@ -101,8 +101,8 @@ def _why_not_drivable(
     )
 
 
-def _nobody(report: PortReport) -> ScanFinding:
-    """Return why no station answers, by the surest sign."""
+def _no_station(report: PortReport) -> ScanFinding:
+    """Return why no station answers, by the strongest evidence."""
     url = report.url
     if report.binary is not None:
         what = (
@@ -139,12 +139,12 @@ def _nobody(report: PortReport) -> ScanFinding:
             step,
         )
     return ScanFinding(
-        "line.silent", url, f"nothing answers in {_formats(report)}", _look_again(report)
+        "line.silent", url, f"nothing answers in {_formats(report)}", _untried(report)
     )
 
 
 def _heard_addresses(report: PortReport) -> Iterator[tuple[LineFormat, int]]:
-    """Yield line format and station address of complete JBC frames that answered nothing."""
+    """Yield line format and station address of complete JBC frames that matched no request."""
     for line, data in report.garbage.items():
         for found in FrameReader().feed(data):
             if isinstance(found, Frame) and (address := address_of(found)) is not None:
@@ -181,8 +181,10 @@ def _other_address(report: PortReport, line: LineFormat, address: int) -> ScanFi
     return ScanFinding("line.address", url, what, step)
 
 
-def _look_again(report: PortReport) -> str:
-    """Suggest untried formats and addresses: likelier than crossed wires, without soldering."""
+def _untried(report: PortReport) -> str:
+    """Suggest untried formats and addresses: likelier than crossed wires, and no soldering
+    needed.
+    """
     if _is_thorough(report) and set(ALL) <= set(report.asked):
         return EXCHANGE
     thorough = "" if _is_by_server(report) else " --thorough"
@@ -198,17 +200,17 @@ def _look_again(report: PortReport) -> str:
 
 
 def _is_by_server(report: PortReport) -> bool:
-    """Whether a server decides on the line format."""
+    """Return True if a server decides on the line format."""
     return report.url.startswith("socket:")
 
 
 def _is_thorough(report: PortReport) -> bool:
-    """Whether every line format was tried or planned."""
+    """Return True if every line format was tried or planned."""
     return _is_by_server(report) or len(report.tried) + len(report.untried) >= len(THOROUGH)
 
 
 def _options(report: PortReport) -> str:
-    """Return this scan's command line options, except for port and time."""
+    """Return this scan's command line options, without port and time."""
     numbers = [number for number in report.asked if number is not None and number not in ADDRESSES]
     thorough = " --thorough" if _is_thorough(report) and not _is_by_server(report) else ""
     return f"{thorough} --addresses {_ranges(numbers)}" if numbers else thorough

@@ -1,4 +1,4 @@
-"""What a scan tries, and what it finds."""
+"""What a scan tries, and its results."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from jbclog.protocol.commands.family import ROBOT, Family
 
 @dataclass(frozen=True, slots=True)
 class ScanFinding:
-    """A problem and the step that fixes it. `kind` is a dotted word for programs; `where` a port,
-    station, folder or machine.
+    """A problem and the step that fixes it. `kind` is a dotted word for programs; `where` is a
+    port, station, folder or machine.
     """
 
     kind: str
@@ -24,14 +24,14 @@ class ScanFinding:
 
 
 ADDRESSES: tuple[int | None, ...] = (1, None, 10)
-"""Addresses to try: 01, the usual one, then none, then 10 (docs/reference/contradictions.md, B-7,
+"""Addresses to try: the usual 01, then none, then 10 (docs/reference/contradictions.md, B-7,
 B-8).
 """
 
 ANSWER_S = 0.3  # response time allowed for (docs/reference/contradictions.md, B-13)
 OMEGA_ANSWER_S = 0.4  # 003, 11.1 prints 0.25 s (docs/reference/contradictions.md, B-47)
-OMEGA_ASKED = 2  # times; the first one right after JBC's requests may get lost
-# a station in its binary protocol sends by itself; no manual prints how often
+OMEGA_ASKED = 2  # times; the first one, right after JBC's requests, may get lost
+# a station in its binary protocol sends unasked; no manual prints how often
 BINARY_LISTEN_S = 1.3
 OPENING_S = 0.3  # for closing and opening a port
 # for reading the identity: 26 requests, and some repeats, at the slowest known response time
@@ -48,7 +48,7 @@ class Trial:
     listens_s: float = 0.0
 
     def seconds(self, addresses: Sequence[int | None]) -> float:
-        """Return the time it takes if nothing answers."""
+        """Return the time that it takes without any answer."""
         questions = len(addresses) * (ANSWER_S + self.line.seconds(EXCHANGE))
         return (
             OPENING_S
@@ -61,7 +61,7 @@ class Trial:
 USUAL: tuple[Trial, ...] = (
     # the newer units, whose format is fixed (002 and 004, "Physical Layer")
     Trial(LineFormat(19200, "8N1")),
-    Trial(LineFormat(19200, "8E1")),  # the example of the older ones (000, 2)
+    Trial(LineFormat(19200, "8E1")),  # the example for the older units (000, 2)
     # OMEGA's only one (003, 11.1; docs/reference/contradictions.md, B-46)
     Trial(LineFormat(9600, "8N1"), asks_omega=True),
     Trial(LineFormat(250000, "8E1"), listens_s=BINARY_LISTEN_S),
@@ -81,17 +81,19 @@ THOROUGH: tuple[Trial, ...] = (
     *USUAL,
     *(Trial(line) for line in _ALL if line not in {trial.line for trial in USUAL}),
 )
-"""Every line format of the older stations' menu (000, 2.1): twelve rates, three parities, one and
+"""Every line format of the older stations' menu (000, 2.1): twelve rates, three parities, one or
 two stop bits.
 """
 
 BY_SERVER: tuple[Trial, ...] = (Trial(LineFormat(), asks_omega=True, listens_s=BINARY_LISTEN_S),)
-"""For a port whose line format is set elsewhere: in the server behind socket://."""
+"""For a port whose line format is set elsewhere: in the server of a socket:// URL."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
-    """What one port is tried with at most, and how long. A station that answers ends the scan."""
+    """What to try on one port at most, and for how long. The first station that answers ends the
+    scan.
+    """
 
     trials: tuple[Trial, ...] = USUAL
     addresses: tuple[int | None, ...] = ADDRESSES
@@ -118,9 +120,9 @@ def plan_for(
 
 @dataclass(frozen=True, slots=True)
 class Turnaround:
-    """The station's response time in ms over `answered` of `asked` harmless reads; never below 0.
+    """The station's response time in ms, from `answered` of `asked` harmless reads; never below 0.
 
-    `faster` says if answers arrived sooner than their bytes could at the stated line format.
+    `faster` describes answers that arrived sooner than the stated line format allows.
     """
 
     median_ms: float
@@ -132,15 +134,13 @@ class Turnaround:
 
 @dataclass(slots=True)
 class StationFound:
-    """A station that answers. `address` None: without addresses. Other fields are None where not
-    known.
+    """A station that answers. `address` None: without addresses. Other fields are None if unknown.
 
     `robot_mode` is False after a refusal with N 00005, else None: a station may answer reads and
-    refuse writes, so it is not known before the first write. `tools` are the ports that answer,
-    with their tools' names (``none``: empty port; None: not known). `not_answered` are commands
-    that every station of its family has, but not this one. `refusal` is its refusal of the model
-    request, `trouble` why the scan of it was aborted, and `contradicts` that its answers differed
-    each time.
+    refuse writes, so only the first write shows it. `tools` maps the ports that answer to their
+    tools' names (``none``: empty port; None: unknown). `not_answered` lists commands that every
+    station of its family has, but not this one. `refusal` is its refusal of the model request,
+    `trouble` why its scan was aborted; `contradicts`: its answers differed each time.
     """
 
     line: LineFormat
@@ -159,31 +159,31 @@ class StationFound:
 
     @property
     def is_drivable(self) -> bool:
-        """Whether a run could start with it."""
+        """True if a run could start with it."""
         return self.family is not None and self.robot_mode is not False and self.trouble is None
 
     @property
     def has_robot_mode(self) -> bool:
-        """Whether it is a JBC station, which has that mode and may have an address; so it is if its
-        family is not known.
+        """True for a JBC station, which has Robot mode and may have an address; also if its family
+        is unknown.
         """
         return self.family is None or self.family.protocol == ROBOT
 
     @property
     def addressing(self) -> str:
-        """Format: ``address 01``, ``without addresses``."""
+        """Address for messages: ``address 01``, ``without addresses``."""
         return "without addresses" if self.address is None else f"address {self.address:02d}"
 
 
 @dataclass(slots=True)
 class PortReport:
-    """The scan of one port, filled while it runs: who answers, what else arrived, and what was
+    """The scan of one port, filled in as it proceeds: who answers, other bytes, and the requests
     sent.
 
-    `echoed`: a request came back unchanged. `binary` is the line format at which JBC's binary
-    protocol was received. `asked` are the addresses tried. `flood`: far more bytes arrived than
-    answers have. `garbage` has at most `MOST_KEPT` bytes a line format that were no answer. `sent`
-    counts each request at each format.
+    `echoed`: a request came back unchanged. `binary`: the line format at which JBC's binary
+    protocol was received. `asked`: the addresses tried. `flood`: far more bytes arrived than
+    answers have. `garbage`: at most `MOST_KEPT` bytes for each line format that were no answer.
+    `sent` counts each request at each format.
     """
 
     url: str

@@ -1,4 +1,4 @@
-"""Sends one harmless request on a line whose station is not known."""
+"""Send one harmless request on a link whose station is unknown."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PORTS = (1, 2, 3, 4)
 
 
 def is_harmless(data: bytes) -> bool:
-    """Whether `data` is exactly one read without side effect; R-TA, which clears, is none."""
+    """Return True if `data` is exactly one read without side effect, so not R-TA, which clears."""
     return question_text(data) is not None
 
 
@@ -62,7 +62,7 @@ T = TypeVar("T")
 
 MOST_KEPT = 256  # bytes
 MEASURES = 3
-# bytes a second; ten times that exceeds a line at 19200, where noise may have another cause
+# bytes a second; ten times that exceeds a link at 19200, where noise may have another cause
 USUAL_ANSWERS = 200
 HOST = 0
 MODEL = next(command for command in COMMON if command.name == "model")
@@ -82,17 +82,19 @@ def model_question(address: int | None) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """What arrived after a request, or without one. `rest` excludes the request's own echo."""
+    """Bytes that arrived after a request, or without one. `rest` excludes the request's own
+    echo.
+    """
 
     rest: bytes
     echoed: bool = False
 
 
 class Probe:
-    """Collects what arrives. `now` is the time of the last result, monotonic seconds.
+    """Collects what arrives. `now` is the time of the last result, in monotonic seconds.
 
-    If more arrives at once than an answer has, it listens for a second, `MEASURES` times at most:
-    `flood` is set if it continues.
+    If more arrives at once than an answer has, it listens for a second, up to `MEASURES` times, and
+    sets `flood` if it continues.
     """
 
     def __init__(self) -> None:
@@ -109,7 +111,7 @@ class Probe:
         return (yield from self._collect(heard, until, question, answer_in))
 
     def listen(self, seconds: float) -> Steps[Received]:
-        """Collect without a request."""
+        """Collect bytes without a request."""
         until = self.now + seconds
         heard = yield Listen(until)
         return (yield from self._collect(heard, until, b"", lambda _: None))
@@ -131,7 +133,7 @@ class Probe:
         return Received(_without(question, data)[:MOST_KEPT], bool(question) and question in data)
 
     def _measure(self, began: float) -> Steps[None]:
-        """Count the bytes of a second without requests."""
+        """Count the bytes of one second without requests."""
         self._measures_left -= 1
         came = 0
         while self.now < began + SECOND:
@@ -147,7 +149,7 @@ def _without(question: bytes, data: bytes) -> bytes:
 
 
 def robot_answer(data: bytes) -> Frame | None:
-    """Return the first answer or refusal in `data` that can be one to R-SMN."""
+    """Return the first answer or refusal in `data` that fits R-SMN."""
     frames = (found for found in FrameReader().feed(data) if isinstance(found, Frame))
     return next((frame for frame in frames if _is_answer(frame)), None)
 
@@ -168,5 +170,5 @@ def omega_answer(data: bytes) -> str | None:
 
 
 def is_binary(data: bytes) -> bool:
-    """Whether this is the binary protocol, not Robot mode: frames after DLE, or repeated NAK."""
+    """Return True for the binary protocol: frames after DLE, or repeated NAK."""
     return DLE + STX in data or (bool(data) and not data.strip(NAK + DLE))

@@ -1,4 +1,4 @@
-"""Scans one port: one line format after the other, then the identity of the station that answers.
+"""Scan one port: one line format after the other, then the identity of the station that answers.
 
 ::
 
@@ -8,8 +8,7 @@
                                                                 ↓ answer
                        R-SMN until two answers are equal -> read the identity
 
-Sends only reads, and none that clears anything. Bytes that are no answer are kept for the
-diagnosis.
+Sends only reads, and none that clears anything. Keeps bytes that are no answer for the diagnosis.
 """
 
 from __future__ import annotations
@@ -60,13 +59,13 @@ from jbclog.session.discovery.probe import (
     robot_answer,
 )
 
-# The identity: model, family, software, ports and tools, response time. A line file is made of it,
+# The identity: model, family, software, ports and tools, response time. It goes into a line file,
 # so model, software, tool and error need two equal answers.
 ROBOT_OFF = 5
 FAULT_IN_FRAME = (1, 2)  # communication errors: the station did not understand the request
 PORTS = (1, 2, 3, 4)
 NO_TOOL = 0
-COMMON_TO_ALL = FAMILIES["soldering"]  # its table is used where the family is not known
+COMMON_TO_ALL = FAMILIES["soldering"]  # the table for an unknown family
 
 
 def of_answer(answer: Frame, line: LineFormat) -> tuple[StationFound, bool]:
@@ -94,7 +93,7 @@ def address_of(answer: Frame) -> int | None:
 
 
 def not_settled(line: LineFormat, given: Sequence[Frame]) -> StationFound:
-    """Return a station that never answers R-SMN twice alike: nothing is known about it."""
+    """Return a station whose answers to R-SMN never agree: nothing is known about it."""
     found = StationFound(line, address_of(given[0]), contradicts=len(given) > 1)
     answers = ", ".join(_answer_text(answer) for answer in given)
     found.trouble = (
@@ -106,7 +105,7 @@ def not_settled(line: LineFormat, given: Sequence[Frame]) -> StationFound:
 
 
 def _answer_text(answer: Frame) -> str:
-    """Format: ``'DDE' from address 01``."""
+    """Format an answer: ``'DDE' from address 01``."""
     address = address_of(answer)
     what = (
         f"'{answer.text[len(MODEL.letters) :].strip()}'"
@@ -145,8 +144,8 @@ def _learn_station(client: Client, found: StationFound) -> Steps[None]:
 
 
 def _value_of(client: Client, table: Family, name: str) -> Steps[Value | None]:
-    """Return the value of a command; None where the family has none, or the station refuses or
-    sends nothing readable.
+    """Return the value of a command; None if the family lacks it, or the station refuses or sends
+    nothing readable.
     """
     if name not in table.commands:
         return None
@@ -199,13 +198,13 @@ def _turnaround(measured: ResponseTime, line: LineFormat) -> Turnaround:
 
 
 OMEGA = "omega"
-AGAIN = 4  # further requests for the model, at most
+AGAIN = 4  # more requests for the model, at most
 
 
 @dataclass(slots=True)
 class ScanControl:
-    """Shared by the scan and the opener of its port: `line` is the format for the next opening;
-    `stop` ends the scan soon.
+    """State shared by the scan and the opener of its port: `line` is the format for the next
+    opening; `stop` ends the scan soon.
     """
 
     line: LineFormat
@@ -213,7 +212,7 @@ class ScanControl:
 
 
 def scan(plan: ScanPlan, dial: ScanControl, report: PortReport) -> Steps[None]:
-    """Fill `report`. Errors of port and station are not raised."""
+    """Fill `report`. Does not raise errors of port or station."""
     began = (yield Wait(0.0)).now
     report.asked = plan.addresses
     this = _Scan(plan, dial, report, began)
@@ -227,8 +226,6 @@ def scan(plan: ScanPlan, dial: ScanControl, report: PortReport) -> Steps[None]:
 
 
 class _Scan:
-    """One scan in progress."""
-
     def __init__(self, plan: ScanPlan, dial: ScanControl, report: PortReport, began: float) -> None:
         self.probe = Probe()
         self.probe.now = began
@@ -249,7 +246,7 @@ class _Scan:
         return self._dial.stop or self.probe.now >= self._until
 
     def _try(self, trial: Trial) -> Steps[bool]:
-        """Whether this line format ends the scan."""
+        """Try one line format; return True if it ends the scan."""
         self._dial.line = trial.line
         self.probe.now = (yield Reopen()).now
         self._report.tried.append(trial.line)
@@ -291,7 +288,7 @@ class _Scan:
     ) -> Steps[None]:
         """Repeat R-SMN until two answers agree on model and address, then read the rest.
 
-        It is sent in turn to the address that answered and to the one that was tried.
+        Alternates between the address that answered and the one tried.
         """
         given = [first]
         for target in islice(cycle((found.address, address)), AGAIN):
@@ -306,7 +303,9 @@ class _Scan:
         self._report.station = not_settled(found.line, given)
 
     def _finds_omega(self, trial: Trial) -> Steps[bool]:
-        """Send A more than once: a JBC frame's end can make the first STX a digit of its sum."""
+        """Send A more than once: the end of a JBC frame can turn the first STX into a digit of its
+        sum.
+        """
         for _ in range(OMEGA_ASKED):
             if self._is_over():
                 break

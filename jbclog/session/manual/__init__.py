@@ -1,5 +1,4 @@
 """Read or write single values by command, or make a station safe.
 
-Start with `read.py`, then `write.py` and `safe.py`; `names.py` and `values.py` parse what a person
-types.
+Start with `read.py`, then `write.py` and `safe.py`; `names.py` and `values.py` parse user input.
 """

@@ -1,4 +1,4 @@
-"""Opens a station for a command: identifies it, finds its ports and tools."""
+"""Open a station for a command: identify it, find its ports and tools."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ CONDITIONS = "101 to 199, 201 to 299, 301 to 399, or 0 for the cleaning"
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A station as the line file describes it. `family` is None for "auto", `ports` None for the
-    family's own; `model` is the accepted model name, None for none.
+    """A station as the line file describes it. `family` None: "auto". `ports` None: the family's.
+    `model`: the accepted model name, if any.
     """
 
     name: str
@@ -53,8 +53,8 @@ class Target:
 
 
 class Place(NamedTuple):
-    """What a command addresses; all None is the whole station. `condition` is the number of an
-    OMEGA solder condition.
+    """Target of a command; all None is the whole station. `condition` is the number of an OMEGA
+    solder condition.
     """
 
     port: int | None = None
@@ -87,7 +87,7 @@ def sentence(error: StationError) -> str:
 
 @dataclass(slots=True)
 class Contact:
-    """A station that has answered. `model`: None if not reported; `tools`: codes by port."""
+    """A station that has answered. `model` None: not reported. `tools`: codes by port."""
 
     target: Target
     client: Client
@@ -102,13 +102,13 @@ class Contact:
 
     @property
     def is_proven(self) -> bool:
-        """Whether the model name proves the family whose tables are used."""
+        """True if the model name proves the family whose tables are used."""
         if self.model is None or self.target.model is None:
             return self.model is None or self.family.proves(self.model)
         return self.model == self.target.model
 
     def stranger(self) -> str:
-        """Describe the difference between station and line file."""
+        """Describe how the station differs from the line file."""
         if self.target.model is not None:
             return f"{self.name}: {model_not_accepted_text(self.target.model, str(self.model))}"
         return (
@@ -157,8 +157,8 @@ def open_contact(target: Target) -> Steps[Contact]:
 def _first_answer(
     target: Target, client: Client, command: Command, *, again: bool = False
 ) -> Steps[Value]:
-    """Read the first answer. With `again` a first silence is ignored: earlier bytes can swallow an
-    OMEGA's first request.
+    """Read the first answer. With `again`, ignore one silence: earlier bytes can swallow an OMEGA's
+    first request.
     """
     try:
         return (yield from read_confirmed(client, command))
@@ -175,7 +175,7 @@ def _first_answer(
 
 
 def no_answer(target: Target, error: StationError) -> str:
-    """Describe what to check when no usable answer arrives."""
+    """Say what to check if no usable answer arrives."""
     addressing = "without addresses" if target.address is None else f"address {target.address:02d}"
     robot_mode = (
         ""
@@ -197,7 +197,7 @@ def _learnt(target: Target, model: str) -> Family:
 
 
 def expect_proven(contact: Contact) -> Steps[None]:
-    """Raise `StartRefused`, so that nothing is written, if the family is not proven."""
+    """Raise `StartRefused` before anything is written if the family is not proven."""
     if not contact.is_proven:
         if contact.target.model is None:
             raise StartRefused(
@@ -210,8 +210,8 @@ def expect_proven(contact: Contact) -> Steps[None]:
 
 
 def expect_borne_out(contact: Contact) -> Steps[None]:
-    """Raise `StartRefused` where an accepted model name belongs to a station of another kind than
-    its family's.
+    """Raise `StartRefused` if an accepted model name belongs to a station of another kind than its
+    family's.
     """
     if contact.target.model is None:
         return
@@ -225,7 +225,7 @@ def expect_borne_out(contact: Contact) -> Steps[None]:
 
 
 def find_ports(contact: Contact) -> Steps[tuple[int, ...]]:
-    """Return the ports named by the line file, or by the family, or those that answer."""
+    """Return the ports named by the line file or the family, else those that answer."""
     if contact.ports is None:
         found = []
         for number in PORTS:
@@ -236,7 +236,9 @@ def find_ports(contact: Contact) -> Steps[tuple[int, ...]]:
 
 
 def find_tool(contact: Contact, port: int) -> Steps[int | None]:
-    """Return the code of the tool in `port`, 0 for none; None for a missing port. Reads it once."""
+    """Return the code of the tool in `port`, 0 for none; None for a missing port. One answer is
+    enough.
+    """
     if port not in contact.tools:
         command = contact.family.command_of("tool")
         try:
@@ -254,7 +256,7 @@ def find_tool(contact: Contact, port: int) -> Steps[int | None]:
 def check_place(
     command: Command, family: Family, ports: tuple[int, ...] | None, place: Place
 ) -> None:
-    """Raise `UsageError` where the given port or tool is impossible, without a request."""
+    """Raise `UsageError` for an impossible port or tool, without a request."""
     if command.scope in (Scope.STATION, Scope.CONDITION) and place.port is not None:
         raise UsageError(f"{command.name} belongs to the whole station: omit --port")
     if command.scope is not Scope.TOOL and place.tool is not None:
@@ -276,7 +278,7 @@ def check_place(
 
 
 def is_number_of_one(condition: int | None) -> bool:
-    """Whether OMEGA can have a solder condition, or its cleaning, under this number."""
+    """Return True if OMEGA can have a solder condition, or its cleaning, under this number."""
     return condition is not None and (condition == CLEANING or is_condition(condition))
 
 
@@ -287,7 +289,7 @@ def tools_of(family: Family) -> tuple[int, ...]:
 def places(contact: Contact, command: Command, asked: Place) -> Steps[list[Place]]:
     """Return every place addressed: the given one, or all ports, with the tools in them.
 
-    Raises `StartRefused` where a tool is needed and the port is empty.
+    Raises `StartRefused` if a tool is needed and the port is empty.
     """
     if command.scope not in (Scope.PORT, Scope.TOOL):
         return [Place(condition=asked.condition)]
@@ -317,7 +319,7 @@ def _place(contact: Contact, command: Command, port: int, tool: int | None) -> S
 
 
 def everywhere(contact: Contact, commands: Iterable[Command]) -> Steps[list[tuple[Command, Place]]]:
-    """List every place of each of these commands: the station, its ports, the tools in them."""
+    """List every place of each command: the station, its ports, the tools in them."""
     ports = yield from find_ports(contact)
     found: list[tuple[Command, Place]] = []
     for command in commands:

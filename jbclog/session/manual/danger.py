@@ -1,4 +1,4 @@
-"""Dangerous commands: their effects, and the snapshot of settings before one is sent."""
+"""Dangerous commands: their effects, and the snapshot of settings taken before sending one."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from jbclog.session.manual.contact import (
 )
 from jbclog.session.manual.values import shown
 
-# above it nothing is restarted or reset, because the tool's reaction is not known
+# above it nothing is restarted or reset, because the tool's reaction is unknown
 COOL_C: Final = 60
 ONLY_COLD: Final = frozenset({"restart", "factory_reset"})
 
@@ -80,13 +80,15 @@ def what_it_does(command: Command) -> str:
 
 
 def is_dangerous(name: str, family: Family | None) -> bool:
-    """Whether the command of that name is dangerous; for a family not known yet, in any."""
+    """Return True if the command of that name is dangerous in `family`; if that is None, in any
+    family.
+    """
     families = FAMILIES.values() if family is None else (family,)
     return any(one.commands[name].dangerous for one in families if name in one.commands)
 
 
 def expect_cold(contact: Contact) -> Steps[None]:
-    """Raise `StartRefused` where a tool is hotter than `COOL_C`; an unread one counts as hot."""
+    """Raise `StartRefused` if a tool is hotter than `COOL_C`; an unread one counts as hot."""
     for port in (yield from find_ports(contact)):
         if (yield from find_tool(contact, port)) != NO_TOOL:
             yield from _expect_cold(contact, port)
@@ -117,7 +119,7 @@ def _expect_cold(contact: Contact, port: int) -> Steps[None]:
 
 
 def _highest(contact: Contact, command: Command, place: Place) -> Steps[float | None]:
-    """Return the higher of two readings; None where one of them is implausible."""
+    """Return the higher of two readings; None if one of them is implausible."""
     found = []
     for _ in range(2):
         value = yield from contact.read(command, place)
@@ -131,13 +133,15 @@ def _highest(contact: Contact, command: Command, place: Place) -> Steps[float | 
 
 
 # A snapshot has all settings that can be written and read back, of the station, its ports and the
-# connected tools, so that a person can restore them. Other tools are read too, because a reset
-# affects their adjustments, but may be missing.
+# connected tools, so that a person can restore them. It includes other tools, because a reset
+# affects their adjustments, but those may be missing.
 
 
 @dataclass(frozen=True, slots=True)
 class KeptSetting:
-    """One setting: `value` in its unit, as `jbclog write` takes it, `raw` the data field."""
+    """One setting: `value` in its unit, in the syntax of `jbclog write`; `raw` is the data
+    field.
+    """
 
     port: int | None
     tool: int | None
@@ -151,7 +155,7 @@ class KeptSetting:
 
 @dataclass(slots=True)
 class Snapshot:
-    """A station's settings. `absent` names what it does not have."""
+    """A station's settings. `absent` names those it lacks."""
 
     station: str
     url: str
@@ -166,9 +170,9 @@ Keep = Callable[[Snapshot], None]
 
 
 def take_snapshot(contact: Contact, number: int | None = None) -> Steps[Snapshot]:
-    """Read all settings; of the numbered ones, that of `number`.
+    """Read all settings; of numbered ones, only that of `number`.
 
-    Raises `StartRefused` where one of them cannot be read; then nothing has been changed.
+    Raises `StartRefused` if one of them cannot be read; nothing has been changed then.
     """
     target = contact.target
     taken = Snapshot(target.name, target.url, contact.family.name, contact.model)
@@ -208,7 +212,7 @@ def _take(contact: Contact, command: Command, place: Place, taken: Snapshot) -> 
 
 
 def _take_unconnected(contact: Contact, taken: Snapshot) -> Steps[None]:
-    """Read other tools' settings, as far as the station answers; a failure skips the tool."""
+    """Read other tools' settings, as far as the station answers; skip a tool on failure."""
     of_tools = [command for command in _settings(contact) if command.scope is Scope.TOOL]
     for place in (yield from _unconnected(contact)):
         for command in of_tools:

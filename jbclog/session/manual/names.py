@@ -1,4 +1,4 @@
-"""Finds commands by name, suggests similar names, and lists them by family."""
+"""Find commands by name, suggest similar names, and list them by family."""
 
 from __future__ import annotations
 
@@ -29,14 +29,15 @@ def writable(command: Command) -> bool:
 
 
 def is_order(command: Command) -> bool:
-    """Whether it has no value of its own: a restart, a start of the feeder."""
+    """Return True if the command has no value: a restart, a start of the feeder."""
     return not command.readable and command.limits.low == command.limits.high == 0
 
 
 def find(name: str, family: Family | None, kind: CommandFilter) -> Command:
-    """Return the command of that name; if the family is not known yet, that of any family.
+    """Return the command of that name; if the family is unknown, that of any family.
 
-    Raises `UsageError` with similar names, or where the command cannot be read, or not written.
+    Raises `UsageError` with similar names, or if the command cannot be read or written, whichever
+    was asked.
     """
     commands = family.commands if family is not None else anywhere()
     command = commands.get(name) or commands.get(_normal(name))
@@ -51,7 +52,9 @@ def find(name: str, family: Family | None, kind: CommandFilter) -> Command:
 
 
 def _normal(name: str) -> str:
-    """Spell a name as the tables do: "Tip temperature" and tip-temperature are accepted."""
+    """Normalize a name: the tables' spelling, "Tip temperature" and tip-temperature are all
+    accepted.
+    """
     return name.strip().lower().replace("-", "_").replace(" ", "_")
 
 
@@ -67,7 +70,7 @@ def _unknown(name: str, of: str, names: list[str]) -> str:
 
 
 def anywhere() -> Mapping[str, Command]:
-    """Return every command of every family by name; the first family's where several have it."""
+    """Return every command of every family by name; the first family's if several have it."""
     found: dict[str, Command] = {}
     for family in FAMILIES.values():
         for command in family.commands.values():
@@ -87,7 +90,7 @@ class NameEntry(NamedTuple):
 
 
 def entries(family: Family, kind: CommandFilter) -> list[NameEntry]:
-    """List everything to read from or write to a station of this family, in its tables' order."""
+    """List everything to read from or write to a station of this family, in table order."""
     return [_entry(command, family, kind) for command in family.commands.values() if kind(command)]
 
 
@@ -104,8 +107,8 @@ def _entry(command: Command, family: Family, kind: CommandFilter) -> NameEntry:
 
 
 def values_text(command: Command, family: Family) -> str:
-    """Describe what may be written: ``0 to 9 min, in steps of 1, or off``, or the words; for limits
-    known only to the station, the commands that read them.
+    """Describe the values that may be written: ``0 to 9 min, in steps of 1, or off``, or the words;
+    if only the station knows the limits, the commands that read them.
     """
     if is_order(command):
         return "no value"
@@ -126,7 +129,7 @@ def _remark(command: Command, kind: CommandFilter) -> str:
 
 
 def why_only_by_name(command: Command) -> str:
-    """Return why `read` without a name leaves this out; empty where it does not."""
+    """Return why `read` without a name leaves this out; empty if it does not."""
     if command.sent_once:
         return "reading clears it"
     return "needs --condition" if command.scope is Scope.CONDITION else ""

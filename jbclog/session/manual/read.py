@@ -1,7 +1,7 @@
-"""Reads values by command: one, all, or a tip while a thermometer is at it.
+"""Read values by command: one, all, or a tip while a thermometer measures it.
 
-No value rests on a single answer, and none is impossible. A value that reading clears is read only
-by name, and once.
+No value rests on a single answer, and an impossible value is never returned. A value that is
+cleared by reading is read only by name, and once.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ from jbclog.session.manual.contact import (
 )
 from jbclog.session.manual.names import find, readable, why_only_by_name
 
-# A steady value (name, tool, error, setting, counter) is read until two answers are equal. A moving
-# one is read until two are close, or the middle one of three lies between the others. A value that
-# reading clears is read once.
+# A steady value (name, tool, error, setting, counter) is read until two answers are equal; a moving
+# one until two are close, or one of three lies between the others; a value that is cleared by
+# reading, once.
 COMPARE = "read it again, and compare with the station's display"
 APART: Mapping[str, int] = MappingProxyType(
     # s: the countdown continues between answers
@@ -61,7 +61,7 @@ APART: Mapping[str, int] = MappingProxyType(
 
 
 def believed(contact: Contact, command: Command, place: Place) -> Steps[Value]:
-    """Read until an answer is confirmed. Raises as reading, or `ImplausibleAnswer` if none is."""
+    """Read until an answer is confirmed. Raises what reading raises, or `ImplausibleAnswer`."""
     if command.sent_once:
         return (yield from contact.read(command, place))
     signal = contact.family.signal_of(command.name)
@@ -77,7 +77,7 @@ def believed(contact: Contact, command: Command, place: Place) -> Steps[Value]:
 
 
 def _whole(contact: Contact, command: Command) -> Steps[int | None]:
-    """Return the station's maximum of `command`; None where there is none."""
+    """Return the station's maximum of `command`; None if there is none."""
     greatest = contact.family.commands.get(str(command.share_of))
     try:
         whole = (
@@ -121,7 +121,7 @@ def _cannot_be(command: Command, place: Place, given: Sequence[Value]) -> Implau
 
 
 def settled(given: Sequence[Value], apart: int) -> Value | None:
-    """Return the value confirmed by the last of `given`, oldest first, within `apart`; None where
+    """Return the value confirmed by the last of `given`, oldest first, within `apart`; None if
     there is none yet.
     """
     numbers = [one for one in given if isinstance(one, int | float)]
@@ -139,12 +139,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class ReadResult:
-    """A value, or why there is none: then `value` is None, `reason` the record's word and `problem`
-    the sentence.
+    """A value, or why there is none: then `value` is None, `reason` the word used in records, and
+    `problem` a sentence.
 
-    `data` is the raw data field, of an implausible value the last one; `heard` is when it arrived,
-    monotonic seconds. `is_void`: it means nothing in the port's present state. `is_absent`: the
-    station does not have it.
+    `data` is the raw data field (of an implausible value, the last one); `heard` is its time of
+    arrival in monotonic seconds. `is_void`: the value has no meaning in the port's present state.
+    `is_absent`: the station lacks it.
     """
 
     command: Command
@@ -159,13 +159,13 @@ class ReadResult:
 
 
 OnReading = Callable[[Contact, ReadResult], None]
-"""Takes each reading when it arrives, with its station."""
+"""Receives each reading as it arrives, with its station."""
 
 
 def read_value(target: Target, name: str, asked: Place, on_reading: OnReading) -> Steps[None]:
     """Read the value of that name at each place addressed.
 
-    Raises `StartRefused` where no usable station answers or the family has no such value, and
+    Raises `StartRefused` if no usable station answers or the family has no such value, and
     `LinkError`.
     """
     contact = yield from open_contact(target)
@@ -175,7 +175,7 @@ def read_value(target: Target, name: str, asked: Place, on_reading: OnReading) -
 
 
 def read_all(target: Target, on_reading: OnReading) -> Steps[None]:
-    """Read everything that can be read without side effect, everywhere. Raises as `read_value`."""
+    """Read everything that has no side effect, everywhere. Raises as `read_value` does."""
     contact = yield from open_contact(target)
     for command, place in (yield from everywhere(contact, harmless(contact.family))):
         on_reading(contact, (yield from _reading(contact, command, place)))
@@ -200,8 +200,8 @@ def only_by_name(family: Family) -> list[Command]:
 
 
 def found_after_all(contact: Contact, look: Callable[[], T]) -> T:
-    """Run `look` now that the family is known. Its `UsageError` becomes `StartRefused`, because the
-    station was contacted.
+    """Run `look` now that the family is known. Turns its `UsageError` into `StartRefused`, because
+    the station was contacted.
     """
     try:
         return look()
@@ -210,7 +210,7 @@ def found_after_all(contact: Contact, look: Callable[[], T]) -> T:
 
 
 def _reading(contact: Contact, command: Command, place: Place) -> Steps[ReadResult]:
-    """Read one value. Raises only where nothing more can be read."""
+    """Read one value. Raises only if nothing more can be read."""
     client = contact.client
     try:
         value = yield from believed(contact, command, place)
@@ -247,9 +247,9 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[ReadResu
 
 
 def _unless_void(contact: Contact, reading: ReadResult) -> Steps[ReadResult]:
-    """Remove the value where it means nothing without a tool, or during the port's error.
+    """Remove the value if it has no meaning without a tool, or during the port's error.
 
-    docs/reference/contradictions.md, B-44.
+    See docs/reference/contradictions.md, B-44.
     """
     family, port = contact.family, reading.place.port
     signal = family.signal_of(reading.command.name)
@@ -267,7 +267,7 @@ def _unless_void(contact: Contact, reading: ReadResult) -> Steps[ReadResult]:
 
 
 def _error_of(contact: Contact, port: int) -> Steps[int | None]:
-    """Return the error of `port`; None where not known."""
+    """Return the error of `port`; None if unknown."""
     try:
         error = yield from contact.read_confirmed(
             contact.family.commands["port_error"], Place(port)
@@ -277,8 +277,8 @@ def _error_of(contact: Contact, port: int) -> Steps[int | None]:
     return error if isinstance(error, int) else None
 
 
-# Reads a tip while a thermometer is at it: its temperature several times, its settings before and
-# after. Only reads.
+# Read a tip while a thermometer measures it: its temperature several times, its settings before and
+# after. Sends only reads.
 READINGS, EVERY_S = 12, 0.5
 
 
@@ -299,7 +299,7 @@ class TipReadings:
 def read_tip(target: Target, port: int) -> Steps[TipReadings]:
     """Read the tip of `port` for `READINGS` × `EVERY_S` s.
 
-    Raises `StartRefused` where no usable station answers, or there is no such port, tool or
+    Raises `StartRefused` if no usable station answers, or there is no such port, tool or
     temperature.
     """
     contact = yield from open_contact(target)
@@ -354,7 +354,7 @@ def _number(contact: Contact, name: str, place: Place) -> Steps[float | None]:
 
 
 def _value(contact: Contact, name: str, place: Place) -> Steps[Value | None]:
-    """Return a steady value by its name; None where the family has none, or it cannot be read."""
+    """Return a steady value by its name; None if the family lacks it, or it cannot be read."""
     command = contact.family.commands.get(name)
     if command is None:
         return None

@@ -1,8 +1,8 @@
-"""Makes a whole station safe by command, and describes how its tools cool afterwards.
+"""Make a whole station safe by command, and describe how its tools cool afterwards.
 
-There is no recipe, so each family's default safe state is ordered, and the station's own delays say
-whether a standing tool ever cools. A resting tool is left alone: an order to stand would wake a
-sleeping tool, and heat one that is cold in its extractor state.
+There is no recipe, so each family's default safe state is ordered, and the station's own delays
+decide whether a standing tool ever cools. A resting tool is left alone: an order to stand would
+wake a sleeping tool, and heat one that is cold in its extractor state.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from jbclog.session.manual.read import believed
 from jbclog.session.safety.secure import secure
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
-# A standing tool keeps its setpoint until its sleep delay is over, and its sleep temperature until
-# the hibernation delay is. A value that cannot be read is not known, and counts neither as cooling
-# nor as cold.
+# A standing tool keeps its setpoint until its sleep delay has passed, and its sleep temperature
+# until the hibernation delay has. An unreadable value is unknown: it counts neither as cooling nor
+# as cold.
 SLEEPS, HIBERNATES = "sleep", "hibernate"
 DELAYS: Final[Mapping[str, str]] = MappingProxyType(
     {SLEEPS: "sleep_delay", HIBERNATES: "hibernation_delay"}
@@ -46,16 +46,15 @@ DELAYS: Final[Mapping[str, str]] = MappingProxyType(
 NEXT_FROM: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {"stand": (SLEEPS, HIBERNATES), "sleep": (HIBERNATES,)}
 )
-"""What a tool does next by itself, by its state; from other states it does nothing."""
+"""Next states of a tool by itself, by its state; from other states there are none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cooling:
     """What follows the state that a tool rests in.
 
-    `follows`: what it does by itself, in order; empty where its heater is off. `in_s` are the
-    seconds to the first, None where not known. `never` are those whose delays are off, None where
-    not known.
+    `follows`: its next states in order; empty if its heater is off. `in_s`: seconds to the first,
+    None if unknown. `never`: states whose delays are off, None if unknown.
     """
 
     follows: tuple[str, ...] = ()
@@ -84,15 +83,15 @@ class Cooling:
 
 
 def duration(seconds: float) -> str:
-    """Format: ``2 min 56 s``, ``45 s``, ``30 min``."""
+    """Format seconds: ``2 min 56 s``, ``45 s``, ``30 min``."""
     minutes, rest = divmod(round(seconds), 60)
     parts = [f"{minutes} min"] if minutes else []
     return " ".join([*parts, *([f"{rest} s"] if rest or not minutes else [])])
 
 
 def cooling_of(contact: Contact, port: int, code: int | None, state: str) -> Steps[Cooling]:
-    """Return what the tool with this code in `port` does next; `state` is what it rests in. Station
-    errors are not raised.
+    """Return the next states of the tool with this code in `port`; `state` is its resting state.
+    Does not raise station errors.
     """
     follows = NEXT_FROM.get(state, ()) if DELAYS[SLEEPS] in contact.family.commands else ()
     if not follows:
@@ -119,7 +118,7 @@ def _never(
 
 
 def _countdown(contact: Contact, port: int) -> Steps[int | None]:
-    """Return the station's countdown in seconds; None where there is none or it is not known."""
+    """Return the station's countdown in seconds; None if there is none or it is unknown."""
     command = contact.family.command_of("delay_s")
     try:
         left = None if command is None else (yield from believed(contact, command, Place(port)))
@@ -129,8 +128,8 @@ def _countdown(contact: Contact, port: int) -> Steps[int | None]:
 
 
 def temperature_of(contact: Contact, port: int) -> Steps[float | None]:
-    """Return the temperature of the tool in `port` by two answers; None where it is not known, or
-    there is no tool.
+    """Return the temperature of the tool in `port` by two answers; None if it is unknown, or there
+    is no tool.
     """
     command = contact.family.command_of("temperature_c")
     try:
@@ -165,13 +164,12 @@ SWITCH_OFF: Final = "switch the station off"
 
 @dataclass(slots=True)
 class MadeSafe:
-    """One tool: its name (None where not known), the state read back, and why it is not safe, if
-    so.
+    """One tool: its name (None if unknown), the state read back, and why it is not safe, if so.
 
-    `rested`: it was in that state already. `ordered`: the last ordered state, `fell_back` why it is
-    not the default. `temperature_c` as now, None where not known, `last_c` as last read. `cooling`:
-    what it does next by itself. `is_cold`: after waiting, whether it was seen below the limit; None
-    without waiting.
+    `rested`: it was in that state already. `ordered`: the last state ordered; `fell_back`: why it
+    is not the default. `temperature_c`: now, None if unknown; `last_c`: as last read. `cooling`:
+    its next states. `is_cold`: after waiting, whether it was seen below the limit; None without
+    waiting.
     """
 
     port: int
@@ -197,8 +195,8 @@ class StationMadeSafe:
     """The result for one station so far. `problem` concerns it as a whole; `note` is for
     information.
 
-    `feeder` is ``stopped``, ``running`` (it could not be stopped) or None where there is none.
-    `empty` are ports without a tool.
+    `feeder` is ``stopped``, ``running`` (it could not be stopped) or None if there is none. `empty`
+    lists ports without a tool.
     """
 
     target: Target
@@ -302,7 +300,7 @@ def _unconfirmed(tool: ToolSafety, task: SafetyTask) -> str:
 
 
 def _proven(contact: Contact, made: StationMadeSafe) -> Steps[Family]:
-    """Return the family that the station itself proves, whatever the line file says; for an
+    """Return the family that the station itself proves, regardless of the line file; for an
     accepted model name, the family that reads prove. Raises `StartRefused` for any other station.
     """
     if contact.is_proven:
@@ -325,7 +323,7 @@ def _is_still_there(contact: Contact) -> Steps[bool]:
 
 
 def _find_tools(contact: Contact, made: StationMadeSafe) -> Steps[dict[int, int | None]]:
-    """Find the tools of all ports; None is a tool that could not be read, and counts as one."""
+    """Find the tools of all ports. None is a tool that could not be read; it counts as one."""
     tools: dict[int, int | None] = {}
     for port in contact.family.ports or PORTS:
         try:
@@ -361,8 +359,8 @@ def _report(
 
 
 def _stays_hot(cooling: Cooling, code: int | None) -> str | None:
-    """Describe why a standing tool never cools: a delay that is off, or cannot be read. None where
-    it cools.
+    """Describe why a standing tool never cools: a delay that is off or unreadable. None if it
+    cools.
 
     A tool left in its extractor state was seen to cool.
     """

@@ -1,4 +1,4 @@
-"""Values typed by a person: text to value, and back."""
+"""Convert values between text for people and the commands' types."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from jbclog.protocol.commands.omega import (
 )
 from jbclog.protocol.commands.ranges import NO_COUNTDOWN, allowed, range_problem
 
-# An OMEGA solder condition as text: `read` shows it, `write` takes it with changed numbers.
+# An OMEGA solder condition as text: `read` shows it, `write` takes it back with changed numbers.
 _PART = re.compile(r"\s*([a-z0-9_]+)[\s=]+(\d+(?:\.\d+)?)\s*", re.ASCII)
 
 
@@ -68,14 +68,14 @@ def _checked(
     given: dict[str, float],
     command: Command,
 ) -> StoredRecord:
-    """Return the condition as the controller will return it."""
+    """Return the condition in the form the controller reports it."""
     whole = {one.name for one in fields(kind) if one.type == "int"}
     broken = [name for name in whole if not given.get(name, 0.0).is_integer()]
     if broken:
         raise UsageError(f"{command.name}: {broken[0]} must be a whole number")
     values = {name: int(value) if name in whole else value for name, value in given.items()}
     try:
-        record = kind(**values)  # type: ignore[arg-type]  # numbers all
+        record = kind(**values)  # type: ignore[arg-type]  # all numbers
         found = command.quantity.decode(command.quantity.encode(record))
     except ValueError as error:
         raise UsageError(f"{command.name}: {error}") from error
@@ -106,8 +106,8 @@ def words_for(command: Command, family: Family) -> dict[str, Value]:
 
 
 def _words_with_suction(family: Family, names: Iterable[str]) -> dict[str, Value]:
-    """Return ``on+suction`` and ``on-suction``, where the status orders suction too; the bare word
-    leaves it as it is.
+    """Return ``on+suction`` and ``on-suction`` if the status also orders suction; the bare word
+    leaves it unchanged.
     """
     status = family.status
     signs = {"+": True, "-": False} if status.has_suction else {}
@@ -118,12 +118,14 @@ def _words_with_suction(family: Family, names: Iterable[str]) -> dict[str, Value
 
 
 def names_suction(text: str | None) -> bool:
-    """Whether a word for a status includes suction."""
+    """Return True if a word for a status includes suction."""
     return text is not None and text.strip().lower().endswith(SUCTION)
 
 
 def value_in(text: str, command: Command, family: Family) -> Value:
-    """Parse the value as the station will return it. Raises `UsageError` with what is allowed."""
+    """Parse the value in the form the station reports it. Raises `UsageError` with what is
+    allowed.
+    """
     if isinstance(command.quantity, StoredCondition):
         return condition_in(text, command)
     words = words_for(command, family)
@@ -137,7 +139,7 @@ def value_in(text: str, command: Command, family: Family) -> Value:
 
 
 def _number(text: str, command: Command, words: Mapping[str, Value]) -> Value:
-    """Parse a number. A command that only takes words has none."""
+    """Parse a number; rejects one for a command that only takes words."""
     found = _NUMBER.fullmatch(text.strip())
     if found is None or isinstance(command.quantity, Choice | DigitWord):
         raise UsageError(_no_value(text, command, words))
@@ -190,7 +192,7 @@ def _word(word: tuple[int, ...], command: Command, family: Family) -> str:
 
 
 def _meaning(value: int, command: Command, family: Family) -> str | None:
-    """Return the meaning of a number that the family has a table for."""
+    """Return the meaning of a number from the family's tables."""
     if command is family.command_of("tool"):
         return family.tool_name(value)
     if command is family.command_of("port_error"):

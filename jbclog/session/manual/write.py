@@ -1,7 +1,7 @@
-"""Writes a value by command: the value before, one write, a read-back.
+"""Write a value by command: read the value before, write once, read back.
 
-Errors are raised only before anything was sent; later ones stand in `WriteResult`. Nothing is sent
-twice, nothing is restored, and nobody watches a tool put to work, which the person is warned of.
+Raises only before anything was sent; later errors are in `WriteResult`. Nothing is sent twice,
+nothing is restored, and nothing watches a tool put to work, so the person is warned.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ from jbclog.session.manual.values import names_suction, shown, value_in
 
 class WriteOutcome(StrEnum):
     CONFIRMED = "confirmed"
-    UNCHANGED = "unchanged"  # it was so already, and nothing was sent
+    UNCHANGED = "unchanged"  # already so; nothing was sent
     SENT = "sent"  # acknowledged, with nothing to read back
     MISMATCH = "mismatch"
     REFUSED = "refused"
@@ -68,7 +68,7 @@ Mirror = tuple[Command, Place]
 
 @dataclass(frozen=True, slots=True)
 class WriteRequest:
-    """What a person wants written, as typed. `text` is None for an order without a value."""
+    """A write as typed by a person. `text` is None for an order without a value."""
 
     name: str
     text: str | None
@@ -88,13 +88,12 @@ class WriteRequest:
 
 @dataclass(slots=True)
 class WriteResult:
-    """One write in progress. `is_sent` once the station may have received it, `is_answered` once it
-    was acknowledged or timed out: a later refusal is one of the read-back.
+    """One write in progress. `is_sent`: the station may have received it. `is_answered`: it was
+    acknowledged or timed out, so a later refusal is one of the read-back.
 
-    `outcome` is a `WriteOutcome`, empty before it is sent; `problem` is its reason. `at_work` is
-    whether the tool is, or may be, at work now; None where the write does not affect it.
-    `is_empty`: the port has no tool, and one that is connected starts to work. `seconds` is the
-    duration of a restart.
+    `outcome` is a `WriteOutcome`, empty before it is sent; `problem` is its reason. `at_work`: the
+    tool is, or may be, at work now; None if the write does not affect it. `is_empty`: the port has
+    no tool, and a tool connected later starts to work. `seconds` is the duration of a restart.
     """
 
     contact: Contact | None = None
@@ -119,7 +118,7 @@ class WriteResult:
 def write_value(
     target: Target, change: WriteRequest, keep: Keep, written: WriteResult
 ) -> Steps[None]:
-    """Write `change` once; `written` has the result so far, also after an exception.
+    """Write `change` once; `written` has the result so far, even after an exception.
 
     Raises `StartRefused`, `RecordError` (from `keep`) and `LinkError` before anything was sent.
     """
@@ -142,7 +141,7 @@ def write_value(
 
 
 def expect_one_port(command: Command, place: Place, ports: tuple[int, ...] | None) -> None:
-    """Raise `UsageError` where a port must be named: nothing is written to several at once."""
+    """Raise `UsageError` if a port must be named: nothing is written to several at once."""
     if (
         command.scope not in (Scope.PORT, Scope.TOOL)
         or place.port is not None
@@ -163,7 +162,7 @@ def _place(contact: Contact, command: Command, asked: Place) -> Steps[Place]:
 
 
 def _expect_within(contact: Contact, command: Command, value: Value) -> Steps[None]:
-    """Check the station's own limits."""
+    """Check `value` against the station's own limits."""
     if command.within is None or not isinstance(value, int | float):
         return
     names = ("below", "minimum"), ("above", "maximum")
@@ -222,7 +221,9 @@ def _mirror(contact: Contact, command: Command, value: Value, place: Place) -> M
 def _read_before(
     contact: Contact, command: Command, value: Value, written: WriteResult
 ) -> Steps[None]:
-    """Read the value before. An unreadable tool state is ordered all the same: it may stop it."""
+    """Read the value before. An unreadable tool state does not prevent an order, which may stop the
+    tool.
+    """
     mirror = _mirror(contact, command, value, written.place)
     if mirror is None:
         return
@@ -237,7 +238,7 @@ def _read_before(
 
 
 def _with_suction_as_it_is(contact: Contact, word: StatusWord, before: Value | None) -> StatusWord:
-    """Keep suction as it is: an order about heat must not drop the part. Not known is off."""
+    """Keep suction unchanged: an order about heat must not drop the part. Unknown counts as off."""
     status = contact.family.status
     return status.with_suction(word, on=isinstance(before, tuple) and status.sucks(before))
 
@@ -254,14 +255,14 @@ def _write(contact: Contact, command: Command, value: Value, written: WriteResul
         if isinstance(error, Refusal) and not written.is_answered:
             written.outcome, written.problem = (
                 WriteOutcome.REFUSED,
-                sentence(error) + _without_a_way(command, error),
+                sentence(error) + _refused_form(command, error),
             )
         else:
             written.outcome, written.problem = WriteOutcome.UNCONFIRMED, str(error)
 
 
-def _without_a_way(command: Command, error: Refusal) -> str:
-    """Explain why an order refused for its form is not tried in another
+def _refused_form(command: Command, error: Refusal) -> str:
+    """Explain why an order refused for its form is not tried in another form
     (docs/reference/contradictions.md, B-37).
     """
     if error.code != BADLY_FORMED or not (is_order(command) and command.sent_once):
@@ -283,7 +284,7 @@ def _send(contact: Contact, command: Command, value: Value, written: WriteResult
     elif command.name == "factory_reset":
         yield from client.write(command, value)
         written.outcome, written.is_answered = WriteOutcome.SENT, True
-        yield from _look_who_is_there(contact, written)
+        yield from _check_reachable(contact, written)
     elif command.name in SHOWN_BY:
         yield from _send_and_look(contact, command, written)
     elif (mirror := _mirror(contact, command, value, written.place)) is not None:
@@ -293,7 +294,7 @@ def _send(contact: Contact, command: Command, value: Value, written: WriteResult
         written.outcome = WriteOutcome.SENT
 
 
-def _look_who_is_there(contact: Contact, written: WriteResult) -> Steps[None]:
+def _check_reachable(contact: Contact, written: WriteResult) -> Steps[None]:
     """Check that the station answers: a reset may change address, line format and Robot mode."""
     try:
         yield from contact.client.read(timing.MODEL)
@@ -307,7 +308,9 @@ def _look_who_is_there(contact: Contact, written: WriteResult) -> Steps[None]:
 def _lost(
     contact: Contact, command: Command, value: Value, written: WriteResult
 ) -> Steps[StationError | None]:
-    """Write once; return the error instead of an acknowledgement. Raises `Refusal`."""
+    """Write once; return the error that came instead of an acknowledgement, if any. Raises
+    `Refusal`.
+    """
     lost = None
     try:
         yield from contact.client.write(command, value, written.place.port, written.place.tool)
@@ -342,7 +345,7 @@ def _is_same(contact: Contact, command: Command, found: Value, asked: Value) -> 
 
 
 def _send_and_look(contact: Contact, command: Command, written: WriteResult) -> Steps[None]:
-    """Write an order and check the feeder. Feeding may end unseen: only a stop must show."""
+    """Write an order and check the feeder. A feed may end unseen: only a stop must show."""
     written.at_work = True  # until known otherwise
     lost = yield from _lost(contact, command, 0, written)
     expected = SHOWN_BY[command.name]
@@ -361,8 +364,8 @@ def _send_and_look(contact: Contact, command: Command, written: WriteResult) -> 
 
 
 def _look_at_work(contact: Contact, command: Command, written: WriteResult) -> Steps[None]:
-    """Determine whether a tool is at work after an order to it, or after another temperature was
-    selected for it.
+    """Determine whether a tool is at work after an order to it, or after selecting another
+    temperature for it.
     """
     is_refused = written.outcome == WriteOutcome.REFUSED
     if _is_status(contact, command):
@@ -373,13 +376,13 @@ def _look_at_work(contact: Contact, command: Command, written: WriteResult) -> S
             return
     else:
         return
-    # not known counts as at work
+    # unknown counts as at work
     written.at_work = contact.family.status.is_working(word) if isinstance(word, tuple) else True
     written.is_empty = written.at_work and (yield from _is_empty(contact, written.place.port))
 
 
 def _is_empty(contact: Contact, port: int | None) -> Steps[bool]:
-    """Whether the station reports no tool in `port`."""
+    """Return True if the station reports no tool in `port`."""
     if port is None or contact.family.command_of("tool") is None:
         return False
     try:
@@ -389,7 +392,7 @@ def _is_empty(contact: Contact, port: int | None) -> Steps[bool]:
 
 
 def _status_now(contact: Contact, port: int | None) -> Steps[Value | None]:
-    """Return the state of the tool in `port`; None where not known."""
+    """Return the state of the tool in `port`; None if unknown."""
     status = contact.family.command_of("status")
     try:
         return None if status is None else (yield from contact.read(status, Place(port)))
@@ -398,7 +401,9 @@ def _status_now(contact: Contact, port: int | None) -> Steps[Value | None]:
 
 
 def is_order_to_rest(contact: Contact, written: WriteResult) -> bool:
-    """Whether it orders a safe state, or stops a motor: then its failure must be reported."""
+    """Return True if it orders a safe state or stops a motor, so that its failure must be
+    reported.
+    """
     command = written.command
     if command is None:
         return False

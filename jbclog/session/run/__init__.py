@@ -1,4 +1,4 @@
-"""One run of one station: identify it, apply the recipe, sample, bridge an outage, leave the tools
+"""One run of one station: identify it, apply the recipe, sample, bridge outages, make the tools
 safe.
 
 Start with `station_run.py`; `context.py` has a session's task and its state.

@@ -3,7 +3,7 @@
 The flags are read once and never again for the same answer (manual 000, 4.8.27;
 docs/reference/faults.md, F-39). A set flag is an alarm only if a temperature beyond the limit, read
 since the last reading of the flags, confirms it; until then it is `alarm.unconfirmed`. A lost
-answer makes the flag unknown, not off. Flags count while the tool is working, after first entering
+answer makes the flag unknown, not off. Flags count while the tool is working, once it has reached
 setpoint ±10 °C; those of the first reading were raised before the run.
 
 A flag that stays set, or is set again, is reported once, and again when more is known about it.
@@ -23,7 +23,7 @@ from jbclog.session.run.watch import counts
 
 @dataclass(frozen=True, slots=True)
 class _Side:
-    """One of the two flags: its names, its digit, and how a temperature confirms it."""
+    """One of the two flags: its names, its digit, and the temperature that confirms it."""
 
     word: str
     digit: int
@@ -43,8 +43,8 @@ SIDES = (
 
 
 def bears_out(context: SessionContext, port: PortState, value: int) -> bool:
-    """Whether `value` is the first beyond a limit while alarms count, so that it makes a set flag
-    an alarm.
+    """Return True if `value` is the first beyond a limit while alarms count, so that it turns a set
+    flag into an alarm.
     """
     before = port.temperature_c
     if value == before:
@@ -61,7 +61,7 @@ def _is_beyond(side: _Side, port: PortState, value: int | None) -> bool:
 
 
 class FlagState(IntEnum):
-    """What is known about a set flag; each member says more than the one before."""
+    """What is known about a set flag, in increasing order."""
 
     BEFORE_RUN = 0
     NOT_COUNTING = 1
@@ -84,7 +84,6 @@ class AlarmWatch:
             self.read(word, self._context.station.heard)
 
     def read(self, word: tuple[int, ...], now: float) -> None:
-        """Process the flags read as `word` at `now`."""
         for side in SIDES:
             reported = self._reported.get(side.word)
             if word[side.digit] == 1:
@@ -147,7 +146,7 @@ class AlarmWatch:
                 side,
                 "alarm.unconfirmed",
                 Severity.WARNING,
-                self._not_borne_out(seen, limit),
+                self._not_confirmed(seen, limit),
                 seen,
                 limit,
             )
@@ -158,7 +157,7 @@ class AlarmWatch:
             self._note(side, f"alarm.{side.word}", Severity.ERROR, text, seen, limit)
 
     @staticmethod
-    def _not_borne_out(seen: int | None, limit: float | None) -> str:
+    def _not_confirmed(seen: int | None, limit: float | None) -> str:
         if limit is None:
             return "flag is set, its limit is not known"
         return f"flag is set, no temperature beyond {limit:g} °C was read" + (

@@ -1,8 +1,8 @@
 """Apply the recipe: read and check every setting, write those that differ, read them back.
 
-Nothing is written before every setting has been read and checked. Each outcome is a row of
-`settings`; the first setting that is not confirmed stops this station's run
-(docs/reference/tables.md). `station_run.py` has the order of the steps.
+Every setting is read and checked before anything is written. Each outcome is a row of `settings`;
+the first unconfirmed setting stops this station's run (docs/reference/tables.md). `station_run.py`
+has the order of the steps.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ Wanted = tuple[Setting, PortState | None]
 
 
 def examine(context: SessionContext) -> Steps[list[Wanted]]:
-    """Read and check everything; return what to write, in order. Raises `StartRefused` with every
-    problem.
+    """Read and check everything; return the settings to write, in order. Raises `StartRefused` with
+    every problem.
     """
     yield from read_all(context)
     wanted = _wanted(context)
@@ -57,7 +57,7 @@ def apply(context: SessionContext, wanted: list[Wanted], *, heats: bool) -> Step
 
 
 def apply_status(context: SessionContext) -> Steps[None]:
-    """Put the tools to work, or to rest, as the recipe says. Raises `StartRefused`."""
+    """Put the tools to work or to rest, as the recipe requires. Raises `StartRefused`."""
     at_work = [port for port in context.ports.values() if _works(context, port)]
     if context.recipe.run.status is not None or _orders_suction(context):
         yield from _apply_status(context)
@@ -73,7 +73,7 @@ def _works(context: SessionContext, port: PortState) -> bool:
 
 
 def note_status(port: PortState) -> None:
-    """Take the status that was read as the last known one, for later comparison."""
+    """Store the status just read as the last known one, for later comparison."""
     word = port.held.get("status")
     port.status = word if isinstance(word, tuple) else None
     if port.status is not None:
@@ -109,7 +109,7 @@ def read_port(context: SessionContext, port: PortState) -> Steps[None]:
 
 
 def read_tool(context: SessionContext, port: PortState) -> Steps[None]:
-    """Read the settings of the tool in `port`; a tool whose number fits no command has none."""
+    """Read the settings of the tool in `port`; none if no command can address its number."""
     if not port.can_be_spoken_to:
         text = (
             f"Tool {port.tool} in port {port.number}: no command can address this tool number, so"
@@ -135,8 +135,8 @@ def _read_held(context: SessionContext, command: Command, port: PortState | None
 
 
 def _wanted(context: SessionContext) -> list[Wanted]:
-    """List the recipe's settings for this station in the order of writing; tool settings only where
-    there is a tool.
+    """List the recipe's settings for this station in writing order; tool settings only where there
+    is a tool.
     """
     wanted: list[Wanted] = [
         (one, None) for one in station_settings_for(context.recipe, context.family)
@@ -166,8 +166,8 @@ def _check(context: SessionContext, wanted: list[Wanted]) -> None:
 
 
 def _cooling_problems(context: SessionContext, port: PortState, wanted: list[Wanted]) -> list[str]:
-    """List delays that are off or not known, so that a standing tool may stay hot
-    (docs/reference/safe-states.md); none where the recipe allows that.
+    """List delays that are off or unknown, so that a standing tool may stay hot
+    (docs/reference/safe-states.md); empty if the recipe allows that.
     """
     if not context.family.may_stand_at_last(context.safe_state) or not port.has_tool:
         return []
@@ -216,9 +216,7 @@ def _doubtful_delays(
 
 
 def _record_untouched(context: SessionContext, wanted: list[Wanted]) -> None:
-    """Record everything that was read and not written, and the recipe's settings for other
-    families.
-    """
+    """Record everything read but not written, and the recipe's settings for other families."""
     asked = {(one.command.name, port.number if port else None) for one, port in wanted}
     places: list[PortState | None] = [None, *context.ports.values()]
     for port in places:
@@ -287,7 +285,7 @@ def _orders_suction(context: SessionContext) -> bool:
 
 
 def _apply_status(context: SessionContext) -> Steps[None]:
-    """Put the tools to work (or to stand) after all other settings; an empty port is left alone."""
+    """Put the tools to work (or to stand) after all other settings; leave an empty port alone."""
     command = context.command("status")
     for port in context.ports.values():
         if not port.has_tool:

@@ -1,8 +1,8 @@
-"""OMEGA's solder condition: read, compared field by field, written if allowed, read back.
+"""OMEGA's solder condition: read, compare field by field, write if allowed, read back.
 
 A condition that the controller has already is not written. Another one is written only with
-`--allow-omega-write`, once, because it decides what the machine does next; otherwise the run is
-refused with the differences. The controller ignores what it refuses, and its ``d`` can be lost:
+`--allow-omega-write`, once, because it decides the machine's next action; otherwise the run is
+refused with the differences. The controller ignores what it refuses, and its ``d`` can be lost, so
 only reading back decides.
 """
 
@@ -26,7 +26,7 @@ BAD = (SettingOutcome.MISMATCH, SettingOutcome.REFUSED)
 
 
 def look_at_condition(context: SessionContext) -> Steps[ConditionRecord | None]:
-    """Read and compare the recipe's condition; return what to write. Raises `StartRefused` where it
+    """Read and compare the recipe's condition; return the one to write. Raises `StartRefused` if it
     must not be written.
     """
     wanted = condition_of(context.recipe, context.family)
@@ -47,7 +47,7 @@ def look_at_condition(context: SessionContext) -> Steps[ConditionRecord | None]:
 
 
 def bring_condition(context: SessionContext, wanted: ConditionRecord | None) -> Steps[None]:
-    """Write the condition that `look_at_condition` returned. Raises `StartRefused` where it is not
+    """Write the condition that `look_at_condition` returned. Raises `StartRefused` if it is not
     confirmed.
     """
     if wanted is not None:
@@ -105,7 +105,7 @@ def _held(context: SessionContext, wanted: ConditionRecord) -> Steps[StoredRecor
 
 
 def _note_unknown_scale(context: SessionContext, held: SetTemperature) -> None:
-    """Note a temperature whose scale is not known (docs/reference/contradictions.md, B-51)."""
+    """Report a temperature of unknown scale (docs/reference/contradictions.md, B-51)."""
     raw = held.set_temperature_raw
     place = (
         f"condition {held.condition}: {raw} on the wire, {raw / 10:.1f} °C if it is in tenths and"
@@ -147,7 +147,7 @@ def _write(context: SessionContext, wanted: ConditionRecord, held: StoredRecord)
 
 
 def _write_once(context: SessionContext, wanted: ConditionRecord) -> Steps[bool]:
-    """Write; return whether it was ignored. The read-back decides even after a lost
+    """Write; return True if it was ignored. The read-back decides even after a lost
     acknowledgement.
     """
     try:

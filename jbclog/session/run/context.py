@@ -22,20 +22,20 @@ from jbclog.protocol.commands.decisions import DECISIONS
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.status import StatusWord
 
-# the steps of a start, named after what is done at their ends (`station_run.py`)
+# the steps of a start, named after what is complete at their ends (`station_run.py`)
 EXAMINED, PREPARED, HEATED = 1, 2, 3
 
 
 @dataclass(frozen=True, slots=True)
 class StationTask:
-    """What a run wants from one station. `family` is None for "auto"; `ports` None for those that
-    answer. `model` is the name that the line file accepts for the station, None for none.
+    """What a run requires of one station.
 
-    `rate` is in Hz, or ``auto`` (a usual one with a fifth of the link's time in reserve), ``fit``
-    (the recipe's, or the best that fits), or ``max`` (without pause); None for the recipe's. With
-    `is_replay` the station is a recorded one, which is sampled at its rate even if the host cannot
-    keep it. `t0` is the run's zero on the monotonic clock; `duration_s` is None for a run without a
-    stated end.
+    `family` None: "auto". `ports` None: those that answer. `model`: the name that the line file
+    accepts for the station, if any. `rate` is in Hz, or ``auto`` (a usual rate with a fifth of the
+    link's time in reserve), ``fit`` (the recipe's, or the best that fits), or ``max`` (without
+    pause); None for the recipe's. `is_replay`: the station is a recorded one, sampled at its rate
+    even if the host cannot keep up. `t0` is the run's zero on the monotonic clock; `duration_s` is
+    None for a run without a stated end.
     """
 
     name: str
@@ -61,7 +61,7 @@ class StationTask:
 
 @dataclass(slots=True)
 class PortState:
-    """What is known about one port during a run. None: not known."""
+    """What is known about one port during a run; None means unknown."""
 
     number: int
     tool: int | None = None
@@ -73,20 +73,20 @@ class PortState:
     temperatures_c: dict[str, int] = field(default_factory=dict)  # signal -> last accepted value
     hottest_c: int | None = None  # since the last reading of the alarm flags, while alarms count
     coolest_c: int | None = None
-    has_counted: bool = False  # alarms have counted ever since the last reading of the flags
-    at_temperature: bool = False  # has been within ±10 °C of its setpoint while working
-    # before that: since when hotter than its setpoint, and how hot then
+    has_counted: bool = False  # alarms have counted since the last reading of the flags
+    at_temperature: bool = False  # has reached ±10 °C of its setpoint while working
+    # before that: since when it was hotter than its setpoint, and how hot
     found_above: tuple[float, int] | None = None
     # counter -> value confirmed by two answers
     counted: dict[str, Value] = field(default_factory=dict)
-    # OMEGA's, as last read, and when
+    # OMEGA's states as last read, and when
     states: dict[str, tuple[Value, float]] = field(default_factory=dict)
     touched: bool = False
-    tool_is_new: bool = False  # connected or changed, its settings not read yet
+    tool_is_new: bool = False  # connected or changed; its settings not read yet
 
     @property
     def temperature_c(self) -> int | None:
-        """The last accepted temperature of tip or air."""
+        """Last accepted temperature of tip or air."""
         return self.temperatures_c.get("temperature_c")
 
     @property
@@ -95,19 +95,17 @@ class PortState:
 
     @property
     def can_be_spoken_to(self) -> bool:
-        """Whether a command can address the tool, so that its settings can be read and written."""
+        """True if a command can address the tool, so that its settings can be read and written."""
         return self.tool in TOOLS_WITH_A_PLACE
 
     def celsius(self, name: str) -> float | None:
-        """Return a held temperature or limit; None where it is off or not known."""
+        """Return a held temperature or limit; None if it is off or unknown."""
         value = self.held.get(name)
         return float(value) if isinstance(value, int | float) else None
 
 
 class ReadingCount(NamedTuple):
-    """Readings that count for the coverage of a port: how many were due, and how many of them were
-    obtained.
-    """
+    """Readings that count for a port's coverage: due, and obtained."""
 
     due: int
     obtained: int
@@ -128,14 +126,14 @@ class SessionContext:
         self.step = EXAMINED  # current step of the start
         self.has_started = False
         self.written: list[str] = []  # settings changed at the start, with their previous values
-        self.tries = 1  # of decisive reads: more during the start
+        self.tries = 1  # of decisive reads; more during the start
         self.feeder_touched = False
         self.feeder_stopped = False  # at the end, as read back
         self.after_safe: Callable[[], Steps[None]] | None = None  # last reads after sampling
         self.connected = False
         self.away_when: str | None = None  # why the run ended while the station was away
         self.is_proven = False  # the link has not broken since the station was identified
-        # answers read again before being accepted, by command
+        # answers read again before they were accepted, by command
         self.doubted: Counter[str] = Counter()
         # of signals by port, until the response time is known
         self.answer_times: defaultdict[int, list[AnswerTime]] | None = defaultdict(list)
@@ -143,12 +141,12 @@ class SessionContext:
         # by port, with the time of the reading
         self.plugged_hours: dict[int, tuple[int, float]] = {}
         self.identity_at: dict[str, float] = {}  # when model and software were last confirmed
-        self.is_flooded = False  # its link is, and that was reported
+        self.is_flooded = False  # its link is flooded, and that was reported
         self.flood_pause_s = 0.0  # before a flooded link is reopened
         self.flood_ended: float | None = None  # when the station was back after the last flood
-        # of a port so far, for who shows it
+        # of a port so far, for display
         self.count_readings: Callable[[int], ReadingCount] = lambda port: ReadingCount(0, 0)
-        self.stranger: str | None = None  # description of another station found in this one's place
+        self.stranger: str | None = None  # description of another station found in its place
         self._family = order.family
         self.facts = StationFacts(
             name=order.name,
@@ -168,7 +166,7 @@ class SessionContext:
 
     @property
     def family(self) -> Family:
-        """The family; LookupError while "auto" is not resolved."""
+        """The family. Raises LookupError while "auto" is not resolved."""
         if self._family is None:
             raise LookupError(f"the family of {self.name} is not known yet")
         return self._family
@@ -184,7 +182,7 @@ class SessionContext:
 
     @property
     def set_name(self) -> str:
-        """The name of the temperature setting; empty where the family has none."""
+        """Name of the temperature setting; empty if the family has none."""
         command = self.family.command_of("set_c")
         return "" if command is None else command.name
 
@@ -194,15 +192,15 @@ class SessionContext:
 
     @property
     def safe_state(self) -> str:
-        """The safe state of touched tools at the end, by the family."""
+        """The family's safe state for touched tools at the end."""
         return self.recipe.safe_state(self.family.name)
 
     def start_word(self, port: PortState) -> StatusWord | None:
-        """Return the status word to order on `port` at the start; None where the recipe leaves it
-        alone, or it is not known.
+        """Return the status word to order on `port` at the start; None if the recipe leaves it
+        alone, or it is unknown.
 
-        One word orders the tool's state and, on hot air, suction; what the recipe does not set
-        stays as it was read.
+        One word orders the tool's state and, on hot air, suction; anything that the recipe does not
+        set stays as read.
         """
         status, state, held = self.family.status, self.recipe.run.status, port.held.get("status")
         known = held if isinstance(held, tuple) else None
@@ -219,14 +217,14 @@ class SessionContext:
 
     @property
     def spares_resting(self) -> bool:
-        """Whether a safe order leaves a resting tool alone: before the third step of the start this
+        """True if a safe order leaves a resting tool alone. Before the third step of the start this
         run has ordered no status and no setpoint, and an order to stand would heat a sleeping tool,
         or one in its extractor.
         """
         return self.step <= PREPARED
 
     def keeps_suction(self, port: PortState) -> bool:
-        """Whether a safe order keeps suction on at `port`. Not known counts as off."""
+        """Return True if a safe order keeps suction on at `port`. Unknown counts as off."""
         return (
             self.family.status.has_suction
             and self.recipe.run.safe_suction == "keep"
@@ -235,7 +233,7 @@ class SessionContext:
 
     @property
     def may_feed(self) -> bool:
-        """Whether this run has to stop a feeder: a robot's own switch can start it whenever its
+        """True if this run has to stop a feeder: a robot's own switch can start it whenever its
         tool is at work.
         """
         has_feeder = self.family_known and self.family.has_feeder
@@ -259,7 +257,7 @@ class SessionContext:
         known: Value | None = None,
         grows: bool = False,
     ) -> Steps[Value]:
-        """Read a decisive value until two answers are equal; during the start with more tries
+        """Read a decisive value until two answers are equal, with more tries during the start
         (`protocol/client/confirmed_reads.py`).
         """
 
@@ -296,7 +294,7 @@ class SessionContext:
         raw: str | None = None,
         at_once: bool = False,
     ) -> None:
-        """Record an event. `since` is the earliest time at which it can have happened."""
+        """Record an event. `since`: the earliest time at which it can have happened."""
         time = self.utc.micros(self.now)
         earliest = None if since is None else self.utc.micros(since)
         event = EventRow(
@@ -305,7 +303,7 @@ class SessionContext:
         self.journal.event(event, at_once=at_once)
 
     def report_anomalies(self) -> None:
-        """Record anomalies of the station that are new; each kind once."""
+        """Record new anomalies of the station; each kind once."""
         for one in self.station.anomalies.take():
             decision = DECISIONS[one.number]
             severity = (
@@ -317,7 +315,7 @@ class SessionContext:
             )
 
     def publish(self) -> None:
-        """Hand over the facts as they are now."""
+        """Send the current facts to the journal."""
         has_tools = self._family is None or self._family.tools
         self.facts.tools = {
             port.number: self.tool_text(port.tool) for port in self.ports.values() if has_tools

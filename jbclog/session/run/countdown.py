@@ -1,6 +1,6 @@
-"""Compares the time to sleep with the sleep delay: anomalies that only a session can notice.
+"""Compare the time to sleep with the sleep delay: anomalies that only a session can detect.
 
-The client counts the others (`protocol/client/interface.py`), and `SessionContext.report_anomalies`
+The client counts the others (`protocol/client/interface.py`); `SessionContext.report_anomalies`
 reports all of them.
 """
 
@@ -18,7 +18,7 @@ LATE_S, EARLY_S = 30, 5  # tolerance of a countdown shortly after its start
 
 
 def note_zero_countdown(context: SessionContext, port: PortState, value: Value) -> None:
-    """Note a time to sleep of 0 s where nothing counts down (docs/reference/contradictions.md,
+    """Report a time to sleep of 0 s when nothing counts down (docs/reference/contradictions.md,
     B-25).
     """
     if value == 0:
@@ -29,7 +29,7 @@ def compare_countdowns(context: SessionContext, ports: Iterable[PortState]) -> S
     """Compare the time to sleep with the sleep delay on `ports`, which were at work and have just
     been put in stand.
 
-    Manuals give the delay in minutes, in seconds or without a unit; only this can decide
+    Manuals give the delay in minutes, in seconds or without a unit; only this comparison can decide
     (docs/reference/contradictions.md, B-20).
     """
     if "time_to_sleep" not in context.family.commands or "delay_s" in context.not_supported:

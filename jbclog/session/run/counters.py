@@ -1,6 +1,6 @@
 """Rows of the hour and cycle counters.
 
-All are read at the start and at the end of a run, where each needs two equal answers.
+Each is read at the start and at the end of a run, until two answers are equal.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from jbclog.session.run.context import PortState, SessionContext
 
 
 def read_counters(context: SessionContext) -> Steps[None]:
-    """Record a row for every counter of every port; null with its reason where it cannot be read.
+    """Record a row for every counter of every port; null with its reason if it cannot be read.
 
-    Raises `LinkError`, `StationSilent` or `RobotModeOff` where nothing more can be read.
+    Raises `LinkError`, `StationSilent` or `RobotModeOff` if nothing more can be read.
     """
     for port in context.ports.values():
         for counter in context.family.counters:
@@ -55,7 +55,7 @@ def _keep(
 def counter_row(
     context: SessionContext, port: PortState, counter: UsageCounter, value: float | None, raw: str
 ) -> None:
-    """Record a row of a counter; None with its reason in `raw` where it was not read."""
+    """Record a row of a counter; `value` None with its reason in `raw` if it was not read."""
     time = context.utc.micros(context.now)
     context.journal.counter(
         CounterRow(time, context.name, port.number, counter.name, value, counter.unit, raw)

@@ -1,4 +1,4 @@
-"""Opens the port and identifies the station: model, family, ports, response time."""
+"""Open the port and identify the station: model, family, ports, response time."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ class StationAbsent(StartRefused):
 
 
 def identify(context: SessionContext) -> Steps[None]:
-    """Open the port and identify the station. Raises `StartRefused` with what to do."""
+    """Open the port and identify the station. Raises `StartRefused` with the next step."""
     context.facts.model = yield from connect(context, reopen=True, tries=START_TRIES)
     context.connected = context.is_proven = True
     context.tries = START_TRIES
     yield from _learn_family(context)
     yield from _learn_ports(context)
     yield from _accept_model(context)
-    yield from _learn_who(context)
+    yield from _learn_identity(context)
     context.publish()
 
 
-def _learn_who(context: SessionContext) -> Steps[None]:
+def _learn_identity(context: SessionContext) -> Steps[None]:
     try:
         yield from learn_identity(context)
     except StationError as error:
@@ -57,7 +57,7 @@ def _learn_who(context: SessionContext) -> Steps[None]:
 def connect(context: SessionContext, *, reopen: bool, tries: int) -> Steps[str | None]:
     """Open the port and read the model name, at the start and after an outage.
 
-    None where the family reports none: then another answer proves the protocol and nothing more.
+    None if the family reports none: then another answer proves only the protocol.
     """
     context.station.unasked((yield Wait(0.0)))
     try:
@@ -79,7 +79,7 @@ def _answer(context: SessionContext, tries: int) -> Steps[str | None]:
             if context.family_known and not context.family.models:
                 yield from context.station.read(context.command(context.family.harmless[0]))
                 return None
-            # every family that has R-SMN has the same, so it works before the family is known
+            # R-SMN is the same in every family that has it, so it works before the family is known
             command = next(iter(context.order.families.values())).commands["model"]
             return str((yield from context.read_confirmed(command, known=context.facts.model)))
         except RobotModeOff as error:
@@ -153,8 +153,7 @@ def _accept_model(context: SessionContext) -> Steps[None]:
 
 
 def _software(context: SessionContext) -> Steps[str | None]:
-    """Read the software version; None where the station refuses, because it has none, or where it
-    cannot be read.
+    """Read the software version; None if the station has none and refuses, or if it cannot be read.
 
     The latter is a warning, because the station is then recognized without it.
     """
@@ -173,7 +172,7 @@ def _software(context: SessionContext) -> Steps[str | None]:
 
 
 def _learn_ports(context: SessionContext) -> Steps[None]:
-    """Find the ports: those named by the line file must answer R-CT; otherwise all that do
+    """Find the ports: those named by the line file must answer R-CT; otherwise all that answer
     count.
     """
     named = context.order.ports or context.family.ports
@@ -220,8 +219,8 @@ def _require_tools(context: SessionContext) -> None:
 
 
 def measure_turnaround(context: SessionContext, *, apart_s: float = 0.0) -> Steps[None]:
-    """Measure the response time, in µs: with what has been read of the signals of a port, and with
-    harmless reads, `apart_s` apart. Measured again, it is that of the reads alone.
+    """Measure the response time in µs, from the signals of a port read so far and from harmless
+    reads `apart_s` apart. A repeated measurement uses the harmless reads alone.
     """
     port = min(context.ports)
     seen = [] if context.answer_times is None else context.answer_times[port]

@@ -1,11 +1,11 @@
-"""Whether it is still the same station: adapters swap names, and people swap cables.
+"""Decide whether it is still the same station: adapters swap names, and people swap cables.
 
-It is checked after every disconnection. The model proves little on a line of equal units, so the
-software version and the plugged hours are compared too: hours never fall, and grow no faster than
-time (docs/reference/faults.md, F-16 and F-17). They are compared at every reading, because two
-cables can be swapped between two requests; model and software are read as often as the counters.
-Two units of one model and software with equal hours cannot be distinguished by anything that the
-manuals print. OMEGA reports none of these.
+Checked after every disconnection. The model proves little on a production line of equal units, so
+the software version and the plugged hours are compared too: hours never fall, and grow no faster
+than time (docs/reference/faults.md, F-16 and F-17). Hours are compared at every reading, because
+two cables can be swapped between two requests; model and software are read as often as the
+counters. Nothing in the manuals distinguishes two units of one model and software with equal hours.
+OMEGA reports none of these.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from jbclog.session.rates import IDENTITY_READS
 from jbclog.session.run.context import SessionContext
 
 RESOLUTION_H = 1  # the counters count whole hours
-DRIFT = 0.01  # maximum difference between the station's clock and ours
+DRIFT = 0.01  # maximum drift between the station's clock and ours
 ROLLS_OVER_AT = 100_000  # five digits
 
 
 def learn_identity(context: SessionContext) -> Steps[None]:
-    """Note the plugged hours of each port, with model and software, to recognize the station
+    """Store the plugged hours of each port, with model and software, to recognize the station
     later.
     """
     context.identity_at = dict.fromkeys(IDENTITY_READS, context.now)
@@ -36,10 +36,10 @@ def learn_identity(context: SessionContext) -> Steps[None]:
 
 
 def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
-    """Whether the station with the name `model` is this run's. Another one is reported once, and
-    neither read nor written.
+    """Return True if the station with the name `model` is this run's. Another one is reported once,
+    and neither read nor written.
 
-    Raises `StationError` or `LinkError` where it cannot be read.
+    Raises `StationError` or `LinkError` if it cannot be read.
     """
     other = (
         f"a {model}, not the {context.facts.model}"
@@ -62,11 +62,11 @@ def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
 
 
 def is_still_there(context: SessionContext) -> Steps[bool]:
-    """Whether the standing link gives no sign of another station: a quick look at model and
-    software before the safe order.
+    """Check model and software on the intact link before the safe order; return False for signs of
+    another station.
 
-    Only another answer is a sign. A station that is silent, refuses, or is garbled counts as there:
-    it was proven before, and a hot tool must not wait for more.
+    Only a different answer is a sign. A station that is silent, refuses, or is garbled counts as
+    the same: it was proven before, and a hot tool must not wait.
     """
     try:
         for name in IDENTITY_READS:
@@ -83,15 +83,15 @@ def is_still_there(context: SessionContext) -> Steps[bool]:
 
 
 def _other_kind(context: SessionContext) -> Steps[str | None]:
-    """Describe why a station with an accepted name is of another kind than at the start; None where
-    it is not.
+    """Describe why a station with an accepted name is of another kind than at the start; None if it
+    is not.
     """
     why = yield from unanswered_read(context.station, context.family, min(context.ports))
     return None if why is None else f"a {context.facts.model} of another kind ({why})"
 
 
 def _difference(context: SessionContext) -> Steps[str | None]:
-    """Describe how a station of the same model differs from this run's; None where it does not."""
+    """Describe how a station of the same model differs from this run's; None if it does not."""
     model, software = context.facts.model, context.facts.software
     if software is not None:
         found = yield from context.read_confirmed(
@@ -109,7 +109,7 @@ def _difference(context: SessionContext) -> Steps[str | None]:
 
 
 def expect_same(context: SessionContext, number: int, hours: Value) -> None:
-    """Raise `OtherStation` where plugged hours just read cannot be those of this run's station."""
+    """Raise `OtherStation` if the plugged hours just read cannot be those of this run's station."""
     before, then = context.plugged_hours.get(number, (None, 0.0))
     if before is None or not isinstance(hours, int):
         return
@@ -121,21 +121,17 @@ def expect_same(context: SessionContext, number: int, hours: Value) -> None:
 
 
 def is_this_identity(context: SessionContext, name: str, value: Value) -> bool:
-    """Whether `value` is the model or software that the station had at the start."""
+    """Return True if `value` is the station's model or software at the start."""
     return value == _identity(context, name)
 
 
 def _identity(context: SessionContext, name: str) -> str | None:
-    """Return the model or software that the station had at the start; None where it reported
-    none.
-    """
+    """Return the station's model or software at the start; None if it reported none."""
     return context.facts.model if name == IDENTITY_READS[0] else context.facts.software
 
 
 def expect_identity(context: SessionContext, name: str, value: Value) -> None:
-    """Raise `OtherStation` where a model or software just read is not that of this run's
-    station.
-    """
+    """Raise `OtherStation` if the model or software just read is not that of this run's station."""
     if not is_this_identity(context, name, value):
         since = context.identity_at.get(name, context.order.t0)
         raise OtherStation(
@@ -146,11 +142,11 @@ def expect_identity(context: SessionContext, name: str, value: Value) -> None:
 
 
 def expect_still_same(context: SessionContext) -> Steps[None]:
-    """Read model and software again over the standing link, before a change that was just found is
-    recorded as the station's.
+    """Read model and software again over the intact link before recording a change as the
+    station's.
 
-    Raises `OtherStation` where another answers, and what reading raises: then the change is not
-    known to be the station's.
+    Raises `OtherStation` if another one answers, and whatever reading raises: then the change may
+    not be the station's.
     """
     for name in IDENTITY_READS:
         known = _identity(context, name)
@@ -167,12 +163,12 @@ def expect_still_same(context: SessionContext) -> Steps[None]:
 
 
 def _can_be(hours: int, before: int, seconds: float) -> bool:
-    """Whether a counter can go from `before` to `hours` in that time."""
+    """Return True if a counter can go from `before` to `hours` in that time."""
     return (hours - before) % ROLLS_OVER_AT <= seconds / 3600 * (1 + DRIFT) + RESOLUTION_H
 
 
 def _hours(context: SessionContext, number: int, known: int | None = None) -> Steps[int | None]:
-    """Read the plugged hours of a port; None where the station has none."""
+    """Read the plugged hours of a port; None if the station has none."""
     counter = context.family.hours
     if counter is None:
         return None

@@ -1,4 +1,4 @@
-"""How late ticks are, and whether by the computer or by the station."""
+"""How late ticks are, and whether the computer or the station caused it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from jbclog.core.io_requests import Ask, IoResult, Listen, Request, Steps, T, Wait, relay
 from jbclog.core.text import count_text
 
-# Skipped ticks are reported together, so that a busy hour does not become thousands of events:
+# Skipped ticks are reported in groups, so that a busy hour does not become thousands of events:
 # after `QUIET_S` without one, and every `LONGEST_S` during a long series.
 
 KIND: Final = "host.busy"
@@ -31,9 +31,7 @@ class SkippedTicks:
     last: float = 0.0
 
     def add(self, ticks: int, due: float, late_s: float, now: float) -> None:
-        """Count `ticks` skipped from the one due at `due` on, which was `late_s` late; it is
-        `now`.
-        """
+        """Count `ticks` skipped from the one due at `due` on, which was `late_s` late at `now`."""
         if not self.ticks:
             self.since = due
         self.ticks += ticks
@@ -66,21 +64,21 @@ class SkippedTicks:
 
 
 def sampling_times(ticks: int) -> str:
-    """Return how many ticks, in the words of messages."""
+    """Format a number of ticks for messages."""
     return count_text(ticks, "sampling time")
 
 
-# A station that hangs makes a tick late, and so does a suspended host, which is an event of its own
-# (docs/reference/tables.md). The request distinguishes them: it says until when it may last.
+# A hanging station makes a tick late, and so does a suspended host, which is an event of its own
+# (docs/reference/tables.md). The request distinguishes them: it states its latest end.
 
-# A stopped process and a busy or suspended computer cannot always be told apart, so the texts name
-# both.
+# A stopped process and a busy or suspended computer are not always distinguishable, so the texts
+# name both.
 WHY_STILL: Final = "the computer was suspended or stood still, or something stopped the recorder"
 SUSPENDED_S = 5.0  # a longer standstill of the host is an event, and its ticks have no rows
 
 
 class LateSpan(NamedTuple):
-    """From the latest time at which a request should have returned to the time at which it did,
+    """The interval from the latest time at which a request should have returned to when it did, in
     monotonic seconds.
     """
 
@@ -98,10 +96,10 @@ class Standstill:
 
     spans: list[LateSpan] = field(default_factory=list)
     late_s: float = 0.0
-    due: float = -inf  # until here the host was running, or had nothing to do
+    due: float = -inf  # until then the host was running, or had nothing to do
 
     def watch(self, steps: Steps[T], now: float) -> Steps[T]:
-        """Run `steps` from `now` on, and note by how much their requests return late."""
+        """Run `steps` from `now` on, and measure how late their requests return."""
         self.due = max(self.due, now)
         return relay(steps, self._watched)
 
@@ -115,30 +113,30 @@ class Standstill:
         return heard
 
     def fail(self, request: Request) -> None:
-        """Note that `request` has failed: without a time it does not count as the host's."""
+        """Handle a failed `request`: without a time its delay does not count as the host's."""
         self.due = _latest(request, self.due)
 
     def note(self, request: Request, heard: IoResult) -> None:
-        """Note by how much `request` returned late. An answer in time only sets `due`, which a
-        caller may do as well.
+        """Register how late `request` returned. An answer in time only sets `due`, which a caller
+        may do as well.
         """
         self._note(min(_latest(request, self.due), _held_up(request, heard)), heard.now)
         self.due = heard.now
 
     def wait_over(self, wait: Wait, now: float) -> None:
-        """Note that `wait` returned at `now`."""
+        """Register that `wait` returned at `now`."""
         self._note(max(self.due, wait.until), now)
         self.due = now
 
     def _note(self, begin: float, end: float) -> None:
-        """Note that a request that should have ended at `begin` ended at `end`."""
+        """Register that a request that should have ended at `begin` ended at `end`."""
         if end > begin:
             self.late_s += end - begin
             if end - begin > SUSPENDED_S:
                 self.spans.append(LateSpan(begin, end))
 
     def covers(self, moment: float) -> bool:
-        """Whether `moment` is within a standstill."""
+        """Return True if `moment` is within a standstill."""
         return any(span.begin < moment <= span.end for span in self.spans)
 
 

@@ -1,7 +1,7 @@
-"""Reports a lost link, and paces the tries to reach the station again.
+"""Report a lost link, and time the attempts to reconnect.
 
 A flooded link counts as lost. A flood is reported once until the station is back. If floods recur,
-the link is tried less and less often, because each try costs a second of listening.
+attempts become less frequent, because each costs a second of listening.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ HOT_C: Final = 60  # a tip last read above this counts as hot
 
 
 def report_loss(context: SessionContext, cause: LinkError | StationError) -> None:
-    """Record the loss."""
     context.facts.outages += 1
     context.connected = False
     if isinstance(cause, RobotModeOff):
@@ -72,18 +71,18 @@ def report_flood(context: SessionContext, flood: LinkFlooded) -> None:
 
 
 def note_flood_over(context: SessionContext) -> None:
-    """Note that the station has been reached again."""
+    """Register that the station is back after a flood."""
     if context.is_flooded:
         context.is_flooded, context.flood_ended = False, context.now
 
 
 def first_pause_s(context: SessionContext) -> float:
-    """Return the pause before the first try to reconnect."""
+    """Return the pause before the first attempt to reconnect."""
     return context.flood_pause_s if context.is_flooded else FIRST_SEEK_S
 
 
 def next_pause_s(context: SessionContext, pause_s: float) -> float:
-    """Return the pause after a failed try that followed a pause of `pause_s`."""
+    """Return the pause after a failed attempt that followed a pause of `pause_s`."""
     if not context.is_flooded:
         return min(SEEK_GROWTH * pause_s, LONGEST_SEEK_S)
     context.flood_pause_s = min(FLOOD_GROWTH * context.flood_pause_s, LONGEST_AFTER_FLOOD_S)

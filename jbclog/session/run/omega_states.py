@@ -1,8 +1,7 @@
-"""Reports OMEGA's states when they change.
+"""Report OMEGA's states when they change.
 
-Solder shortage and a clogged nozzle are errors as long as readings show them. Preparing is reported
-for information, and so is a temperature out of range, if it lasts: each joint causes that for a
-moment.
+Solder shortage and a clogged nozzle are errors as long as readings show them. Preparing is
+information, and so is a temperature out of range if it lasts: each joint causes that for a moment.
 """
 
 from __future__ import annotations
@@ -27,9 +26,7 @@ LASTING_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class _FlagEvents:
-    """One flag, a column of `samples`: the events when it becomes true, and when it becomes
-    false.
-    """
+    """One flag, a column of `samples`: the events when it becomes true and false."""
 
     begins: str
     severity: Severity
@@ -65,8 +62,8 @@ OUT_OF_RANGE = "temperature.out_of_range"
 def _flags(
     signal: str, flags: Mapping[str, _FlagEvents]
 ) -> Callable[[SessionContext, PortState, Value], None]:
-    """Report each change of the flags in the answers to `signal`; at the first reading those that
-    are set.
+    """Return a handler that reports each change of the flags in the answers to `signal`; at the
+    first reading, the flags that are set.
     """
 
     def observe(context: SessionContext, port: PortState, value: Value) -> None:
@@ -92,7 +89,7 @@ def _flags(
 
 def _in_range(context: SessionContext, port: PortState, value: Value) -> None:
     """Report a temperature out of range for `LASTING_S`; `states` has the present state and its
-    begin.
+    beginning.
     """
     before = port.states.get("in_range")
     is_in = value in TRUE_ANSWERS["in_range"]
@@ -124,7 +121,7 @@ USUAL = {"solder_shortage": INFORMATION.names[0], "preparing": CONTROL.names[0]}
 
 
 def differs_from_last(name: str) -> Callable[[SessionContext, PortState, Value], bool]:
-    """Return a check whether a state differs from the last reading; such a state is read twice
+    """Return a check whether a state differs from the last reading; a different state is read twice
     before it is accepted.
     """
 
@@ -138,7 +135,7 @@ def differs_from_last(name: str) -> Callable[[SessionContext, PortState, Value],
 
 
 def unreported_states_text(context: SessionContext) -> str:
-    """Describe the states that this controller does not report; empty where it reports all."""
+    """Describe the states that this controller does not report; empty if it reports all."""
     unreported = [
         signal.command.replace("_", " ")
         for signal in context.family.signals
@@ -155,8 +152,8 @@ def unreported_states_text(context: SessionContext) -> str:
 
 
 def report_completions(context: SessionContext) -> None:
-    """Report unsolicited messages: a joint is completed that somebody else, or an earlier order,
-    began.
+    """Report unsolicited messages: completion of a joint begun by somebody else, or by an earlier
+    order.
     """
     if not isinstance(context.station, OmegaStation):
         return

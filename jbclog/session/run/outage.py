@@ -1,8 +1,9 @@
-"""Bridges an outage: records the missed ticks, tries to reconnect with back-off, and checks the
-station before it counts again.
+"""Bridge an outage: record the missed ticks, reconnect with back-off, and check the station before
+it counts again.
 
-Nothing is written to a station that is back, and nothing heats by itself: identity and settings are
-read, and each difference is an event (docs/reference/faults.md, F-12, F-13, F-16 and F-17).
+Nothing is written to a station that is back, and nothing heats by itself: the session reads
+identity and settings and reports each difference as an event (docs/reference/faults.md, F-12, F-13,
+F-16 and F-17).
 """
 
 from __future__ import annotations
@@ -38,18 +39,16 @@ class StationGone(Exception):
 def outage(context: SessionContext, sampler: Sampler, tick: int, lost: StationLost) -> Steps[int]:
     """Bridge an outage that began in `tick`; return the tick at which sampling resumes.
 
-    Raises `StationGone` where the run ends first and the station does not come back soon,
-    `SettingChanged` where the recipe stops on a difference.
+    Raises `StationGone` if the run ends first and the station does not come back soon, and
+    `SettingChanged` if the recipe stops on a difference.
     """
     report_loss(context, lost.cause)
     context.is_proven &= not isinstance(lost.cause, LinkError)
     sampler.begin_outage(tick)
-    return (yield from sampler.watched(_live_through(context, sampler, tick, lost)))
+    return (yield from sampler.watched(_bridge(context, sampler, tick, lost)))
 
 
-def _live_through(
-    context: SessionContext, sampler: Sampler, tick: int, lost: StationLost
-) -> Steps[int]:
+def _bridge(context: SessionContext, sampler: Sampler, tick: int, lost: StationLost) -> Steps[int]:
     began, pause = context.now, first_pause_s(context)
     last_heard = min(context.station.heard, began)
     why = lost.cause.reason if isinstance(lost.cause, RobotModeOff) else LinkError.reason
@@ -80,10 +79,10 @@ def _live_through(
 
 
 def _seek_at_end(context: SessionContext, *, reopen: bool) -> Steps[bool]:
-    """Try to reconnect for `SEEK_AT_END_S`; a station that is late at the run's end has no other
-    chance.
+    """Try to reconnect for `SEEK_AT_END_S`, the last chance of a station that is late at the run's
+    end.
 
-    A flooded link is tried once.
+    Tries a flooded link once.
     """
     end = context.now + SEEK_AT_END_S
     while context.now < end:
@@ -117,7 +116,7 @@ def _report_return(context: SessionContext, began: float, why: str) -> None:
 
 
 def _seek(context: SessionContext, *, reopen: bool) -> Steps[bool]:
-    """Try once to reconnect and to read the settings; return whether the station may be sampled
+    """Try once to reconnect and to read the settings; return True if the station may be sampled
     again.
     """
     try:
@@ -149,7 +148,7 @@ def _read_tools(context: SessionContext) -> Steps[None]:
 
 
 def _all_held(context: SessionContext) -> dict[int | None, dict[str, Value]]:
-    """Return all settings as last known, station first, with the last seen status."""
+    """Return all last known settings, station first, with the last seen status."""
     held: dict[int | None, dict[str, Value]] = {None: dict(context.held)}
     for port in context.ports.values():
         held[port.number] = dict(port.held) | (
@@ -159,7 +158,7 @@ def _all_held(context: SessionContext) -> dict[int | None, dict[str, Value]]:
 
 
 def _compare(context: SessionContext, before: dict[int | None, dict[str, Value]]) -> None:
-    """Report every changed setting, station first; then stop, if the recipe says so."""
+    """Report every changed setting, station first; then stop if the recipe requires it."""
     changes = []
     for number, held in before.items():
         port = None if number is None else context.ports[number]
@@ -181,8 +180,8 @@ def _compare(context: SessionContext, before: dict[int | None, dict[str, Value]]
 
 
 def _is_watched(context: SessionContext, port: PortState | None, name: str) -> bool:
-    """Whether a difference counts: a new tool has its own settings, and the recipe may leave the
-    tools' state alone.
+    """Return True if a difference counts: a new tool has its own settings, and the recipe may leave
+    the tools' state alone.
     """
     if name == "status" and context.recipe.run.status is None:
         return False
@@ -190,7 +189,7 @@ def _is_watched(context: SessionContext, port: PortState | None, name: str) -> b
 
 
 def _is_alike(context: SessionContext, name: str, before: Value, found: Value) -> bool:
-    """Whether nobody changed the value; a status proceeds from stand to sleep by itself."""
+    """Return True if nobody changed the value; a status proceeds from stand to sleep by itself."""
     if name == "status" and isinstance(found, tuple) and isinstance(before, tuple):
         return context.family.status.is_working(found) == context.family.status.is_working(before)
     return found == before

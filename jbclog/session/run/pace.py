@@ -1,4 +1,4 @@
-"""Chooses a station's sampling rate: the requested one, if it fits the link with the measured
+"""Choose a station's sampling rate: the requested one, if it fits the link with the measured
 response time.
 """
 
@@ -25,11 +25,11 @@ from jbclog.session.run.context import SessionContext
 from jbclog.session.run.identify import measure_turnaround
 from jbclog.session.scheduler import Demand, ScheduledRead
 
-# At a start all stations of a run are asked without pause, and a computer that serves hundreds of
-# them comes to an answer some milliseconds after it arrived. That counts as response time: nothing
-# tells it from a station that answers late. So a rate is refused only if the station is too slow
-# with pauses, too, in which the computer has time. Where the manual prints that answers vary, the
-# longest one counts, and further ones are no evidence against it.
+# At a start the run reads all stations without pause, and a computer that serves hundreds of them
+# processes an answer some milliseconds after it arrived. That looks like a slow station. So a rate
+# is refused only if the station is too slow even with pauses between reads, in which the computer
+# catches up. If the manual prints that answers vary, the longest one counts, and more readings are
+# no evidence against it.
 APART_S: Final = 0.1
 
 
@@ -43,8 +43,8 @@ class SamplingPlan:
 
 
 def measure_pace(context: SessionContext) -> Steps[SamplingPlan]:
-    """Measure the response time and choose the rate; before a rate is refused, measure again.
-    Raises `StartRefused`.
+    """Measure the response time and choose the rate; measure again before refusing a rate. Raises
+    `StartRefused`.
     """
     yield from measure_turnaround(context)
     try:
@@ -57,8 +57,8 @@ def measure_pace(context: SessionContext) -> Steps[SamplingPlan]:
 
 
 def choose_pace(context: SessionContext) -> SamplingPlan:
-    """Choose the rate. Raises `StartRefused` naming the best rate and the maximum response time
-    where it does not fit.
+    """Choose the rate. If it does not fit, raises `StartRefused` naming the best rate and the
+    maximum response time.
     """
     order, facts = context.order, context.facts
     readings = readings_for(
@@ -94,7 +94,7 @@ def _rate_hz(
 
 
 def chosen_text(facts: StationFacts) -> str:
-    """Describe how the rate was chosen, after a comma; empty where a number was requested."""
+    """Describe how the rate was chosen, after a comma; empty if a number was requested."""
     if facts.rate_hz is None or not isinstance(facts.asked_rate, str):
         return ""
     why = (

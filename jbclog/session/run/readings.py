@@ -1,5 +1,5 @@
-"""Whether an answer is recorded: which values mean nothing, and which are read again before they
-are believed.
+"""Decide whether an answer is recorded: which values have no meaning, and which are read again
+before they are accepted.
 """
 
 from __future__ import annotations
@@ -38,15 +38,13 @@ NO_DIGIT = "no_digit"
 
 
 def whole_of(command: Command, context: SessionContext) -> int | None:
-    """Return the station's maximum that the number of `command` is a share of; None where not
-    known.
-    """
+    """Return the station's maximum, the base of `command`'s number; None if unknown."""
     whole = context.held.get(str(command.share_of))
     return whole if isinstance(whole, int) and whole > 0 else None
 
 
 def may_be_unusable(reading: ScheduledRead, family: Family) -> bool:
-    """Whether `unusable` can ever return a reason for an answer to `reading`."""
+    """Return True if `unusable` can ever return a reason for an answer to `reading`."""
     has_own_reason = (
         reading.name == "delay_s"
         or reading.command.share_of is not None
@@ -60,9 +58,9 @@ def may_be_unusable(reading: ScheduledRead, family: Family) -> bool:
 def unusable(
     reading: ScheduledRead, value: Value, port: PortState, context: SessionContext
 ) -> str | None:
-    """Return why a well-formed value is not recorded; None where it is.
+    """Return why a well-formed value is not recorded; None if it is.
 
-    A countdown that does not run has no remaining time, a share of an unknown maximum is not known,
+    A countdown that does not run has no remaining time, a share of an unknown maximum is unknown,
     and an answer without its digit has no state.
     """
     if reading.name == "delay_s" and (
@@ -77,23 +75,25 @@ def unusable(
 
 
 def void(signal: str, port: PortState, context: SessionContext) -> str | None:
-    """Return why no answer means anything during the port's error; None where it does
+    """Return why answers have no meaning during the port's error; None if they have one
     (docs/reference/contradictions.md, B-44).
     """
     return context.family.port_errors.void(port.error, signal)
 
 
 def _is_counting(port: PortState) -> bool:
-    """Whether the tool stands, so that a countdown to sleep or hibernation can be running."""
+    """Return True if the tool stands, so that a countdown to sleep or hibernation can be
+    running.
+    """
     return port.status is not None and port.status[4] in (1, 2)
 
 
-# Possible values: `protocol/commands/ranges.py` by the family, here by this station. Anything else
-# is not a value, however often it is repeated, but is read again before that is decided.
+# Plausibility: `protocol/commands/ranges.py` by family, here by station. Anything else is not a
+# value, however often it is repeated, but is read again before that is decided.
 
 
 def possible_of(context: SessionContext, reading: ScheduledRead) -> Possible | None:
-    """Return a check whether an answer to `reading` can be true; None where every answer can."""
+    """Return a check whether an answer to `reading` is plausible; None if every answer is."""
     possible = plausibility_check(reading.name, context.family)
     if possible is None and reading.command.share_of is not None:
         return _share_of(reading.command, context)
@@ -101,7 +101,7 @@ def possible_of(context: SessionContext, reading: ScheduledRead) -> Possible | N
 
 
 def _share_of(command: Command, context: SessionContext) -> Possible:
-    """Return a check for not much more than the whole, once that is known."""
+    """Return a check that a share is not much more than the whole, once that is known."""
 
     def possible(value: Value) -> bool:
         whole = whole_of(command, context)
@@ -112,8 +112,8 @@ def _share_of(command: Command, context: SessionContext) -> Possible:
 
 # One in sixteen double bit errors passes the check byte (docs/reference/faults.md, F-3). So a value
 # that would stop a run, a counter, and an implausible value need a second, equal answer. A jump of
-# temperature accepted so, and every answer that the next one does not confirm, is counted in the
-# facts (`doubted`) and reported once for a series.
+# temperature accepted this way, and every answer that the next one does not confirm, is counted in
+# the facts (`doubted`) and reported once for a series.
 
 LOOKS = 3  # answers, at most
 # in this time the fastest tools change by half of a family's `jump_c` while heating up
@@ -125,7 +125,7 @@ Doubt = Callable[[SessionContext, PortState, Value], bool]
 
 @dataclass(slots=True)
 class SecondLook:
-    """The second look at doubtful values of one reading."""
+    """Second look at doubtful values of one reading."""
 
     reading: ScheduledRead
     port: PortState
@@ -136,13 +136,13 @@ class SecondLook:
     reported_at: float | None = None  # time of the last doubtful one
 
     def is_due(self, context: SessionContext, value: Value) -> bool:
-        """Whether `value` is doubtful."""
+        """Return True if `value` is doubtful."""
         doubt, possible = self.doubt, self.possible
         if (doubt is None or not doubt(context, self.port, value)) and (
             possible is None or possible(value)
         ):
             return False
-        # else it means nothing anyway
+        # otherwise it has no meaning anyway
         return context.family.void(self.reading.name, self.port.tool, self.port.error) is None
 
     def _is_impossible(self, value: Value) -> bool:
@@ -151,7 +151,7 @@ class SecondLook:
     def settle(self, context: SessionContext, first: Value) -> Steps[Value]:
         """Read again until an answer is plausible or confirmed by another.
 
-        Raises `ImplausibleAnswer` where none is, and what reading raises.
+        Raises `ImplausibleAnswer` if none is, and whatever reading raises.
         """
         given = [first]
         while len(given) < LOOKS:
@@ -167,14 +167,14 @@ class SecondLook:
         )
 
     def _settled(self, context: SessionContext, given: Sequence[Value]) -> Value | None:
-        """Return the value that the last answer confirms. It is marked if it contradicts another,
+        """Return the value that the last answer confirms. Mark it if it contradicts another answer,
         or is an impossible jump.
         """
         value: Value | None = given[-1]
         if not self.is_due(context, given[-1]):
             contradicts = not self._is_near(given)
         else:
-            value, contradicts = self._borne_out(context, given), len(given) > 2 and not self._grows
+            value, contradicts = self._confirmed(context, given), len(given) > 2 and not self._grows
         if value is not None and (contradicts or self._is_jump(context, value)):
             self._mark(context, given, value, is_jump=not contradicts)
         return value
@@ -185,14 +185,14 @@ class SecondLook:
 
     @property
     def _last_c(self) -> int | None:
-        """The last accepted temperature."""
+        """Last accepted temperature."""
         return self.port.temperatures_c.get(self.reading.name)
 
     @property
     def _grows(self) -> bool:
         return self.reading.counter is not None
 
-    def _borne_out(self, context: SessionContext, given: Sequence[Value]) -> Value | None:
+    def _confirmed(self, context: SessionContext, given: Sequence[Value]) -> Value | None:
         """Return the value of two equal answers, if possible. A temperature may have changed a
         little between them.
         """
@@ -203,15 +203,15 @@ class SecondLook:
         return given[-1] if self._is_near(given) else None
 
     def _is_near(self, given: Sequence[Value]) -> bool:
-        """Whether the last answer is a temperature close to another of the answers."""
+        """Return True if the last answer is a temperature close to another of the answers."""
         *before, last = given
         if not self._is_temperature or not isinstance(last, int):
             return False
         return any(isinstance(one, int) and abs(last - one) <= STILL_C for one in before)
 
     def _is_jump(self, context: SessionContext, value: Value) -> bool:
-        """Whether no tool can change from the last temperature to this one in the time between
-        them.
+        """Return True if no tool can change from the last temperature to this one in the time
+        between them.
         """
         known = self._last_c
         if not isinstance(value, int) or known is None or self.heard_at is None:
@@ -257,7 +257,7 @@ def _differs_from_held(name: str) -> Doubt:
     return lambda context, port, value: port.held.get(name, value) != value
 
 
-def _differs_from_said(name: str) -> Doubt:
+def _differs_from_start(name: str) -> Doubt:
     return lambda context, port, value: not is_this_identity(context, name, value)
 
 
@@ -285,7 +285,7 @@ _jumps = _leaps("temperature_c")
 
 
 def _decides(context: SessionContext, port: PortState, value: Value) -> bool:
-    """Whether a tip temperature leaps, makes alarms begin to count, or would confirm one."""
+    """Return True if a tip temperature leaps, makes alarms begin to count, or would confirm one."""
     if _jumps(context, port, value) or not isinstance(value, int):
         return True
     return arrives(context, port, value) or bears_out(context, port, value)
@@ -303,12 +303,12 @@ DOUBTS: dict[str, Doubt] = {
     "preparing": differs_from_last("preparing"),
     "set_flow_permille": _differs_from_held("selected_air_flow"),
     **{name: _differs_from_held(name) for name in WATCHED_SETTINGS},
-    **{name: _differs_from_said(name) for name in IDENTITY_READS},
+    **{name: _differs_from_start(name) for name in IDENTITY_READS},
 }
 
 
 def doubt_of(reading: ScheduledRead) -> Doubt | None:
-    """Return which answers to `reading` need a second one; None where none does."""
+    """Return a check for answers to `reading` that need a second one; None if none does."""
     if reading.counter is not None:
         return _differs_from_counted(reading.counter.name)
     return DOUBTS.get(reading.name)

@@ -1,5 +1,5 @@
-"""The last step, on every way out: makes safe what this run touched (`session/safety/secure.py`),
-and reports the result.
+"""The last step on every way out: make safe what this run touched (`session/safety/secure.py`), and
+report the result.
 """
 
 from __future__ import annotations

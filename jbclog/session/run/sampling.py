@@ -1,8 +1,8 @@
-"""Samples at the ticks of the grid.
+"""Sample at the ticks of the grid.
 
-A tick reads the fast signals of all ports, then slow ones as time permits. A late tick is not
-caught up: a tick that is a whole period late becomes a row of `skipped`. Its cause is counted
-separately: the computer, as far as it was measurably late, else the station.
+A tick reads the fast signals of all ports, then slow ones as time permits. Late ticks are not
+caught up: a tick a whole period late becomes a row of `skipped`. Its cause is counted separately:
+the computer if it was measurably late, else the station.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ from jbclog.session.scheduler import Demand, Grid, ScheduledRead, SlowReadings
 
 
 def meet_tool(context: SessionContext, port: PortState) -> Steps[None]:
-    """Read the settings of the new tool in `port`, and make it safe if necessary. Raises what makes
-    reading impossible.
+    """Read the settings of the new tool in `port`, and make it safe if necessary. Raises whatever
+    prevents reading.
     """
     port.tool_is_new = False
     for command in readable_settings(context, Scope.TOOL):
@@ -64,8 +64,8 @@ def meet_tool(context: SessionContext, port: PortState) -> Steps[None]:
 
 
 def _stays_hot(context: SessionContext, port: PortState) -> bool:
-    """Whether the tool would never cool in stand. Hot air needs no delay: its safe states have the
-    heater off.
+    """Return True if the tool would never cool in stand. Hot air needs no delay: its safe states
+    have the heater off.
     """
     return "sleep_delay" in context.family.commands and port.held.get("sleep_delay", OFF) is OFF
 
@@ -78,7 +78,7 @@ def _record(context: SessionContext, port: PortState) -> None:
 
 
 def _make_safe(context: SessionContext, port: PortState) -> Steps[None]:
-    """Make the tool safe: its own delay would keep it hot in stand forever, or is not known."""
+    """Make the tool safe: its own delay would keep it hot in stand forever, or is unknown."""
     text = (
         f"The sleep delay of the new tool in port {port.number} is off or unknown: the port is put"
         " in its safe state."
@@ -91,7 +91,7 @@ FINISH_S = 0.5  # a tick in which the run is ended may take this much longer; ho
 
 
 class StationLost(Exception):
-    """The station cannot be reached any more, because of `cause`. `outage` handles it."""
+    """The station is unreachable because of `cause`. `outage` handles it."""
 
     def __init__(self, cause: LinkError | StationError) -> None:
         super().__init__(str(cause))
@@ -132,8 +132,8 @@ class Sampler:
         }
 
     def _count_readings(self, port: int) -> ReadingCount:
-        """Count the temperature's readings, or those of all signals without one, as the accounting
-        will. For other threads, too.
+        """Count the temperature's readings, or those of all signals if there is none, as the
+        accounting does. Safe to call from other threads.
         """
         main = self._probes.get(("temperature_c", port))
         probes = (
@@ -172,15 +172,14 @@ class Sampler:
         ]
 
     def is_over(self, tick: int) -> bool:
-        """Whether the run ends before `tick`."""
         moment = self.grid.due(tick) if self.paced else self.context.now
         return self.end is not None and moment >= self.end - 1e-9
 
     def run(self, tick: int) -> Steps[int]:
         """Sample from `tick` on; return the tick after the last.
 
-        Raises `StationLost` after writing the rows of its tick, and `StartRefused` where the
-        station has nothing to sample.
+        Raises `StationLost` after writing the rows of its tick, and `StartRefused` if the station
+        has nothing to sample.
         """
         standstill, station = self._standstill, self.context.station
         standstill.due = max(standstill.due, station.now)
@@ -211,7 +210,7 @@ class Sampler:
         return tick
 
     def watched(self, steps: Steps[T]) -> Steps[T]:
-        """Run `steps` and note the host's delays."""
+        """Run `steps` and measure the host's delays."""
         return self._standstill.watch(steps, self.context.now)
 
     def _meet_new_tool(self, port: PortState) -> Steps[None]:
@@ -229,7 +228,7 @@ class Sampler:
         return following
 
     def _skip(self, first: int, end: int) -> None:
-        """Account for missed ticks: rows of `skipped`, except for those within a standstill."""
+        """Account for missed ticks: rows of `skipped`, except within a standstill."""
         missed = [tick for tick in range(first, end) if not self.is_over(tick)]
         late = [tick for tick in missed if not self._standstill.covers(self.grid.due(tick))]
         for tick in late:
@@ -245,7 +244,7 @@ class Sampler:
         self._count_late(late, max(min(by_host, len(late)), 0))
 
     def _count_late(self, late: Sequence[int], by_host: int) -> None:
-        """Count late ticks, of which the last `by_host` are the computer's; each with its own part
+        """Count late ticks, the last `by_host` of them as the computer's, each group with its part
         of the delay.
         """
         if not late:
@@ -274,8 +273,8 @@ class Sampler:
                 )
 
     def _report_skipped(self, *, is_over: bool = False) -> None:
-        """Report the ticks skipped by the computer and by the station, each after a pause, or at
-        the end.
+        """Report the ticks skipped by the computer and by the station, after a pause in each
+        series, or at the end.
         """
         period_s = self.grid.period_s
         if self._busy.is_due(self.context.now) or (is_over and self._busy.ticks):
@@ -320,9 +319,9 @@ class Sampler:
 
         A driver ends a run once, and half a row would count as loss.
 
-        An answer as expected, as nearly all are, whole or in pieces, takes no other generator than
-        this one, which saves a third of an exchange's work; with anything else `Scanner.settle`
-        continues. Both ways record the same (tests/line/test_two_ways.py).
+        The usual answer, whole or in pieces, takes no generator but this one, which saves a third
+        of an exchange's work; `Scanner.settle` handles anything else. Both ways record the same
+        (tests/line/test_two_ways.py).
         """
         context, scanner, standstill = self.context, self._scanner, self._standstill
         station = context.station
@@ -374,7 +373,7 @@ class Sampler:
                 yield from self.watched(scanner.take(probe, scan))
 
     def _take_slow(self, tick: int) -> Steps[None]:
-        """Read slow signals, most urgent first, while there is time; without a grid, or behind it,
+        """Read slow signals, most urgent first, while there is time; without a grid, or if late,
         one after each scan.
         """
         following = self.grid.due(tick + 1) if self.paced else math.inf
@@ -395,7 +394,7 @@ class Sampler:
     def read_flags_once_more(self) -> Steps[None]:
         """Read the alarm flags after the last tick, so that none is lost.
 
-        The result is an event, not a row. Called once the tools are in their safe state.
+        The result is an event, not a row. Call this once the tools are in their safe state.
         """
         for scan in self._scans.values():
             probe = self._probes.get(("alarm_high", scan.port.number))
@@ -417,8 +416,8 @@ class Sampler:
             self._scanner.finish(scan, why, self.grid.due(tick))
 
     def begin_outage(self, tick: int) -> None:
-        """Note that `tick` was the last before an outage. Without a grid its ticks follow at the
-        pace of the scans.
+        """Register `tick` as the last before an outage. Without a grid the outage's ticks follow at
+        the pace of the scans.
         """
         if not self.paced:
             self.grid = Grid(self.context.now - tick * self.grid.period_s, self.grid.period_s)

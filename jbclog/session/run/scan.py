@@ -1,4 +1,4 @@
-"""One tick of one station: every due reading requested and accounted for, one row for each port.
+"""One tick of one station: request and account for every due reading, one row for each port.
 
 A missing value is null with a reason. A value that would stop a run, a counter, and an implausible
 value are read again before they are accepted (`readings.py`).
@@ -60,12 +60,12 @@ _HIGH, _LOW, _FEEDING = COLUMN["alarm_high"], COLUMN["alarm_low"], COLUMN["feedi
 MOTOR = ("off", "forward", "backward")
 
 Fill = Callable[[SampleRow, Value], None]
-"""Writes what an answer says into its columns of a row."""
+"""Writes the values of an answer into the columns of a row."""
 
 
 def _status(family: Family) -> Fill:
-    """Return the filler of ``0MDES``: motor, desoldering, tens, status (docs/reference/protocol.md,
-    Status word).
+    """Return the filler for ``0MDES``: motor, desoldering, tens, status
+    (docs/reference/protocol.md, Status word).
     """
     names, has_motor = family.status.names, family.has_feeder
 
@@ -92,7 +92,7 @@ def _feeding(row: SampleRow, mode: Value) -> None:
 
 
 def _flags(*columns: str) -> Fill:
-    """Return the filler of OMEGA's states: each answer sets one column or more."""
+    """Return the filler for OMEGA's states: each answer sets one column or more."""
     places = [(COLUMN[column], TRUE_ANSWERS[column]) for column in columns]
 
     def fill(row: SampleRow, value: Value) -> None:
@@ -112,7 +112,7 @@ def _plain(column: str) -> Fill:
 
 
 def _share(column: str, command: Command, context: SessionContext) -> Fill:
-    """Return the filler of a share of the station's maximum; the raw number is a row of `settings`
+    """Return the filler for a share of the station's maximum; the raw number is a row of `settings`
     (B-33).
     """
     place = COLUMN[column]
@@ -134,7 +134,7 @@ SPECIAL: dict[str, Fill] = {
 
 
 def fill_of(reading: ScheduledRead, context: SessionContext) -> Fill:
-    """Return how the answer to a reading fills its columns."""
+    """Return the filler for the columns of a reading."""
     signal = reading.name
     if signal == "status":
         return _status(context.family)
@@ -145,7 +145,7 @@ def fill_of(reading: ScheduledRead, context: SessionContext) -> Fill:
 
 @dataclass(slots=True)
 class SignalRead:
-    """A reading with everything needed to process its answer, and its statistics."""
+    """A reading, with everything needed to process its answer, and its statistics."""
 
     reading: ScheduledRead
     question: PreparedRead
@@ -155,13 +155,13 @@ class SignalRead:
     look: SecondLook
     place: int | None  # of its first column
     may_be_unusable: bool
-    dates_row: bool  # whether the row's time is that of its answer
+    dates_row: bool  # the row has the time of its answer
     expect: Expect | None = None
     due: int = 0
     missed: dict[str, int] = field(default_factory=dict)
     failing: bool = False
     is_known: bool = False  # answered at least once
-    is_lacking: bool = False  # the station does not have it
+    is_lacking: bool = False  # the station lacks it
 
     @classmethod
     def of(cls, context: SessionContext, reading: ScheduledRead, alarms: AlarmWatch) -> SignalRead:
@@ -202,7 +202,7 @@ def _count(context: SessionContext, port: PortState, reading: ScheduledRead, val
 
 
 Expect = Callable[[SessionContext, SignalRead, Value], None]
-"""Raises where an answer shows that another station, or another tool, is there."""
+"""Raises if an answer shows that another station, or another tool, is connected."""
 
 
 def _expectation(context: SessionContext, reading: ScheduledRead) -> Expect | None:
@@ -257,8 +257,8 @@ class Scanner:
     ) -> Steps[None]:
         """Read one value; store it, or the reason why there is none.
 
-        `heard` is the result of its request, or what was raised instead, if that was sent; `value`
-        what the result means, if that is known. Raises what makes further requests impossible:
+        If the request was sent already, `heard` is its result or the exception raised instead, and
+        `value` the decoded value, if known. Raises whatever makes further requests impossible:
         `LinkError`, `StationSilent`, `RobotModeOff`, and the run's end.
         """
         station = self._station
@@ -288,7 +288,7 @@ class Scanner:
             )
             if isinstance(error, LinkError | StationSilent | RobotModeOff):
                 raise
-        # the run's end in mid-request: it may be sent again, except for flags
+        # the run's end during a request, which may be sent again, except for flags
         except BaseException:
             if probe.reading.command.sent_once:
                 self.unread(probe, scan, SKIPPED, sent=True)
@@ -302,13 +302,13 @@ class Scanner:
                 scan.first_sent = station.first_sent
 
     def _is_change(self, probe: SignalRead, scan: PortScan, value: Value) -> bool:
-        """Whether `value` would be recorded as a change of the station's: only its own may be."""
+        """Return True if `value` would be recorded as a change of this station."""
         changes = would_change(self._context, probe.port, probe.reading.name, value)
         return changes and self._why_unusable(probe, scan, value) is None
 
     def _lacks(self, probe: SignalRead, scan: PortScan, error: NotSupported) -> None:
-        """Handle NotSupported: a signal that was never answered does not exist; it is not due and
-        not read again.
+        """Handle NotSupported: a signal that was never answered does not exist, so it is not due
+        and not read again.
         """
         why = self._why_unread(probe, scan, error)
         if probe.is_known or scan.no_tool or why != error.reason:
@@ -322,14 +322,16 @@ class Scanner:
     def _why_unread(
         self, probe: SignalRead, scan: PortScan, error: StationError | LinkError
     ) -> str:
-        """Return the reason; a station may refuse or garble what means nothing at the moment."""
+        """Return the reason; a station may refuse or garble a value that has no meaning at the
+        moment.
+        """
         meaningless = isinstance(error, Refusal | ImplausibleAnswer) and void(
             probe.reading.name, scan.port, self._context
         )
         return meaningless or error.reason
 
     def keep(self, probe: SignalRead, scan: PortScan, value: Value) -> None:
-        """Store a value that is believed, unless it means nothing at the moment."""
+        """Store an accepted value, unless it has no meaning at the moment."""
         scan.last_heard = probe.look.heard_at = self._station.heard
         if probe.dates_row:
             scan.temperature_at = scan.last_heard
@@ -344,7 +346,7 @@ class Scanner:
                 probe.fill(scan.row, value)
             if probe.observe is not None:
                 probe.observe(self._context, probe.port, value)
-        # a fault of this program: without a value in the row it does not count as read
+        # a bug: without a value in the row it does not count as read
         except Exception:
             probe.due -= probe.place is None or scan.row[probe.place] is None
             raise
@@ -386,7 +388,7 @@ class Scanner:
         if probe.reading.name == "alarm_high" and sent:
             scan.alarms.lost(self._context.now, why)
         if why not in EXPECTED and not probe.failing:
-            probe.failing = True  # one event for a series of failures; the rows have each
+            probe.failing = True  # one event for a series of failures; each row has its own reason
             self._context.note(
                 f"read.{why}",
                 Severity.WARNING,
@@ -396,7 +398,7 @@ class Scanner:
             )
 
     def finish(self, scan: PortScan, unasked: str, due: float | None) -> None:
-        """Write the row: readings not even requested, the times, the quality."""
+        """Write the row: reasons of readings not requested, the times, the quality."""
         row, reasons = scan.row, scan.reasons
         for probe in scan.fast:
             if row[probe.place or 0] is None and probe.reading.name not in reasons:

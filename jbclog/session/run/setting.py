@@ -1,11 +1,11 @@
-"""Writes one setting on one station, and lists everything that a run may write.
+"""Write one setting on one station; list everything that a run may write.
 
 A setting is idempotent, so a failed write is repeated, `REPEATS` times at most:
 
 1. A refusal is final, unless the write was not understood (N 1, N 2).
 2. It is repeated if two answers have the value from before. A third value is a mismatch.
 3. If it cannot be read back, it is repeated once the link has answered another request; a setting
-   that can heat (`config.recipe.CAN_HEAT`) is not: it is never repeated without those two answers.
+   that can heat (`config.recipe.CAN_HEAT`) never is without those two answers.
 4. Nothing is repeated once the run is ending: `RunEnded` passes through here.
 
 Each repeated write is a row of `settings` (``repeated``), an event and a count in the station's
@@ -39,9 +39,8 @@ from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identify import StationAbsent
 
 # Everything that a run can write is in this table. The client of a run's station calls `permit`
-# before each write; a command that is not listed, or another value than the recipe's or a safe
-# state's, ends the run of that station as a fault of this program (`WriteForbidden`), its tools
-# made safe.
+# before each write. A command that is not listed, or another value than the recipe's or a safe
+# state's, is a bug: it ends the run of that station (`WriteForbidden`), with its tools made safe.
 #
 # A guard and `jbclog safe` write only `stop_feeding` and the safe states of `status`
 # (`session/safety/secure.py`).
@@ -62,12 +61,12 @@ WRITES: Final[Mapping[str, str]] = MappingProxyType(
         ),
     }
 )
-"""Command -> when a run writes it, and whose value. Any other command is never written by a run."""
+"""Command -> when a run writes it, and the origin of its value. A run writes no other command."""
 
 
 def listed(context: SessionContext) -> Permit:
-    """Return the check before each write of `context`'s client: raises `WriteForbidden` for what
-    the run may not send.
+    """Return the check before each write of `context`'s client, which raises `WriteForbidden` for
+    anything that the run may not send.
     """
 
     def permit(command: Command, value: Value, port: int | None, tool: int | None) -> None:
@@ -97,7 +96,7 @@ def _values(context: SessionContext, command: Command, port: int | None) -> Iter
 
 
 def _states(context: SessionContext, number: int | None) -> Iterator[Value]:
-    """Yield the word of the start, and those that make the tool safe."""
+    """Yield the status word of the start, and those that make the tool safe."""
     status, port = context.family.status, context.ports.get(number or 0)
     if port is None:
         return
@@ -119,7 +118,7 @@ def _settings(context: SessionContext, command: Command, port: int | None) -> It
 
 
 def _is_its_tool(context: SessionContext, port: int | None, tool: int | None) -> bool:
-    """Whether the port is one of this run's, and the tool the one connected to it."""
+    """Return True if the port is one of this run's, and the tool the one connected to it."""
     if port is None:
         return tool is None
     state = context.ports.get(port)
@@ -139,7 +138,7 @@ REPEATS: Final = 3
 
 @dataclass(slots=True)
 class _Try:
-    """The result of one write: the value read back (None: not known), and the errors of either."""
+    """Result of one write: the value read back (None: unknown), and the errors of either."""
 
     found: Value | None = None
     lost: StationError | None = None
@@ -147,7 +146,7 @@ class _Try:
 
     @property
     def is_meant(self) -> bool:
-        """Whether the station understood the write and refused it."""
+        """True if the station understood the write and refused it."""
         return _is_meant(self.lost)
 
     @property
@@ -188,7 +187,6 @@ def keep_row(
     readback: str | None = None,
     nak: int | None = None,
 ) -> None:
-    """Record a row of `settings`."""
     tool = context.tool_text(port.tool) if port and command.scope is Scope.TOOL else None
     time, number = context.utc.micros(context.now), port.number if port else None
     row = SettingRow(
@@ -208,7 +206,9 @@ def keep_row(
 
 
 def touch(context: SessionContext, port: PortState | None) -> None:
-    """Note that this run may change the port, or the feeder, which is then made safe at the end."""
+    """Register that this run may change the port or the feeder, which is then made safe at the
+    end.
+    """
     if port is None:
         news, context.feeder_touched = not context.feeder_touched, True
     else:
@@ -220,8 +220,8 @@ def touch(context: SessionContext, port: PortState | None) -> None:
 def write_setting(
     context: SessionContext, command: Command, value: Value, port: PortState | None
 ) -> Steps[None]:
-    """Write until the value is read back. Raises `StartRefused` where it is not, `StationAbsent`
-    where the link breaks.
+    """Write until the value is read back. Raises `StartRefused` if it is not, `StationAbsent` if
+    the link breaks.
 
     After an exception the write may or may not have been executed.
     """
@@ -296,8 +296,8 @@ def _try(
 def _may_repeat(
     context: SessionContext, command: Command, one: _Try, before: Value | None
 ) -> Steps[bool]:
-    """Whether the link has settled and the previous value still stands; for a setting that cannot
-    heat, whether it may stand.
+    """Return True if the link has settled and the previous value is still in force; for a setting
+    that cannot heat, if it may be.
     """
     if one.found is not None:
         if one.found != before:
@@ -319,7 +319,7 @@ def _is_same(context: SessionContext, command: Command, found: Value, value: Val
     if command.name != "status" or not isinstance(found, tuple) or not isinstance(value, tuple):
         return False
     status = context.family.status
-    # not set by the recipe: anybody may switch it
+    # the recipe does not set it: anybody may switch it
     is_suction_free = context.recipe.suction == "keep"
     return status.confirms(found, value) and (
         is_suction_free or status.sucks(found) == status.sucks(value)
@@ -334,7 +334,7 @@ def _end(
     outcome: SettingOutcome,
     one: _Try,
 ) -> None:
-    """Record the last write, and note the held value as far as it is known."""
+    """Record the last write, and store the held value as far as it is known."""
     readback = None if one.found is None else text_of(one.found)
     nak = one.nak if outcome == SettingOutcome.REFUSED else None
     keep_row(

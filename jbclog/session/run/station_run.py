@@ -1,9 +1,9 @@
-"""One station's run, from the first byte to the safe state: start with `run_station`.
+"""One station's run, from the first byte to the safe state. Start with `run_station`.
 
 ::
 
-    start, in three steps with the other stations -> sample ⇄ outage -> whatever ends it -> make
-    safe -> counters
+    start, in three steps with the other stations -> sample ⇄ outage -> whatever ends it
+        -> make safe -> counters
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from jbclog.session.run.setting import listed
 from jbclog.session.run.watch import OBSERVERS, SettingChanged, is_at_work
 from jbclog.session.scheduler import Grid
 
-# The start has three steps, each finished on all stations before the next begins on any:
+# The start has three steps; each is complete on all stations before the next begins on any:
 #
 # 1. Read and check everything: identity, tools, settings, limits, cooling, rate. Nothing is
 #    written.
@@ -46,17 +46,18 @@ from jbclog.session.scheduler import Grid
 # 3. Write what can: setpoints, then the tools' status.
 #
 # If a station fails in the first step, nothing was written anywhere. Later no setting is rolled
-# back: written settings are named, and each touched tool goes to its safe state; before the third
-# step a resting tool is left alone, because an order could heat it. Counters are read last, while
-# the tools warm up, because nothing depends on them. Sessions do not know each other: they yield
-# `Gather`, and the driver resumes all together, or throws `NotStarted`.
+# back: the written settings are reported, and each touched tool goes to its safe state; before the
+# third step a resting tool is left alone, because an order could heat it. Counters are read last,
+# while the tools warm up, because nothing depends on them. Sessions do not know each other: they
+# yield `Gather`, and the driver resumes all together, or throws `NotStarted`.
 
 
 def start(context: SessionContext) -> Steps[SamplingPlan]:
-    """Bring the station to its recipe, in step with the run's other stations; return its pace.
+    """Start the station with its recipe, in step with the run's other stations; return its sampling
+    plan.
 
-    Raises `StartRefused` where this station fails, `NotStarted` where another does, `LeftOut` where
-    it took too long.
+    Raises `StartRefused` if this station fails, `NotStarted` if another does, `LeftOut` if it took
+    too long.
     """
     yield from identify(context)
     wanted = yield from examine(context)
@@ -87,10 +88,10 @@ def start(context: SessionContext) -> Steps[SamplingPlan]:
 
 
 def _read_port_errors(context: SessionContext) -> Steps[None]:
-    """Read the port errors and report them, where one of them voids a signal
+    """Read and report the port errors if one of them voids a signal
     (docs/reference/contradictions.md, B-44).
 
-    Raises `LinkError` or `StationError` where the station does not answer.
+    Raises `LinkError` or `StationError` if the station does not answer.
     """
     if not context.family.port_errors.voids:
         return
@@ -107,7 +108,7 @@ def _wait_for_others(context: SessionContext, step: int) -> Steps[None]:
 
 
 def _notify_failure(context: SessionContext) -> Steps[None]:
-    """Notify the other sessions that this station does not start; it does not wait for them."""
+    """Notify the other sessions that this station does not start, without waiting for them."""
     try:
         context.station.unasked((yield Gather(context.step, context.facts.reason)))
     except RunEnded:
@@ -131,17 +132,17 @@ def run_station(context: SessionContext) -> Steps[StationFacts]:
     """Run one station to its end and return its facts. Its tools are safe on every way out, or the
     facts name those that are not.
 
-    Errors of station and link are not raised; `facts.outcome` and `facts.reason` have them.
+    Does not raise errors of station and link; `facts.outcome` and `facts.reason` have them.
     """
     facts = context.facts
     context.station.permit = listed(context)
-    context.station.now = context.order.t0  # until the first result: the run can end before it
+    context.station.now = context.order.t0  # before the first result: the run can end before it
     try:
         yield from _record(context)
         facts.outcome = StationOutcome.COMPLETED
     except Exception as error:
         _note_end(context, error)
-    context.tries = 1  # a start that failed leaves more
+    context.tries = 1  # a failed start leaves more
     if not context.has_started and facts.outcome != StationOutcome.COMPLETED:
         yield from _give_up(context)
     try:
@@ -152,7 +153,7 @@ def run_station(context: SessionContext) -> Steps[StationFacts]:
 
 
 def _note_end(context: SessionContext, error: Exception) -> None:
-    """Put outcome and reason into the facts, by what ended the recording."""
+    """Put outcome and reason into the facts, by the error that ended the recording."""
     facts, name = context.facts, context.name
     match error:
         case NotStarted():
@@ -178,7 +179,7 @@ def _note_end(context: SessionContext, error: Exception) -> None:
 
 def _give_up(context: SessionContext) -> Steps[None]:
     """Handle a station that does not start: report what was written, and notify the others. One
-    that the run may miss is left out.
+    that may be missing is left out.
     """
     facts = context.facts
     if context.written:
@@ -215,7 +216,7 @@ def _record(context: SessionContext) -> Steps[None]:
 
 
 def _grid(context: SessionContext, pace: SamplingPlan) -> Grid:
-    """Return the grid of due times, from the run's zero. In a replay it lies as in the recording,
+    """Return the grid of due times, from the run's zero. In a replay it has the recorded position,
     relative to the last reads.
     """
     if not pace.paced:
@@ -262,7 +263,7 @@ def _note_return(context: SessionContext) -> None:
 
 
 def _read_last(context: SessionContext, at_work: list[PortState]) -> Steps[None]:
-    """Read what is due once the tools are safe, where the station was sampled."""
+    """Read what is due once the tools are safe, if the station was sampled."""
     if context.after_safe is None:
         return
     try:
@@ -279,10 +280,9 @@ def _read_last(context: SessionContext, at_work: list[PortState]) -> Steps[None]
 
 
 def _make_safe_uninterrupted(context: SessionContext) -> Steps[None]:
-    """Make the tools safe without interruption by the run's end, by a fault of the program or by a
-    failed record.
+    """Make the tools safe without interruption by the run's end, a bug or a failed record.
 
-    After a fault it is tried once more, then once without a journal, which may be what fails.
+    After a bug, tries once more, then once without a journal, which may be what fails.
     """
     journals: list[Journal] = [context.journal, NoJournal()]  # of the two further tries
     while True:
@@ -302,7 +302,7 @@ def _make_safe_uninterrupted(context: SessionContext) -> Steps[None]:
 
 
 def _fail(context: SessionContext, error: Exception) -> None:
-    """Note a fault of this program, or of its record; it must not leave a tip hot."""
+    """Report a bug, or a failed record; neither must leave a tip hot."""
     known = isinstance(error, JbclogError)
     context.facts.outcome = StationOutcome.FAILED
     context.facts.reason = (

@@ -1,4 +1,4 @@
-"""Detects changes during a run, and reports each once."""
+"""Detect changes during a run, and report each once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BAND_C = 10  # ±10 °C around the setpoint counts as at temperature (docs/refer
 
 
 class SettingChanged(JbclogError):
-    """A setting has changed and the recipe says to stop."""
+    """A setting changed, and the recipe stops on that."""
 
 
 Observe = Callable[[SessionContext, PortState, Value], None]
@@ -39,8 +39,8 @@ def _temperature(context: SessionContext, port: PortState, value: Value) -> None
 
 
 def arrives(context: SessionContext, port: PortState, value: int) -> bool:
-    """Whether alarms begin to count with this temperature: the tool is at work and reaches its
-    setpoint.
+    """Return True if alarms begin to count with this temperature: the tool is at work and reaches
+    its setpoint.
     """
     setting = None if port.at_temperature else context.set_c(port)
     if setting is None or not is_at_work(context, port):
@@ -51,14 +51,14 @@ def arrives(context: SessionContext, port: PortState, value: int) -> bool:
 
 
 def _enters(before: int | None, value: int, setting: float) -> bool:
-    """Whether the tool is within the band, or crossed it between two readings."""
+    """Return True if the tool is within the band, or crossed it between two readings."""
     passed = before is not None and (before < setting) != (value < setting)
     return passed or abs(value - setting) <= BAND_C
 
 
 def _stays_above(context: SessionContext, port: PortState, value: int, setting: float) -> bool:
-    """Whether a tip found hotter than its setpoint does not cool: a runaway tip never enters the
-    band.
+    """Return True if a tip found hotter than its setpoint does not cool: a runaway tip never enters
+    the band.
     """
     if value <= setting + BAND_C or port.found_above is None:
         return False
@@ -67,7 +67,7 @@ def _stays_above(context: SessionContext, port: PortState, value: int, setting: 
 
 
 def _note_above(context: SessionContext, port: PortState, value: int) -> None:
-    """Note since when a tip is hotter than its setpoint before reaching it, and how hot it was."""
+    """Store since when a tip is hotter than its setpoint before reaching it, and how hot it was."""
     setting = None if port.at_temperature else context.set_c(port)
     if setting is None or not is_at_work(context, port):
         return
@@ -86,12 +86,12 @@ def _temperature_of(name: str) -> Observe:
 
 
 def is_at_work(context: SessionContext, port: PortState) -> bool:
-    """Whether the last status is at work."""
+    """Return True if the last status is at work."""
     return port.status is not None and context.family.status.is_working(port.status)
 
 
 def counts(context: SessionContext, port: PortState) -> bool:
-    """Whether alarms count: while working, after first entering setpoint ±10 °C
+    """Return True if alarms count: while working, after first entering setpoint ±10 °C
     (docs/reference/exit-codes.md).
     """
     return port.at_temperature and is_at_work(context, port)
@@ -107,7 +107,9 @@ def _status(context: SessionContext, port: PortState, word: Value) -> None:
 
 
 def _is_changed_status(context: SessionContext, before: Value, found: Value) -> bool:
-    """Whether a tool that the recipe ordered to another status stopped, or began, to work."""
+    """Return True if a tool that the recipe ordered to another status stopped, or began, to
+    work.
+    """
     ordered, status = context.recipe.run.status, context.family.status
     if ordered is None or not isinstance(before, tuple) or not isinstance(found, tuple):
         return False
@@ -116,7 +118,7 @@ def _is_changed_status(context: SessionContext, before: Value, found: Value) -> 
 
 
 def would_change(context: SessionContext, port: PortState, name: str, found: Value) -> bool:
-    """Whether the reading `name` with the answer `found` is reported as a changed setting or
+    """Return True if the answer `found` to the reading `name` is reported as a changed setting or
     status.
     """
     if name == "status":
@@ -126,7 +128,7 @@ def would_change(context: SessionContext, port: PortState, name: str, found: Val
 
 
 def _suction(context: SessionContext, port: PortState, *, is_on: bool) -> None:
-    """Note suction confirmed by two answers, and publish it for the guard: a safe order keeps
+    """Store suction confirmed by two answers, and publish it for the guard: a safe order keeps
     suction that holds a part.
     """
     if port.has_suction != is_on:
@@ -146,7 +148,7 @@ def _set_temperature(context: SessionContext, port: PortState, value: Value) -> 
 def found_changed(
     context: SessionContext, port: PortState | None, name: str, before: str, found: str
 ) -> None:
-    """Report a changed setting; raise `SettingChanged` where the recipe stops on that."""
+    """Report a changed setting; raise `SettingChanged` if the recipe stops on that."""
     stop_on(context, [report_change(context, port, name, before, found)])
 
 
@@ -169,7 +171,7 @@ def report_change(
 
 
 def stop_on(context: SessionContext, changes: list[str]) -> None:
-    """Raise `SettingChanged` with all changes where the recipe stops on them."""
+    """Raise `SettingChanged` with all changes if the recipe stops on them."""
     if changes and context.recipe.run.on_difference == "stop":
         raise SettingChanged(f"{context.name}: {'; '.join(changes)}")
 
@@ -251,7 +253,7 @@ OBSERVERS: dict[str, Observe] = {
 
 
 def is_no_tool(context: SessionContext, port: PortState) -> bool:
-    """Whether the station last reported no tool in `port`, so that its temperature means
-    nothing.
+    """Return True if the station last reported no tool in `port`, so that its temperature has no
+    meaning.
     """
     return context.family.is_empty(port.tool, port.error)

@@ -1,4 +1,4 @@
-"""Decides by temperature and power whether a tool is cold or cools; a status proves neither."""
+"""Decide by temperature and power whether a tool is cold or cools; a status proves neither."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from jbclog.session.safety.orders import is_reachable
 from jbclog.session.safety.time_budget import in_time
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
-# time after the order in which the extractor state must show in temperature or power
+# time after the order by which the extractor state must show in temperature or power
 COOLING_AFTER_S = 1.0
 IDLE_PERMILLE = 20  # below it a heater is off
 HEATING_PERMILLE = 200  # above it a falling tip is at a joint and does not cool
@@ -22,7 +22,9 @@ COLD_C = 60.0
 
 
 def is_cold(task: SafetyTask, tool: ToolSafety) -> Steps[bool]:
-    """Whether the tool is too cold to burn anyone and its heater is off, by two answers each."""
+    """Return True if the tool is too cold to burn anyone and its heater is off, by two answers
+    each.
+    """
     found = yield from _heat(task, tool)
     has_both = bool(found.celsius) and bool(found.permille)
     return (
@@ -35,7 +37,7 @@ def is_cold(task: SafetyTask, tool: ToolSafety) -> Steps[bool]:
 def watch(task: SafetyTask, tools: Sequence[ToolSafety]) -> Steps[set[int]]:
     """Return the ports of those tools that cool down, or whose heater is off.
 
-    All are watched during the same second, and time is left for the orders to those that do not
+    Watches all of them during the same second, and leaves time for orders to those that do not
     cool.
     """
     until, cooling, before = task.client.now + COOLING_AFTER_S, set[int](), dict[int, _Heat]()
@@ -55,8 +57,8 @@ def watch(task: SafetyTask, tools: Sequence[ToolSafety]) -> Steps[set[int]]:
 
 @dataclass(frozen=True, slots=True)
 class _Heat:
-    """Two temperatures and two powers of a tool; empty where not available. `tells_power`: the
-    station has the command.
+    """Two temperatures and two powers of a tool; empty if not available. `tells_power`: the station
+    has the command.
     """
 
     celsius: Sequence[float] = ()
@@ -92,12 +94,12 @@ def _heat(task: SafetyTask, tool: ToolSafety, *, with_power: bool = True) -> Ste
         task.note_flood(flood)
         return _Heat(celsius)
     except LinkError:
-        task.is_proven = False  # whoever answers next must identify itself
+        task.is_proven = False  # the next station to answer must identify itself
         return _Heat(celsius)
 
 
 def _cools(before: _Heat, after: _Heat) -> bool:
-    """Whether, by two answers each, the heater is off, or the tip falls without its work."""
+    """Return True if, by two answers each, the heater is off, or the tip falls without heating."""
     is_off = bool(after.permille) and all(permille <= IDLE_PERMILLE for permille in after.permille)
     pairs = [(then, now) for then in before.celsius for now in after.celsius]
     falls = bool(pairs) and all(now <= then - FALL_C for then, now in pairs)

@@ -37,14 +37,14 @@ LAST_ORDERS = 3
 
 Orders = Sequence[tuple[ToolSafety, StatusWord]]
 Failure = LinkError | StationError
-"""Why an order was not acknowledged. After a `LinkError` it is not known whether it was sent."""
+"""Why an order was not acknowledged. After a `LinkError` it may or may not have been sent."""
 
 
 # -- an order, and its proof -----------------------------------------------------------------------
 
 
 def order(task: SafetyTask, orders: Orders) -> Steps[None]:
-    """Order each tool's state once, then read each back, while there is time for the fallback
+    """Order each tool's state once, then read each back, as long as time remains for the fallback
     states.
     """
     failures = yield from _send_each(task, orders)
@@ -52,10 +52,10 @@ def order(task: SafetyTask, orders: Orders) -> Steps[None]:
 
 
 def _send_each(task: SafetyTask, orders: Orders) -> Steps[list[Failure | None]]:
-    """Send each order once; return what came instead of each acknowledgement.
+    """Send each order once; return the failure of each acknowledgement, if any.
 
-    A station may take its time to acknowledge (docs/reference/contradictions.md, B-13). After one
-    acknowledgement has timed out, later ones are not waited for.
+    A station may be slow to acknowledge (docs/reference/contradictions.md, B-13). After one
+    acknowledgement has timed out, later ones get less patience.
     """
     client, budget = task.client, task.budget
     failures: list[Failure | None] = []
@@ -87,7 +87,7 @@ def _read_each_back(
         budget.note_answer()
         until = budget.share_ends(end, len(orders) - done, READ_BACK_ANSWERS)
         yield from in_time(_read_back(task, tool, word, failure), client.now, until)
-        # silent before, and still: orders are more urgent than questions
+        # silent before, and still: orders are more urgent than reads
         if (was_silent and task.is_silent) or client.now >= end:
             return
 
@@ -135,7 +135,7 @@ def _read_back(
 
 
 def status_now(task: SafetyTask, tool: ToolSafety) -> Steps[StatusWord | None]:
-    """Return the tool's state by two answers; None where not available."""
+    """Return the tool's state by two answers; None if not available."""
     if not (yield from is_reachable(task)):
         return None
     begun = task.client.now
@@ -153,7 +153,7 @@ def status_now(task: SafetyTask, tool: ToolSafety) -> Steps[StatusWord | None]:
 
 
 def stop_feeder(task: SafetyTask) -> Steps[bool]:
-    """Stop the feeder; return whether it reports that it has stopped."""
+    """Stop the feeder; return True if it reports that it has stopped."""
     if not (yield from is_reachable(task)):
         return False
     try:
@@ -186,10 +186,10 @@ def _has_stopped(task: SafetyTask) -> Steps[bool]:
 
 
 def order_at_last(task: SafetyTask, end: float) -> Steps[None]:
-    """Order by `end` what is not proven, when no time is left to prove it; again what was not
+    """Order by `end` what is not proven, when no time is left to prove it; repeat what was not
     acknowledged.
 
-    Each order gets an equal part of the time; one part more is kept for those that are lost.
+    Each order gets an equal part of the time; one extra part is reserved for lost orders.
     """
     client, tools = task.client, [tool for tool in task.tools if not tool.is_safe]
     for _ in range(LAST_ORDERS):
@@ -209,7 +209,9 @@ def order_at_last(task: SafetyTask, end: float) -> Steps[None]:
 
 
 def order_blindly(task: SafetyTask) -> Steps[None]:
-    """Stop the feeder, order the state that always can be, unproven; earlier readings are void."""
+    """Stop the feeder and order the state that is always possible, unproven; earlier readings are
+    void.
+    """
     if task.is_stranger:
         return
     if task.has_fed:
@@ -228,7 +230,7 @@ def order_blindly(task: SafetyTask) -> Steps[None]:
 def _write_blindly(
     task: SafetyTask, name: str, value: Value, port: int | None = None
 ) -> Steps[bool]:
-    """Write without proof; return whether the frame was sent."""
+    """Write without proof; return True if the frame was sent."""
     before = task.client.exchanges
     try:
         yield from task.client.write(task.family.commands[name], value, port, hurry=True)
@@ -245,16 +247,16 @@ def _write_blindly(
 
 
 def is_reachable(task: SafetyTask) -> Steps[bool]:
-    """Whether the intended station, and no other, is connected."""
+    """Return True if the intended station, and no other, is connected."""
     if not task.is_proven and not task.is_flooded:
         yield from _recover(task, LinkError("not proven"))
     return task.is_proven and not task.is_flooded
 
 
 def _recover(task: SafetyTask, error: Failure) -> Steps[None]:
-    """Note what the error says of the link, and reopen it; a station that refuses answers.
+    """Record what the error shows about the link, and reopen it; a station that refuses answers.
 
-    A silent station may still hear; one behind a reconnected cable may be another.
+    A silent station may still receive; a reconnected cable may lead to another station.
     """
     if isinstance(error, LinkFlooded):
         task.note_flood(error)

@@ -6,8 +6,8 @@ another.
 
 A state that counts only if the tool is seen to cool is ordered on all tools first; then they are
 watched together (`cooling.py`), so that four tools take no longer than one. The remaining time is
-enough for the fallback states. `orders.py` has the orders themselves and decides which answers to
-accept; `time_budget.py` how long each step may take.
+enough for the fallback states. `orders.py` sends the orders and decides which answers to accept;
+`time_budget.py` limits each step.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from jbclog.session.safety.time_budget import in_time
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 ALLOWED_S = 3.0  # for one station (docs/reference/faults.md, S-2)
-# of these, to ask whether the station is still the one that was identified; it may be silent and
-# still hear
+# of these, to check whether the station is still the one identified; it may be silent and still
+# receive
 LOOK_S = 0.3
-LAST_S = 0.25  # of these, to order again what is not proven by then
+LAST_S = 0.25  # of these, to repeat orders not proven by then
 TRIES = 3
 
 
@@ -78,7 +78,7 @@ def _pause(task: SafetyTask, rounds_left: int) -> Steps[None]:
 
 
 def _round(task: SafetyTask, *, is_first: bool) -> Steps[None]:
-    """Try the feeder and each tool that is not safe once, and look again at a feeder that ran."""
+    """Try the feeder and each tool that is not safe once, and check a feeder that ran again."""
     client, budget = task.client, task.budget
     yield from is_reachable(task)  # before the shares: a port may take longer to open than one
     if task.feeds:
@@ -94,8 +94,8 @@ def _round(task: SafetyTask, *, is_first: bool) -> Steps[None]:
 
 
 def _spare_resting(task: SafetyTask) -> Steps[None]:
-    """Find tools that rest already, in a state that proves it, and leave them alone. In its
-    extractor state a tool is cold or cools, whatever the family; an order to stand would heat it.
+    """Find tools that already rest in a state that proves it, and leave them alone. In its
+    extractor state a tool is cold or cools, in every family; an order to stand would heat it.
     """
     doubtful = []
     for tool in task.tools:
@@ -129,10 +129,10 @@ def _spare(tool: ToolSafety, found: StatusWord) -> None:
 
 
 def _put(task: SafetyTask, tools: Sequence[ToolSafety], *, is_first: bool) -> Steps[None]:
-    """Try each tool once; if its state is not reached or it does not cool, the fallbacks."""
+    """Try each tool once; if its state is not reached or it does not cool, try the fallbacks."""
     words = {tool.port: task.words(tool) for tool in tools}
     yield from order(task, [(tool, words[tool.port][0]) for tool in tools])
-    # an order that was lost on its way is given again before another state is
+    # repeat a lost order before trying another state
     yield from order(task, [(tool, words[tool.port][0]) for tool in tools if tool.was_lost])
     watched = [tool for tool in tools if _is_to_be_watched(task, tool)]
     yield from _fall_back(
@@ -154,7 +154,9 @@ def _put(task: SafetyTask, tools: Sequence[ToolSafety], *, is_first: bool) -> St
 
 
 def _is_to_be_watched(task: SafetyTask, tool: ToolSafety) -> bool:
-    """Whether the ordered state was read back but does not prove alone that the tool cools."""
+    """Return True if the ordered state was read back but does not by itself prove that the tool
+    cools.
+    """
     return (
         not tool.is_safe
         and tool.status is not None
@@ -172,8 +174,7 @@ def _fall_back(
 ) -> Steps[None]:
     """Order the fallback states, until one is reached.
 
-    A word that keeps suction and got no answer is repeated once before the plain one drops the
-    part.
+    Repeats a word that keeps suction and got no answer once, before the plain one drops the part.
     """
     for place in range(1, max((len(words[tool.port]) for tool in tools), default=0)):
         orders = []
@@ -192,7 +193,7 @@ def _fall_back(
 
 
 def _may_keep_suction(task: SafetyTask, tool: ToolSafety) -> bool:
-    """Whether a word that keeps suction was ordered, and the station has not refused it."""
+    """Return True if a word that keeps suction was ordered, and the station has not refused it."""
     return (
         tool.ordered is not None
         and task.family.status.sucks(tool.ordered)

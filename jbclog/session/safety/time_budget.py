@@ -1,9 +1,9 @@
-"""How long each step may take that makes the tools of one station safe.
+"""Time limits for the steps that make the tools of one station safe.
 
 A station has a few seconds for its feeder and all its tools, and any answer may be lost. The client
-waits for one four times as long as the slowest recent answer took: two lost answers could take all
-of the time, and the last tools would have no order. So each step has an end of its own (`in_time`):
-its share of the time that is left or what its answers usually take, whichever is less.
+waits four times as long as the slowest recent answer took: two lost answers could take all of the
+time, and the last tools would get no order. So each step has its own end (`in_time`): its share of
+the remaining time, or the usual time for its answers, whichever is shorter.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from jbclog.core.io_requests import Ask, IoResult, Listen, Request, Steps, T, Wa
 from jbclog.protocol.client.interface import Client
 
 FIRST_S = 0.2  # patience for an answer in the first round, at least,
-PATIENCE = 4  # or so many times as long as the quickest answer took
+PATIENCE = 4  # or this many times the quickest answer's time
 LEAST_SHARE_S = 0.3  # to ask again after a lost answer; most tools need a tenth of it
-# time reserved for one order with its read-back, at most; as long as the fastest so far once known
+# time reserved for one order with its read-back, at most; the fastest so far, once known
 ORDER_S = 0.25
 ORDER_PER_LOOK = 1.5  # duration of an order and two answers, relative to two answers
 MARGIN_S = 0.5  # additional time for lost frames
@@ -26,11 +26,10 @@ MARGIN_S = 0.5  # additional time for lost frames
 
 @dataclass(slots=True)
 class TimeBudget:
-    """The time for all rounds of one station, and how fast that answers. Moments are monotonic
-    seconds.
+    """Time for all rounds of one station, and how fast it answers. Moments are monotonic seconds.
 
-    `end`: of the last round. `rounds`: that are over. `answer_s`: of the quickest answer so far.
-    `order_s`: reserved for one order with its read-back.
+    `end`: of the last round. `rounds`: number completed. `answer_s`: time of the quickest answer so
+    far. `order_s`: reserved for one order with its read-back.
     """
 
     client: Client
@@ -44,18 +43,18 @@ class TimeBudget:
         return self.end - self.client.now
 
     def note_answer(self) -> None:
-        """Note how long the answer to the last request took, if there was one."""
+        """Register how long the answer to the last request took, if there was one."""
         client = self.client
         if client.heard > client.sent:
             self.answer_s = min(self.answer_s, client.heard - client.sent)
 
     def note_look(self, begun: float) -> None:
-        """Note that two answers have given a tool's state since `begun`."""
+        """Register that two answers have given a tool's state since `begun`."""
         self.order_s = min(self.order_s, ORDER_PER_LOOK * (self.client.now - begun))
 
     def share_ends(self, end: float, parts: int, answers: int) -> float:
-        """Return until when to wait: for one of so many equal parts of the time until `end`, and
-        for no longer than so many answers usually take.
+        """Return until when to wait: for one of `parts` equal parts of the time until `end`, but no
+        longer than `answers` answers usually take.
 
         Each round is twice as patient: a station that is slow now may have answered quickly before.
         """
@@ -65,7 +64,7 @@ class TimeBudget:
         return min(now + min(share_s, answers * patience_s), end)
 
     def latest(self, orders: int) -> float:
-        """Return the latest time to begin so many orders, with read-back."""
+        """Return the latest time to begin `orders` orders, with read-back."""
         return self.end - MARGIN_S - orders * self.order_s if orders else self.end
 
 

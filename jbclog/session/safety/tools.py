@@ -14,7 +14,7 @@ from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.time_budget import TimeBudget
 
 Prove = Callable[[], Steps[bool]]
-"""Reads the identity; returns whether it is the intended station. May raise what a read raises."""
+"""Reads the identity; returns True if it is the intended station. May raise what a read raises."""
 
 
 @dataclass(slots=True)
@@ -22,17 +22,16 @@ class ToolSafety:
     """One port's tool and its progress: `FAILED`, `SENT` (acknowledged, or over a flooded link) or
     `VERIFIED` (read back as `status`).
 
-    `suction`: whether the orders keep suction on (hot air); None where reading decides, off until
-    then.
+    `suction`: the orders keep suction on (hot air); None if reading decides, off until then.
     """
 
     port: int
     suction: bool | None = False
     reached: SafetyResult = SafetyResult.FAILED
     status: StatusWord | None = None
-    was_spared: bool = False  # it rested already, and got no order
+    was_spared: bool = False  # it was at rest already, and got no order
     ordered: StatusWord | None = None  # the last order sent, with whatever result
-    was_lost: bool = False  # that order was not answered, and is not what was read back
+    was_lost: bool = False  # that order was not answered, and the read-back differs
     _first: StatusWord | None = None
     _passed_over: dict[StatusWord, str] = field(default_factory=dict)
     _ruled_out: set[StatusWord] = field(default_factory=set)
@@ -47,24 +46,23 @@ class ToolSafety:
 
     @property
     def fell_back(self) -> str:
-        """Why another state than the intended one was ordered; empty where it was not."""
+        """Why another state than the intended one was ordered; empty if it was not."""
         return "; ".join(self._passed_over.values()) if self.ordered != self._first else ""
 
     def note_order(self, word: StatusWord) -> None:
-        """Note that this order is sent."""
         self._first = self._first or word
         self.ordered, self.status, self.was_lost = word, None, False
 
     def pass_over(self, word: StatusWord, why: str, *, rule_out: bool = True) -> None:
-        """Note that this order did not make the tool safe. With `rule_out`, if a fallback follows,
-        it is not repeated: the tool may rest by then, and would be heated.
+        """Register that this order did not make the tool safe. With `rule_out`, if a fallback
+        follows, do not repeat it: the tool may rest by then, and would be heated.
         """
         self._passed_over.setdefault(word, why)
         if rule_out:
             self._ruled_out.add(word)
 
     def is_ruled_out(self, word: StatusWord) -> bool:
-        """Whether the station refuses this order, or the tool does not cool by it."""
+        """Return True if the station refuses this order, or the tool does not cool by it."""
         return word in self._ruled_out
 
     def choices(self, words: Sequence[StatusWord]) -> list[StatusWord]:
@@ -77,12 +75,12 @@ class ToolSafety:
 class SafetyTask:
     """The tools of one station to make safe, and what is known about the station.
 
-    `wanted` is one of the family's safe states; any other, which a foreign lease may name, is
+    `wanted` is one of the family's safe states; any other, which an untrusted lease may name, is
     replaced by the default. `feeds`: the feeder may be running. `is_proven`: the link has not
     broken since the station was identified; otherwise nothing is written before `prove` succeeds.
-    `look`: asks over the standing link, before the first order, whether it is still that station,
-    because a status that puts a soldering tool to rest switches hot air on. `spare`: a resting tool
-    is left alone, because an order to stand would wake a sleeping tool.
+    `look`: checks over the intact link, before the first order, whether it is still that station,
+    because a status that puts a soldering tool to rest switches hot air on. `spare`: leave a
+    resting tool alone, because an order to stand would wake a sleeping tool.
     """
 
     client: Client
@@ -116,7 +114,7 @@ class SafetyTask:
         return tool.choices(self.family.status.safe_words(self.wanted, suction=bool(tool.suction)))
 
     def has_to_cool(self, word: StatusWord) -> bool:
-        """Whether this state counts only if the tool is seen to cool."""
+        """Return True if this state counts only if the tool is seen to cool."""
         status = self.family.status
         proven = [
             status.orders[state]
@@ -126,7 +124,7 @@ class SafetyTask:
         return not status.is_resting(word) and any(word[3] == one[3] for one in proven)
 
     def note_flood(self, flood: LinkFlooded) -> None:
-        """Note that the link is flooded: identity and results must be proven again."""
+        """Register that the link is flooded: identity and results must be proven again."""
         self.flood, self.is_flooded, self.is_proven = flood, True, False
 
     @property
